@@ -26,7 +26,7 @@ from mvuav_ros.cli.terminal import report_account, say
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.account import Account, RecordingError, collecting
+from mvuav_ros.recordings.account import Account, RecordingError, SourceError, collecting
 
 _INPUTS = frozenset({'source', 'sources'})
 """Of a command that reads what others wrote."""
@@ -179,9 +179,7 @@ def _explained(error: Exception, name: str) -> tuple[str, int]:
     """
     if isinstance(error, ImportError):
         return explain_missing_module(name, error), 1
-    from mvuav_ros.sources.source import SourceError
-
-    if isinstance(error, (ParameterError, RecordingError, SourceError, OSError)):
+    if isinstance(error, (ParameterError, SourceError, OSError)):
         return str(error), 1
     # Usage errors of typer, whose own click is not importable under a public name.
     if hasattr(error, 'format_message'):

@@ -14,7 +14,6 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -66,7 +65,7 @@ class _SetInAnyOrder(ParameterService):
             if not self._get_node().has_parameter(each.name):
                 words = f'{each.name}: this node has no such parameter'
                 results[index] = SetParametersResult(successful=False, reason=words)
-            elif not self._is_set(each):
+            elif self._get_node().get_parameter(each.name).to_parameter_msg().value != each.value:
                 waiting.append(index)
         while waiting:
             again = SetParameters.Request(parameters=[request.parameters[i] for i in waiting])
@@ -82,10 +81,6 @@ class _SetInAnyOrder(ParameterService):
                 result.reason = f'{result.reason.removeprefix(_READ_ONLY).strip(" .")}: {_WHEN}'
         response.results = results
         return response
-
-    def _is_set(self, message: ParameterMessage) -> bool:
-        current = self._get_node().get_parameter(message.name).to_parameter_msg()
-        return bool(current.value == message.value)
 
 
 class LiveParameters(Generic[P]):

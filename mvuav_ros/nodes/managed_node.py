@@ -116,9 +116,7 @@ class ManagedNode(LifecycleNode):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """See `end` and `close`."""
         self.end()
-        self.close()
-        self._live.freeze(False)
-        return TransitionCallbackReturn.SUCCESS
+        return self.on_cleanup(state)
 
     # After a defect of ours: back to unconfigured, from where it can be tried again.
     on_error = on_shutdown

@@ -14,7 +14,6 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
-from std_msgs.msg import Header
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import (
@@ -172,19 +171,16 @@ class FramePublisher:
         heard = is_heard(self._infos)
         if not heard and not self._listeners:
             return
-        info = self._camera_info(frame, image, make_header(stamp_ns, frame_id))
+        camera, header = self._calibration or frame.camera, make_header(stamp_ns, frame_id)
+        # All-zero matrices say that the camera is not calibrated.
+        info = CameraInfo(header=header, width=image.width, height=image.height)
+        if camera is not None:
+            info = encode_camera_info(camera, header)
         for listener in self._listeners:
-            camera = decode_camera_info(info, str(self._images.topic_name))
-            listener(Frame(stamp_ns, frame_id, image, camera))
+            decoded = decode_camera_info(info, str(self._images.topic_name))
+            listener(Frame(stamp_ns, frame_id, image, decoded))
         if heard:
             self._infos.publish(info)
-
-    def _camera_info(self, frame: Frame, image: Image, header: Header) -> CameraInfo:
-        """All-zero matrices say that the camera is not calibrated."""
-        camera = self._calibration or frame.camera
-        if camera is not None:
-            return encode_camera_info(camera, header)
-        return CameraInfo(header=header, width=image.width, height=image.height)
 
 
 def as_encoding(image: Image, encoding: str) -> Image:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from threading import Event, Thread
 from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.messages.images import BadFrame, Frame
@@ -22,8 +20,7 @@ from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource, SourceError
-from mvuav_ros.sources.v4l2_camera import CameraSettings
-from mvuav_ros.vision.image import Image, ImageError
+from mvuav_ros.vision.image import ImageError
 
 RETRY_INTERVAL = 1.0
 """Seconds between two attempts to open a camera."""
@@ -66,27 +63,10 @@ class SourcePlayer:
         failed: whether the source broke in a way that nothing here is made for.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        source: FrameSource,
-        status: SourceStatus,
-        current: Callable[[], VideoSourceParameters],
-        publish: Callable[[Frame], Image],
-        subscribers: Callable[[], int],
-    ) -> None:
-        """Prepare; `start` plays, `stop` closes the source.
-
-        ``current`` gives the parameters at this moment, ``publish`` sends a frame, and
-        ``subscribers`` says how many get it.
-        """
+    def __init__(self, node: VideoSource, source: FrameSource) -> None:
+        """Prepare; `start` plays, `stop` closes the source."""
         self.failed = False
-        self._node = node
-        self._source = source
-        self._status = status
-        self._current = current
-        self._publish = publish
-        self._subscribers = subscribers
+        self._node, self._source, self._status = node, source, node.status
         self._stop, self._interrupt, self._running = Event(), Event(), Event()
         self._running.set()
         self._rewind = False
@@ -143,15 +123,15 @@ class SourcePlayer:
             self._node.context.try_shutdown()
 
     def _wait_for_subscribers(self) -> None:
-        wanted = self._current().wait_for_subscribers
+        wanted = self._node.current.wait_for_subscribers
         if self._source.live or wanted == 0:
             return
-        if self._subscribers() < wanted:
+        if self._node.subscribers < wanted:
             self._node.get_logger().info(
                 f'{self._source.name}: waiting for {wanted} subscriber(s) of image_raw '
                 '(wait_for_subscribers:=0 starts at once)'
             )
-        while not self._stop.is_set() and self._subscribers() < wanted:
+        while not self._stop.is_set() and self._node.subscribers < wanted:
             self._stop.wait(0.05)
         self._stop.wait(SETTLING_TIME)
 
@@ -177,7 +157,7 @@ class SourcePlayer:
         unwanted = self._stop.is_set() or self._rewind
         if unwanted or self._source.live or isinstance(frame, BadFrame):
             return not unwanted
-        pace.wait(frame.stamp_ns, self._current().rate, self._interrupt)
+        pace.wait(frame.stamp_ns, self._node.current.rate, self._interrupt)
         return not self._rewind
 
     def _send(self, frame: Frame | BadFrame) -> bool:
@@ -185,7 +165,7 @@ class SourcePlayer:
             self._warn(f'frame skipped: {frame.reason}')
             return False
         try:
-            self._status.published(self._publish(frame))
+            self._node.publish(frame)
         except ImageError as error:
             self._warn(f'frame skipped: {error}')
             return False
@@ -194,7 +174,7 @@ class SourcePlayer:
     def _at_end(self, count: int, bad: int) -> None:
         for error in self._source.account.errors:
             self._warn(error)
-        if self._current().loop and count:
+        if self._node.current.loop and count:
             return
         self._status.state = 'ended'
         skipped = f', {bad} unusable' if bad else ''
@@ -202,7 +182,7 @@ class SourcePlayer:
             f'end of {self._source.name} after {count} frames{skipped}; call ~/restart to play it '
             'again, or set loop'
         )
-        while not (self._stop.is_set() or self._rewind or self._current().loop):
+        while not (self._stop.is_set() or self._rewind or self._node.current.loop):
             self._interrupt.wait(0.2)
 
     def _warn(self, text: str) -> None:
@@ -214,7 +194,13 @@ ResponseT = TypeVar('ResponseT', SetBool.Response, Trigger.Response)
 
 
 class VideoSource(ManagedNode):
-    """Publishes a source's frames from a thread of its own, so that services stay responsive."""
+    """Publishes a source's frames from a thread of its own, so that services stay responsive.
+
+    Attributes:
+        status: of the source, for diagnostics.
+    """
+
+    _live: LiveParameters[VideoSourceParameters]
 
     def __init__(
         self,
@@ -233,7 +219,7 @@ class VideoSource(ManagedNode):
         self._publisher: FramePublisher | None = None
         self._source: FrameSource | None = None
         self._player: SourcePlayer | None = None
-        self._status = SourceStatus(self._live.current.source)
+        self.status = SourceStatus(self.current.source)
         publish_status(self, self._report)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/restart', self._on_restart)
@@ -245,30 +231,22 @@ class VideoSource(ManagedNode):
 
     def open(self) -> None:
         """Open the source, the calibration and the topics; a camera is only named."""
-        given = self._live.current
+        given = self.current
         self._source = self._open_source()
         calibration = load_calibration(given.camera_info_url) if given.camera_info_url else None
         self._publisher = FramePublisher(self, calibration, self._listeners)
 
     def _open_source(self) -> FrameSource:
-        given = self._live.current
-        camera = CameraSettings(**{f.name: getattr(given, f.name) for f in fields(CameraSettings)})
-        return open_source(given.source, topic=given.bag_topic or None, camera=camera)
+        given = self.current
+        return open_source(given.source, topic=given.bag_topic or None, camera=given)
 
     def begin(self) -> None:
         """Take the camera, or play the recording from its start."""
         assert self._publisher is not None
         source, self._source = self._source or self._open_source(), None
-        self._status.source = source.name
-        self._player = SourcePlayer(
-            self,
-            source,
-            self._status,
-            lambda: self._live.current,
-            self._publish,
-            lambda: self._subscribers,
-        )
-        self._status.state = 'waiting'
+        self.status.source = source.name
+        self._player = SourcePlayer(self, source)
+        self.status.state = 'waiting'
         self.get_logger().info(
             f'publishing {source.name} on {self.resolve_topic_name("image_raw")}'
         )
@@ -289,12 +267,23 @@ class VideoSource(ManagedNode):
             self._publisher.destroy()
             self._publisher = None
 
-    def _publish(self, frame: Frame) -> Image:
+    @property
+    def current(self) -> VideoSourceParameters:
+        """The parameters at this moment."""
+        return self._live.current
+
+    def publish(self, frame: Frame) -> None:
+        """Send a frame.
+
+        Raises:
+            ImageError: it cannot be converted.
+        """
         assert self._publisher is not None
-        return self._publisher.publish(frame, self._live.current)
+        self.status.published(self._publisher.publish(frame, self.current))
 
     @property
-    def _subscribers(self) -> int:
+    def subscribers(self) -> int:
+        """How many get a frame."""
         others = 0 if self._publisher is None else self._publisher.subscribers
         return others + self._count_listening()
 
@@ -303,7 +292,7 @@ class VideoSource(ManagedNode):
         return self._ask(action, response, 'paused' if request.data else 'playing')
 
     def _on_restart(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        said = f'playing {self._status.source} from the start'
+        said = f'playing {self.status.source} from the start'
         return self._ask(SourcePlayer.restart, response, said)
 
     def _ask(
@@ -319,6 +308,6 @@ class VideoSource(ManagedNode):
     def _report(self) -> DiagnosticStatus:
         player = self._player
         if player is None:
-            self._status.state = self.lifecycle_state
+            self.status.state = self.lifecycle_state
         paused = player is not None and player.paused
-        return self._status.report(self.get_fully_qualified_name(), paused, self._subscribers)
+        return self.status.report(self.get_fully_qualified_name(), paused, self.subscribers)

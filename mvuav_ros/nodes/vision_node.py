@@ -64,19 +64,14 @@ class DetectorStatus:
             since = '' if never else f' for {WINDOW:.0f} s'
             problems = [f'no images{since}: {explain_no_images(images)}']
         elif self._answerer.enabled:
-            problems += self._active_problems(images)
+            problems += statistics.problems()
+            if (count := len(images.publishers)) > 1:
+                problems.append(f'{count} publishers on {images.topic}: their images are mixed')
+            problems += filter(None, (self._processor.status, self._processor.frames_problem))
         if problems and level == DiagnosticStatus.OK:
             level = DiagnosticStatus.WARN
         words = '; '.join([*(problems or [self.state]), *notes])
         return status(level, name, words, self._values(images))
-
-    def _active_problems(self, images: InputState) -> list[str]:
-        count = len(images.publishers)
-        mixed = f'{count} publishers on {images.topic}: their images are mixed' if count > 1 else ''
-        processor = self._processor
-        said = [*self._answerer.statistics.problems(), mixed, processor.status]
-        said.append(processor.frames_problem)
-        return [words for words in said if words]
 
     def _values(self, images: InputState) -> dict[str, str]:
         events, stamps = images.events, self._answerer.stamps
@@ -260,23 +255,17 @@ class VisionNode(ManagedNode):
     def _notes(self) -> list[str]:
         """What a user may have meant otherwise."""
         notes = [self.overrides_problem] if self.overrides_problem else []
-        infos = self._camera_infos
         has_images = self._answerer.statistics.received > 0
-        if has_images and self._processor.lacks_camera_info and infos is not None:
-            topic, count = infos.topic_name, infos.get_publisher_count()
+        synchronized = self._input.synchronized if isinstance(self._input, ImageInput) else ()
+        infos = [each.subscription for each in synchronized if each.kind is CameraInfo]
+        if has_images and self._processor.lacks_camera_info and infos:
+            topic, count = infos[0].topic_name, infos[0].get_publisher_count()
             why = f'no camera_info has come on {topic}' if count else f'nothing publishes {topic}'
             notes.append(f'no pose: {why}')
         for name, conditions in self._live.current.without_effect().items():
             when = '; or '.join(map(condition_text, conditions))
             notes.append(f'{name} has no effect: it counts with {when}')
         return notes
-
-    @property
-    def _camera_infos(self) -> Any:
-        """The subscription to camera_info, if there is one."""
-        synchronized = self._input.synchronized if isinstance(self._input, ImageInput) else ()
-        found = [each.subscription for each in synchronized if each.kind is CameraInfo]
-        return found[0] if found else None
 
     def _publish_periodic(self) -> None:
         if self._input is not None and self._results is not None:

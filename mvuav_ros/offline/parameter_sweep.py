@@ -20,7 +20,7 @@ from mvuav_ros.offline.replay.batch import connect
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
-from mvuav_ros.recordings.recording import counted
+from mvuav_ros.recordings.account import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

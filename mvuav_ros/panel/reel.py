@@ -19,7 +19,7 @@ from mvuav_ros.panel.live_results import TOPICS, Figures
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.sources.bag import BagImages, EncodedFrame
 from mvuav_ros.sources.source import Selection, SourceError
 

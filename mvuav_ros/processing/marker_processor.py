@@ -22,7 +22,7 @@ from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import IntegrityBudget, ProtectionLevels, protection_levels
-from mvuav_ros.vision.markers.drawing import draw_markers
+from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.results import (
     TANKER_NAMES,
     Label,
@@ -32,7 +32,6 @@ from mvuav_ros.vision.markers.results import (
 )
 from mvuav_ros.vision.markers.tracker import MarkerTracker, rig_of
 from mvuav_ros.vision.pose import Pose, PoseEstimator
-from mvuav_ros.vision.pose_drawing import draw_pose
 from mvuav_ros.vision.reprojection import MIN_MARKERS
 from mvuav_ros.vision.rig import MarkerRig
 

@@ -19,12 +19,11 @@ from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image, as_image
-from mvuav_ros.vision.markers.drawing import draw_markers
+from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, named_places
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.pose import Pose, PoseEstimator
-from mvuav_ros.vision.pose_drawing import draw_pose
 from mvuav_ros.vision.reprojection import MIN_MARKERS
 from mvuav_ros.vision.rig import MarkerRig, load_rig
 from mvuav_ros.vision.runway.debug_images import draw_overlay

@@ -18,11 +18,15 @@ _MAX_ENTRIES = 10_000
 _collected: ContextVar[list[Account] | None] = ContextVar('accounts', default=None)
 
 
-class RecordingError(Exception):
-    """A recording that cannot be read or written; one visible line that says what to do."""
+class SourceError(Exception):
+    """A source that cannot be opened or read, with what the user can do about it; one line."""
 
     def __init__(self, text: object) -> None:
         super().__init__(words(text, MAX_LINE))
+
+
+class RecordingError(SourceError):
+    """A recording that cannot be read or written."""
 
 
 class _Entry(NamedTuple):
@@ -183,3 +187,8 @@ def collect(accounts: Iterable[Account]) -> None:
     """Add accounts that come from elsewhere, such as another process."""
     if (known := _collected.get()) is not None:
         known += [account for account in accounts if account not in known]
+
+
+def counted(count: int, noun: str) -> str:
+    """'1 message', '2 messages'."""
+    return f'{count} {noun}' if count == 1 else f'{count} {noun}s'

@@ -85,10 +85,6 @@ _MAX_FRAMES = 1 << 8
 _DAMAGE = (zstandard.ZstdError, RuntimeError, OSError, ValueError, EOFError, MemoryError)
 
 
-class CompressionError(ValueError):
-    """Data that cannot be decompressed, with a reason in words."""
-
-
 class Unpacked(NamedTuple):
     """Decompressed data, and in words why they are not all of it; '' if they are."""
 
@@ -122,30 +118,25 @@ def unpack(stream: BinaryIO, length: int, compression: str, size: int, limit: in
         limit = _AT_ONCE
     stream.seek(start)
     output = BytesIO()
-    problem = _pour(stream, length, compression, limit, output.write)
+    _, problem = _pour(stream, length, compression, limit, output.write)
     return Unpacked(output.getbuffer()[:limit], problem)
 
 
-def decompress_message(data: bytes | memoryview, left: Limit) -> memoryview:
+def decompress_message(data: bytes | memoryview, left: Limit) -> memoryview | None:
     """Decompress one message of a bag recorded with rosbag2's compression mode MESSAGE.
 
-    Raises:
-        CompressionError: the data is corrupt, or becomes too large.
+    None of one that is corrupt, or becomes too large.
     """
     try:
         size = zstandard.frame_content_size(data)
     except zstandard.ZstdError:
-        raise CompressionError('it cannot be decompressed') from None
-    if size > SIZE_LIMIT:
-        raise CompressionError('it is larger than 1 GB')
-    if left.left <= 0:
-        raise CompressionError(left.reason)
+        return None
+    if size > SIZE_LIMIT or left.left <= 0:
+        return None
     limit = size if size >= 0 else SIZE_LIMIT
     raw, problem = unpack(BytesIO(data), len(data), 'zstd', size, limit)
     left.spend(len(raw))
-    if problem:
-        raise CompressionError(problem)
-    return raw
+    return None if problem else raw
 
 
 def decompress_file(source: Path, target: Path, account: Account, limit: Limit) -> None:
@@ -157,7 +148,7 @@ def decompress_file(source: Path, target: Path, account: Account, limit: Limit) 
     reason = 'zstd data corrupt'
     try:
         with source.open('rb') as packed, target.open('wb') as unpacked:
-            pieces = _decoded(packed, source.stat().st_size, _DECODERS['zstd'])
+            pieces = _decoded(packed, source.stat().st_size, 'zstd')
             try:
                 left = limit.allowed
                 while left > 0:
@@ -188,50 +179,44 @@ def _at_once(block: bytes, size: int) -> bytes | None:
 
 def _is_honest(stream: BinaryIO, length: int, compression: str, size: int, limit: int) -> bool:
     """Whether a large block is as large as it says, found without keeping it."""
-    counter = _Counter()
-    problem = _pour(stream, length, compression, limit, counter.add)
+    total, problem = _pour(stream, length, compression, limit, len)
     # Of a block that is cut off nobody knows the rest.
-    return problem != _TOO_LARGE if problem else size in (counter.total, -1)
-
-
-class _Counter:
-    total = 0
-
-    def add(self, piece: bytes) -> None:
-        self.total += len(piece)
+    return problem != _TOO_LARGE if problem else size in (total, -1)
 
 
 def _pour(
     stream: BinaryIO, length: int, compression: str, limit: int, take: Callable[[bytes], Any]
-) -> str:
-    """Decompress until more than ``limit`` bytes have come; return what is wrong with them."""
-    pieces = _decoded(stream, length, _DECODERS[compression], _MAX_FRAMES)
+) -> tuple[int, str]:
+    """Decompress until more than ``limit`` bytes have come; their number, and what is wrong."""
+    pieces = _decoded(stream, length, compression, _MAX_FRAMES)
+    total = 0
     try:
-        while limit >= 0:
+        while total <= limit:
             piece = next(pieces)
-            limit -= len(piece)
+            total += len(piece)
             take(piece)
     except StopIteration as end:
-        return str(end.value)
+        return total, str(end.value)
     except _DAMAGE:
-        return 'it cannot be decompressed'
-    return _TOO_LARGE
+        return total, 'it cannot be decompressed'
+    return total, _TOO_LARGE
 
 
 def _decoded(
-    stream: BinaryIO, length: int, decoder_type: Callable[[], Any], max_frames: float = inf
+    stream: BinaryIO, length: int, compression: str, max_frames: float = inf
 ) -> Generator[bytes, None, str]:
     """Yield small pieces; return why the end is not reached, '' if it is."""
+    decoder_type, size, limit = _DECODERS[compression]
     decoder = decoder_type()
     fresh = True
     data = b''
     while True:
-        if not data and decoder.needs_input:
-            data = stream.read(min(length, decoder.piece))
+        if not data and getattr(decoder, 'needs_input', True):
+            data = stream.read(min(length, size))
             length -= len(data)
             if not data:
                 return '' if fresh else 'its end is missing'
-        yield decoder.decompress(data)
+        yield decoder.decompress(data, *limit)
         data, fresh = b'', False
         if decoder.eof:
             max_frames -= 1
@@ -241,44 +226,9 @@ def _decoded(
             decoder, fresh = decoder_type(), True
 
 
-class _Zstd:
-    """The others' interface around zstandard's decoder, which cannot limit its output."""
-
-    needs_input = True
-    piece = _ZSTD_PIECE
-
-    def __init__(self) -> None:
-        decoder = zstandard.ZstdDecompressor().decompressobj()
-        self._decoder = decoder
-        self.decompress = decoder.decompress
-
-    @property
-    def eof(self) -> bool:
-        return bool(self._decoder.eof)
-
-    @property
-    def unused_data(self) -> bytes:
-        return self._decoder.unused_data
-
-
-class _Limited:
-    """A decoder whose output is limited for each call."""
-
-    piece = _PIECE
-
-    def __init__(self, decoder: Any) -> None:
-        self._decoder = decoder
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._decoder, name)
-
-    def decompress(self, data: bytes) -> bytes:
-        raw: bytes = self._decoder.decompress(data, _PIECE)
-        return raw
-
-
-_DECODERS: dict[str, Callable[[], Any]] = {
-    'zstd': _Zstd,
-    'lz4': lambda: _Limited(lz4.frame.LZ4FrameDecompressor()),
-    'bz2': lambda: _Limited(bz2.BZ2Decompressor()),
+_DECODERS: dict[str, tuple[Callable[[], Any], int, tuple[int, ...]]] = {
+    'zstd': (lambda: zstandard.ZstdDecompressor().decompressobj(), _ZSTD_PIECE, ()),
+    'lz4': (lz4.frame.LZ4FrameDecompressor, _PIECE, (_PIECE,)),
+    'bz2': (bz2.BZ2Decompressor, _PIECE, (_PIECE,)),
 }
+"""What decompresses, and how many bytes go in and come out at once; zstandard limits none."""

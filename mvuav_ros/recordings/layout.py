@@ -8,8 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.recording import counted
+from mvuav_ros.recordings.account import Account, RecordingError, counted
 from mvuav_ros.recordings.remote import is_url
 
 IMAGE_SUFFIXES = frozenset(
@@ -37,21 +36,24 @@ def recording_files(path: Path, account: Account) -> list[Path]:
             return [path]
         present = [
             entry
-            for entry in path.iterdir()
+            for entry in _entries(path)
             if entry.suffix.lower() not in _NEVER_BAGS and is_bag_file(entry)
         ]
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror or error}') from None
     if not present:
         raise RecordingError(f'{path} holds no recording (*.mcap, *.db3); give {_ACCEPTED}')
-    present.sort(key=lambda entry: _natural_key(entry.name))
-    if not (path / METADATA).exists():
+    listed = None
+    if (path / METADATA).exists():
+        listed = _listed_names(path / METADATA, account)
+    else:
         account.note((path, METADATA), f'{path.name}: {METADATA} is missing')
-        return _only_series(path, present)
-    listed = _listed_names(path / METADATA, account)
-    if listed is None:
-        return _only_series(path, present)
-    return _chosen(present, listed, account)
+    if listed is not None:
+        return _chosen(present, listed, account)
+    if len({_series(entry.name) for entry in present}) > 1:
+        names = ', '.join(entry.name for entry in present)
+        raise RecordingError(f'{path} holds several recordings; give one of them: {names}')
+    return present
 
 
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
@@ -118,26 +120,13 @@ def _chosen(present: list[Path], listed: Sequence[str], account: Account) -> lis
             account.lose(
                 entry.name, 'unlisted', f'{entry.name}: not listed in {METADATA}, not read'
             )
-    chosen.sort(key=lambda entry: _natural_key(entry.name))
+    chosen.sort(key=natural_key)
     if not chosen:
         raise RecordingError(
             f'{present[0].parent} holds none of the files that its {METADATA} lists; '
             'give one of its files instead'
         )
     return chosen
-
-
-def _only_series(path: Path, present: list[Path]) -> list[Path]:
-    """The files if they are the parts of one recording; a compressed copy is not read twice."""
-    if len({_series(entry.name) for entry in present}) > 1:
-        names = ', '.join(entry.name for entry in present)
-        raise RecordingError(f'{path} holds several recordings; give one of them: {names}')
-    names_present = {entry.name for entry in present}
-    return [
-        entry
-        for entry in present
-        if not (entry.name.endswith('.zstd') and _plain(entry.name) in names_present)
-    ]
 
 
 def _plain(name: str) -> str:
@@ -155,9 +144,11 @@ def _series(name: str) -> str:
     return re.sub(r'_\d+(?=\.[^.]*$)', '', plain)
 
 
-def _natural_key(name: str) -> list[tuple[int, str]]:
+def natural_key(file: Path) -> list[str | int]:
     """Sorts bag_10 behind bag_9."""
-    return [(int(part), '') if part.isdigit() else (-1, part) for part in re.split(r'(\d+)', name)]
+    parts: list[str | int] = [*re.split(r'(\d+)', file.name)]
+    parts[1::2] = map(int, parts[1::2])
+    return parts
 
 
 MCAP_START = b'\x89MCAP0\r\n'
@@ -277,16 +268,8 @@ def _entries(folder: Path) -> list[Path]:
     """In their natural order; of a file that is also there compressed only one."""
     entries = [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
     names = {entry.name for entry in entries}
-    return sorted(
-        (
-            entry
-            for entry in entries
-            if entry.name.removesuffix('.zstd') not in names - {entry.name}
-        ),
-        key=lambda entry: [
-            part.zfill(20) if part.isdigit() else part for part in re.split(r'(\d+)', entry.name)
-        ],
-    )
+    plain = [e for e in entries if e.name.removesuffix('.zstd') not in names - {e.name}]
+    return sorted(plain, key=natural_key)
 
 
 def _is_recording(entry: Path) -> bool:

@@ -11,7 +11,8 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Container, Hashable, Iterator
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -26,13 +27,13 @@ from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, unpack
-from mvuav_ros.recordings.recording import TopicInfo
 from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
     Channels,
     ChunkTally,
     RecordingFile,
     StoredMessage,
+    TopicInfo,
 )
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -89,31 +90,25 @@ class McapFile(RecordingFile):
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
         """See `RecordingFile`."""
         super().__init__(path, account, limit)
-        self._name = path.name
         self._schemas: dict[int, tuple[str, Schema | None]] = {}
         self._schema_bytes = 0
         self._in_summary: dict[_Key, Any] | None = None
         self._is_summary_intact = True
         self._contradicted: set[_Key] = set()
         self._indexed = False
-        self._scanned = False
 
-    def channels(self) -> Sequence[TopicInfo]:
-        """Every channel, from the summary at the file's end or else from a pass through it."""
-        if not self._scanned:
-            with self._path.open('rb') as stream:
-                self._indexed = self._read_summary(stream)
-                if not self._indexed:
-                    self._channels, self._schemas = Channels(), {}
-                    found = self._stored(stream, None, -1, END_OF_TIME)
-                    self._channels.count(number for number, *_ in found)
-            self._scanned = True
-        return self._channels.listed()
+    def _scan(self, stream: BinaryIO) -> None:
+        """Take in every channel, from the file's summary or else from a pass through it."""
+        self._indexed = self._read_summary(stream)
+        if not self._indexed:
+            self._channels, self._schemas = Channels(), {}
+            found = self._stored(stream, None, -1, END_OF_TIME)
+            self._channels.count(number for number, *_ in found)
 
     def extras(self) -> Iterator[Attachment | Metadata]:
         """The attachments and metadata."""
         with self._path.open('rb') as stream:
-            walk = _Records(stream, self._name, self._account)
+            walk = _Records(stream, self._lose, self._note)
             for span in walk.spans():
                 if span.opcode not in _EXTRAS:
                     continue
@@ -128,13 +123,12 @@ class McapFile(RecordingFile):
 
     def _read_summary(self, stream: BinaryIO) -> bool:
         """Whether the channels could be taken from the file's end, and the data begin likewise."""
-        size = stream.seek(0, 2)
-        found = _summary(stream, size)
+        found = _Records(stream, self._lose, self._note).summary()
         if found is None:
             self._lose('index', 'its index is missing (was the recording cut off?)', 0)
             return False
         start, is_intact = found
-        statistics, end = None, size - len(MAGIC)
+        statistics, end = None, stream.seek(0, 2) - len(MAGIC)
         while is_intact and start + HEADER.size <= end:
             stream.seek(start)
             opcode, length = HEADER.unpack(stream.read(HEADER.size))
@@ -143,7 +137,7 @@ class McapFile(RecordingFile):
             if is_intact and opcode in _DEFINITIONS and length <= _MAX_SCHEMAS:
                 is_intact = self._take(opcode, stream.read(length))
             elif is_intact and opcode == Opcode.STATISTICS:
-                statistics = _statistics(stream.read(length))
+                statistics = _sound(Statistics, stream.read(length))
         if not is_intact:
             self._lose('index', 'its index is damaged', 0)
             return False
@@ -158,10 +152,10 @@ class McapFile(RecordingFile):
     def _stored(
         self, stream: BinaryIO, _topics: Container[str] | None, first_ns: int, end_ns: int
     ) -> Iterator[StoredMessage]:
-        walk = _Records(stream, self._name, self._account)
+        walk = _Records(stream, self._lose, self._note)
         self._limit.begin()
         self._schema_bytes = 0
-        chunk = ChunkTally(self._name)
+        chunk = ChunkTally(self._path.name)
         promised: int | None = None
         totals: list[int | None] = []
         is_closed = in_summary = False
@@ -174,9 +168,9 @@ class McapFile(RecordingFile):
                 chunk.is_index_whole = False
                 continue
             chunk.end(self._account)
-            chunk = ChunkTally(self._name)
+            chunk = ChunkTally(self._path.name)
             if span.chunk is not None:
-                chunk = ChunkTally(self._name, span.body - HEADER.size)
+                chunk = ChunkTally(self._path.name, span.body - HEADER.size)
                 for opcode, body in self._chunk(walk, span, span.chunk, (first_ns, end_ns), chunk):
                     if opcode == Opcode.MESSAGE:
                         chunk.got += 1
@@ -184,7 +178,7 @@ class McapFile(RecordingFile):
                     else:
                         self._take(opcode, body)
             elif span.opcode == Opcode.HEADER and span.body > _FIRST_BODY:
-                self._account.note((self._name, 'joined'), f'{self._name}: several, joined in one')
+                self._note('joined', 'several, joined in one')
                 # The numbers of the next file mean something else.
                 self._channels.known, self._schemas, self._schema_bytes = {}, {}, 0
                 totals += [] if is_closed else [None]
@@ -192,10 +186,11 @@ class McapFile(RecordingFile):
             elif span.opcode == Opcode.DATA_END:
                 in_summary = True
             elif span.opcode == Opcode.FOOTER:
-                totals.append(promised if walk.is_summary_intact(span) else None)
+                found = walk.summary(span)
+                totals.append(promised if found is not None and found[1] else None)
                 promised, is_closed = None, True
             elif span.opcode == Opcode.STATISTICS and span.length < _BLOCK:
-                statistics = _statistics(walk.read(span.body, span.length))
+                statistics = _sound(Statistics, walk.read(span.body, span.length))
                 promised = None if statistics is None else statistics.message_count
             elif span.length > SIZE_LIMIT:
                 self._lose(span.body, f'record at byte {span.body} skipped: larger than 1 GB', 1)
@@ -226,8 +221,7 @@ class McapFile(RecordingFile):
         if self._indexed and not (header.start_ns < wanted[1] and wanted[0] <= header.end_ns):
             if self._are_true(walk, header):
                 return
-            said = f'{self._name}: times of chunks are wrong; all are read'
-            self._account.note((self._name, 'times'), said)
+            self._note('times', 'times of chunks are wrong; all are read')
         if self._limit.left <= 0:
             chunk.offset = -1
             self._lose('limit', self._limit.reason)
@@ -246,9 +240,12 @@ class McapFile(RecordingFile):
             return
         if header.crc and header.crc == zlib.crc32(raw):
             problem = ''
-        elif not problem:
-            problem = _contradiction(header, raw)
-        elif size > SIZE_LIMIT:
+        # The length of a plain one stands twice in the record.
+        elif not problem and len(raw) != size and (header.crc or not header.is_plain):
+            problem = 'its size is wrong'
+        elif not problem and header.crc:
+            problem = 'its checksum is wrong'
+        elif problem and size > SIZE_LIMIT:
             problem = f'it is larger than 1 GB ({size} bytes)'
         is_whole = True
         for record in _records_in(raw):
@@ -300,9 +297,8 @@ class McapFile(RecordingFile):
         if self._schema_bytes > _MAX_SCHEMAS:
             self._lose('definitions', 'its schemas are implausibly large', 0)
             return False
-        try:
-            record = _parsed(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
-        except _PARSE_ERRORS:
+        record = _definition(opcode, body)
+        if record is None:
             self._lose('definitions', 'a channel or schema record is damaged', 0)
             return False
         if opcode == Opcode.SCHEMA:
@@ -329,6 +325,10 @@ class _ChunkHeader(NamedTuple):
     data_offset: int
     data_size: int
 
+    @property
+    def is_plain(self) -> bool:
+        return self.compression in ('', 'none')
+
 
 class _Span(NamedTuple):
     """Where a record lies; of a chunk that is cut fewer bytes are ``available``."""
@@ -343,10 +343,13 @@ class _Span(NamedTuple):
 class _Records:
     """The records of an open mcap file in stored order."""
 
-    def __init__(self, stream: BinaryIO, name: str, account: Account) -> None:
-        self._stream = stream
-        self._name = name
-        self._account = account
+    def __init__(
+        self,
+        stream: BinaryIO,
+        lose: Callable[[Hashable, str, int | None], None],
+        note: Callable[[Hashable, str], None],
+    ) -> None:
+        self._stream, self._lose, self._note = stream, lose, note
         self._size = stream.seek(0, 2)
         self._base = 0
 
@@ -362,12 +365,12 @@ class _Records:
                     self._note_end(offset, is_closed)
                     return
                 said = f'damaged at byte {offset}, reading continues at byte {found}'
-                self._account.lose(self._name, offset, f'{self._name}: {said}')
+                self._lose(offset, said, None)
                 offset, search_from = found, found + 1
                 continue
             if span.opcode >= _PRIVATE_OPCODES:
                 said = f'record of unknown kind {span.opcode} skipped at byte {offset}'
-                self._account.lose(self._name, offset, f'{self._name}: {said}', 0)
+                self._lose(offset, said, 0)
             elif span.opcode == Opcode.HEADER:
                 self._base = offset - len(MAGIC)
             yield span
@@ -390,14 +393,33 @@ class _Records:
         self._stream.seek(offset)
         return self._stream
 
-    def summary(self) -> tuple[int, bool] | None:
-        """See `_summary`."""
-        return _summary(self._stream, self._size)
+    def summary(self, footer: _Span | None = None) -> tuple[int, bool] | None:
+        """Where the summary begins (the footer, if there is none), and whether its checksum holds.
 
-    def is_summary_intact(self, footer: _Span) -> bool:
-        """Whether the checksum in a footer holds, if it has one."""
-        found = _summary(self._stream, footer.body + footer.length + len(MAGIC), self._base)
-        return found is not None and found[1]
+        None without a footer; without a checksum the summary is believed.
+
+        Args:
+            footer: of one of several files that were joined; the last one's if None.
+        """
+        end, base = self._size, 0
+        if footer is not None:
+            end, base = footer.body + footer.length + len(MAGIC), self._base
+        footer_offset = end - _FOOTER_SIZE
+        if footer_offset < base + len(MAGIC):
+            return None
+        tail = self.read(footer_offset, _FOOTER_SIZE)
+        if tail[-len(MAGIC) :] != MAGIC or HEADER.unpack_from(tail) != (Opcode.FOOTER, 20):
+            return None
+        said = _parsed(Footer, tail[HEADER.size :])
+        start: int = base + said.summary_start if said.summary_start else footer_offset
+        if start > footer_offset:
+            return None
+        stream, checksum, left = self.stream_at(start), 0, end - len(MAGIC) - 4 - start
+        while said.summary_crc and left > 0:
+            block = stream.read(min(left, _BLOCK))
+            checksum = zlib.crc32(block, checksum)
+            left -= len(block)
+        return start, bool(checksum == said.summary_crc)
 
     def _span_at(self, offset: int) -> _Span | None:
         """The record there, if its length may be true: a chunk repeats it, others must fit."""
@@ -457,16 +479,27 @@ class _Records:
     def _note_end(self, offset: int, is_closed: bool = False) -> None:
         left = self._size - offset
         if is_closed:
-            said = f'{self._name}: the {left} bytes behind its end are no records'
-            self._account.note((self._name, 'end'), said)
+            self._note('end', f'the {left} bytes behind its end are no records')
             return
         said = f'cut off or damaged; its last {left} bytes cannot be read in full'
-        self._account.lose(self._name, 'end', f'{self._name}: {said}')
+        self._lose('end', said, None)
 
 
 def _parsed(kind: Any, body: bytes | memoryview) -> Any:
     """A record's content as the mcap library has it; see `_PARSE_ERRORS`."""
     return kind.read(ReadDataStream(BytesIO(body)))
+
+
+def _sound(kind: Any, body: bytes | memoryview) -> Any:
+    """A record's content; None if it is damaged."""
+    with suppress(*_PARSE_ERRORS):
+        return _parsed(kind, body)
+    return None
+
+
+def _definition(opcode: int, body: bytes | memoryview) -> Any:
+    """A schema or channel; None if it is damaged."""
+    return _sound(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
 
 
 _Key = tuple[int, bytes]
@@ -479,22 +512,10 @@ def _key(opcode: int, body: bytes | memoryview) -> _Key:
 
 def _meaning(opcode: int, body: bytes | memoryview) -> Any:
     """What a schema or channel is called; None if it is damaged."""
-    try:
-        record = _parsed(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
-    except _PARSE_ERRORS:
-        return None
-    if opcode == Opcode.SCHEMA:
-        return record.name
+    record = _definition(opcode, body)
+    if record is None or opcode == Opcode.SCHEMA:
+        return record and record.name
     return record.topic, record.schema_id, record.message_encoding
-
-
-def _statistics(body: bytes) -> Statistics | None:
-    """The statistics record; None if it is damaged."""
-    try:
-        statistics: Statistics = _parsed(Statistics, body)
-    except _PARSE_ERRORS:
-        return None
-    return statistics
 
 
 def _records_in(view: memoryview, *, whole: bool = True) -> Iterator[tuple[int, memoryview]]:
@@ -512,45 +533,3 @@ def _records_in(view: memoryview, *, whole: bool = True) -> Iterator[tuple[int, 
         position += length
     if whole and position != len(view):
         yield 0, view[:0]
-
-
-def _contradiction(header: _ChunkHeader, raw: memoryview) -> str:
-    """Why a chunk that was unpacked is not what its header says; '' if it may be."""
-    if header.crc:
-        return 'its checksum is wrong' if len(raw) == header.uncompressed_size else _WRONG_SIZE
-    # The length of a plain one stands twice in the record.
-    is_plain = header.compression in ('', 'none')
-    return '' if is_plain or len(raw) == header.uncompressed_size else _WRONG_SIZE
-
-
-_WRONG_SIZE = 'its size is wrong'
-
-
-def _summary(stream: BinaryIO, end: int, base: int = 0) -> tuple[int, bool] | None:
-    """Where the summary begins (the footer, if there is none), and whether its checksum holds.
-
-    None without a footer; without a checksum the summary is believed.
-
-    Args:
-        stream: the file.
-        end: where the file ends, or that one of several that were joined.
-        base: where it begins.
-    """
-    footer_offset = end - _FOOTER_SIZE
-    if footer_offset < base + len(MAGIC):
-        return None
-    stream.seek(footer_offset)
-    tail = stream.read(_FOOTER_SIZE)
-    if tail[-len(MAGIC) :] != MAGIC or HEADER.unpack_from(tail) != (Opcode.FOOTER, 20):
-        return None
-    footer = _parsed(Footer, tail[HEADER.size :])
-    start: int = base + footer.summary_start if footer.summary_start else footer_offset
-    if start > footer_offset:
-        return None
-    stream.seek(start)
-    checksum, left = 0, end - len(MAGIC) - 4 - start
-    while footer.summary_crc and left > 0:
-        block = stream.read(min(left, _BLOCK))
-        checksum = zlib.crc32(block, checksum)
-        left -= len(block)
-    return start, bool(checksum == footer.summary_crc)

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Container, Iterator
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 
 from mcap.records import Attachment, Metadata
 
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.compression import (
-    Limit,
-    decompress_file,
-)
+from mvuav_ros.recordings.compression import Limit, decompress_file
 from mvuav_ros.recordings.layout import (
     MCAP_START,
     ROS1_START,
@@ -26,10 +23,15 @@ from mvuav_ros.recordings.layout import (
     start_of,
 )
 from mvuav_ros.recordings.mcap_file import McapFile
-from mvuav_ros.recordings.recording import RecordedMessage, SkippedChannel, TopicInfo
 from mvuav_ros.recordings.ros1_file import Ros1File
 from mvuav_ros.recordings.sqlite_file import SqliteFile
-from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile
+from mvuav_ros.recordings.stored_file import (
+    READABLE_FORMATS,
+    RecordedMessage,
+    RecordingFile,
+    SkippedChannel,
+    TopicInfo,
+)
 
 _FORMATS: tuple[tuple[bytes, str, type[RecordingFile]], ...] = (
     (MCAP_START, '.mcap', McapFile),
@@ -80,12 +82,7 @@ class Recording:
     def __enter__(self) -> Recording:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -93,16 +90,6 @@ class Recording:
         """The number of messages of all topics; None where the recording does not say."""
         counts = [topic.message_count for topic in self.topics]
         return None if None in counts else sum(count or 0 for count in counts)
-
-    @property
-    def errors(self) -> list[str]:
-        """What could not be read, in words; more may come while messages are read."""
-        return self.account.errors
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is unusual about the recording, though nothing is lost by it."""
-        return self.account.warnings
 
     def messages(
         self,
@@ -134,7 +121,7 @@ class Recording:
                 yield self._file(path).messages(topics, start_ns, end_ns)
             except OSError as error:
                 said = f'{path.name}: reading ended early: {error.strerror or error}'
-                account.lose(_plain(path), 'io', said)
+                account.lose(path.name.removesuffix('.zstd'), 'io', said)
 
     def extras(self) -> Iterator[Attachment | Metadata]:
         """The attachments and metadata of mcap files."""
@@ -175,8 +162,8 @@ class Recording:
                     skipped[SkippedChannel(channel.name, channel.serialization_format)] = None
         if not readable:
             raise refusals[0]
-        if not topics and not skipped and self.errors:
-            reasons = '; '.join(self.errors)
+        if not topics and not skipped and self.account.errors:
+            reasons = '; '.join(self.account.errors)
             raise RecordingError(f'{self.path} holds no readable topic: {reasons}')
         for refusal in refusals:
             self.account.lose(str(refusal), 'refused', str(refusal))
@@ -199,15 +186,10 @@ class Recording:
         if self._folder is not None:
             self._folder.cleanup()
         self._folder = TemporaryDirectory(prefix='mvuav_')
-        target = Path(self._folder.name) / _plain(path)
+        target = Path(self._folder.name) / path.name.removesuffix('.zstd')
         decompress_file(path, target, self.account, limit)
         self._unpacked = (path, _opened(target, start_of(target), self.account, limit))
         return self._unpacked[1]
-
-
-def _plain(path: Path) -> str:
-    """What a file is called in the account, unpacked or not."""
-    return path.name.removesuffix('.zstd')
 
 
 def _opened(path: Path, start: bytes, account: Account, limit: Limit) -> RecordingFile:
@@ -236,11 +218,5 @@ def _merged(known: TopicInfo | None, channel: TopicInfo) -> TopicInfo:
         return channel
     counts = (known.message_count, channel.message_count)
     total = None if None in counts else sum(count for count in counts if count is not None)
-    return TopicInfo(
-        known.name,
-        known.type,
-        total,
-        known.serialization_format,
-        known.schema or channel.schema,
-        known.qos or channel.qos,
-    )
+    schema, qos = known.schema or channel.schema, known.qos or channel.qos
+    return replace(known, message_count=total, schema=schema, qos=qos)

@@ -140,49 +140,33 @@ def write_text(text: str, content: str) -> None:
     write_whole(Path(text), content)
 
 
-def remote_state(url: str) -> tuple[int, str]:
-    """The bytes of a file or folder, and a digest that changes when it does.
+def fingerprint(source: str) -> dict[str, str]:
+    """The input's path, and a digest of the names, sizes and times of its files.
 
     Raises:
         RecordingError: fsspec is missing, or nothing can be read from there.
     """
     digest, total = hashlib.sha256(), 0
-    with _reached(url, 'read') as (system, path):
-        for name in sorted(system.find(path)):
-            status = system.info(name)
-            total += status['size'] or 0
-            marks = [str(status.get(key)) for key in _MARKS]
-            digest.update('\0'.join([name, str(status['size']), *marks]).encode())
-    return total, digest.hexdigest()
-
-
-def fingerprint(source: str) -> dict[str, str]:
-    """The input's path, and a digest of the names, sizes and times of its files."""
     if is_url(source):
-        size, mark = remote_state(source)
-        return {'input': source, 'input_bytes': str(size), 'input_files': mark}
-    path = Path(source).expanduser()
-    digest = hashlib.sha256()
-    total = 0
-    for file in _files(path):
-        status = file.stat()
-        total += status.st_size
-        name = os.fsencode(file.name)
-        digest.update(b'%s\0%d\0%d\n' % (name, status.st_size, status.st_mtime_ns))
-    return {
-        'input': os.fsencode(path.resolve()).decode('utf-8', 'replace'),
-        'input_bytes': str(total),
-        'input_files': digest.hexdigest(),
-    }
-
-
-def _files(path: Path) -> Iterator[Path]:
-    if path.is_file():
-        yield path
-    elif path.is_dir():
-        yield from sorted(entry for entry in path.iterdir() if entry.is_file())
+        with _reached(source, 'read') as (system, place):
+            for name in sorted(system.find(place)):
+                status = system.info(name)
+                total += status['size'] or 0
+                marks = [str(status.get(key)) for key in _MARKS]
+                digest.update('\0'.join([name, str(status['size']), *marks]).encode())
     else:
-        yield from sorted(file for file in map(Path, glob(str(path))) if file.is_file())  # noqa: PTH207
+        path = Path(source).expanduser()
+        files = [path]
+        if not path.is_file():
+            files = [*path.iterdir()] if path.is_dir() else [*map(Path, glob(str(path)))]  # noqa: PTH207
+        for file in sorted(file for file in files if file.is_file()):
+            local = file.stat()
+            total += local.st_size
+            digest.update(
+                b'%s\0%d\0%d\n' % (os.fsencode(file.name), local.st_size, local.st_mtime_ns)
+            )
+        source = os.fsencode(path.resolve()).decode('utf-8', 'replace')
+    return {'input': source, 'input_bytes': str(total), 'input_files': digest.hexdigest()}
 
 
 def _name(url: str) -> str:

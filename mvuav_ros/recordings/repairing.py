@@ -62,9 +62,9 @@ def repair(
                 if number % _PROGRESS_STEP == 0:
                     progress(number, total)
             writer.extras = recording.extras()
-        for name, encoding in recording.skipped:
-            said = f'{words(name)} is {words(encoding) or "without encoding"}, not CDR'
-            account.lose('', name, f'skipped: {said}', 0)
+        for each in recording.skipped:
+            said = f'{words(each.name)} is {words(each.encoding) or "without encoding"}, not CDR'
+            account.lose('', each.name, f'skipped: {said}', 0)
     if account.skipped:
         account.lose('', 'skipped', f'{account.skipped} messages skipped', account.skipped)
     if writer.moved:

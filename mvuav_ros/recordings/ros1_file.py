@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator
 from io import BytesIO, RawIOBase
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
@@ -18,8 +18,7 @@ from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.compression import SIZE_LIMIT, CompressionError, Limit, unpack
-from mvuav_ros.recordings.recording import TopicInfo
+from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, Unpacked, unpack
 from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
     START_OF_TIME,
@@ -28,6 +27,7 @@ from mvuav_ros.recordings.stored_file import (
     ChunkTally,
     RecordingFile,
     StoredMessage,
+    TopicInfo,
 )
 
 MAGIC = b'#ROSBAG V'
@@ -88,12 +88,9 @@ def next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
     return None
 
 
-def stream_of(raw: memoryview) -> BinaryIO:
-    """A chunk as a stream, without copying it as BytesIO does."""
-    return cast(BinaryIO, _View(raw))
-
-
 class _View(RawIOBase):
+    """A chunk as a stream, without copying it as BytesIO does."""
+
     def __init__(self, raw: memoryview) -> None:
         self._raw = raw
         self._position = 0
@@ -128,28 +125,23 @@ class Ros1File(RecordingFile):
         super().__init__(path, account, limit)
         self._raw: dict[int, tuple[str, bytes]] = {}
         self._definitions: set[tuple[str, str]] = set()
-        self._scanned = False
 
-    def channels(self) -> Sequence[TopicInfo]:
-        """Every connection, from the bag's index or else from a pass through it.
+    def _scan(self, stream: BinaryIO) -> None:
+        """Take in every connection, from the bag's index or else from a pass through it.
 
         Raises:
             RecordingError: the bag has another version, or is encrypted.
         """
-        if not self._scanned:
-            with self._path.open('rb') as stream:
-                is_indexed = self._read_index(stream)
-                if is_indexed:
-                    next(self._stored(stream, None, START_OF_TIME, END_OF_TIME), None)
-                else:
-                    self._lose('index', 'not indexed (was the recording cut off?)', 0)
-                if not is_indexed or self._channels.is_contradicted:
-                    self.written = None
-                    self._channels = Channels()
-                    stored = self._stored(stream, None, START_OF_TIME, END_OF_TIME)
-                    self._channels.count(number for number, *_ in stored)
-            self._scanned = True
-        return self._channels.listed()
+        is_indexed = self._read_index(stream)
+        if is_indexed:
+            next(self._stored(stream, None, START_OF_TIME, END_OF_TIME), None)
+        else:
+            self._lose('index', 'not indexed (was the recording cut off?)', 0)
+        if not is_indexed or self._channels.is_contradicted:
+            self.written = None
+            self._channels = Channels()
+            stored = self._stored(stream, None, START_OF_TIME, END_OF_TIME)
+            self._channels.count(number for number, *_ in stored)
 
     def _stored(
         self, stream: BinaryIO, _topics: Container[str] | None, _first_ns: int, _end_ns: int
@@ -185,14 +177,10 @@ class Ros1File(RecordingFile):
                     self._lose('limit', self._limit.reason)
                     position = record.data + record.size
                     continue
-                try:
-                    raw = self._chunk(record, stream, cut=available < record.size)
-                except CompressionError as error:
-                    chunk.reason = str(error)
-                else:
-                    for message in self._records(raw, chunk):
-                        chunk.got += 1
-                        yield message
+                raw, chunk.reason = self._chunk(record, stream, cut=available < record.size)
+                for message in self._records(raw, chunk):
+                    chunk.got += 1
+                    yield message
             elif record.kind in _SINGLE:
                 stream.seek(record.data)
                 yield from self._record(record, memoryview(stream.read(available)), in_index=True)
@@ -202,25 +190,25 @@ class Ros1File(RecordingFile):
             position = record.data + record.size
         chunk.end(self._account)
 
-    def _chunk(self, record: Record, stream: BinaryIO, *, cut: bool) -> memoryview:
-        """What a chunk holds; of one that is cut, what there is of it."""
+    def _chunk(self, record: Record, stream: BinaryIO, *, cut: bool) -> Unpacked:
+        """What a chunk holds; of one that is cut, what there is of it, of a damaged one nothing."""
         try:
             compression = record.header.get_string('compression')
             size = record.header.get_uint32('size')
         except ReaderError:
-            raise CompressionError('its header is damaged') from None
+            return Unpacked(memoryview(b''), 'its header is damaged')
         if size > SIZE_LIMIT:
-            raise CompressionError(f'it is larger than 1 GB ({size} bytes)')
+            return Unpacked(memoryview(b''), f'it is larger than 1 GB ({size} bytes)')
         raw, problem = unpack(stream, record.size, compression, size, size)
         self._limit.spend(len(raw))
         if not problem and len(raw) != size:
             problem = 'its size is wrong'
-        if problem and not cut:
-            raise CompressionError(problem)
-        return raw
+        if cut:
+            problem = ''
+        return Unpacked(raw[: 0 if problem else None], problem)
 
     def _records(self, raw: memoryview, chunk: ChunkTally) -> Iterator[StoredMessage]:
-        stream = stream_of(raw)
+        stream = cast(BinaryIO, _View(raw))
         position = 0
         while position < len(raw):
             record = record_at(stream, position)
@@ -264,8 +252,8 @@ class Ros1File(RecordingFile):
         schema = Schema('ros1msg', definition)
         self._define(key, TopicInfo(name, kind, None, encoding, schema))
 
-    def _bag_header(self, stream: BinaryIO) -> Header | None:
-        """The bag's header, None if it is damaged."""
+    def _read_index(self, stream: BinaryIO) -> bool:
+        """Take the connections and counts from the bag's end, if all of it is there."""
         line = stream.readline(64)
         if line.startswith(MAGIC) and line != VERSION_LINE:
             version = line[len(MAGIC) :].strip().decode('ascii', 'replace')
@@ -275,16 +263,10 @@ class Ros1File(RecordingFile):
             )
         record = record_at(stream, len(VERSION_LINE))
         if record is None or record.kind != RecordType.BAGHEADER:
-            return None
-        if record.header.get('encryptor'):
-            raise RecordingError(f'{self._path} is encrypted; decrypt it with "rosbag decrypt"')
-        return record.header
-
-    def _read_index(self, stream: BinaryIO) -> bool:
-        """Take the connections and counts from the bag's end, if all of it is there."""
-        header = self._bag_header(stream)
-        if header is None:
             return False
+        header = record.header
+        if header.get('encryptor'):
+            raise RecordingError(f'{self._path} is encrypted; decrypt it with "rosbag decrypt"')
         try:
             position = header.get_uint64('index_pos')
             left = header.get_uint32('conn_count') + header.get_uint32('chunk_count')

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import glob
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -24,6 +25,9 @@ class Rosbag2Writer:
     """Writes parts NAME_0.mcap, NAME_1.mcap … into a new folder NAME; a context manager.
 
     Ended by an exception it leaves no metadata.yaml, so that it does not look complete.
+
+    Attributes:
+        extras: attachments and metadata that are written at the end of the last part.
     """
 
     def __init__(
@@ -45,8 +49,10 @@ class Rosbag2Writer:
         self._folder = folder
         self._split_bytes = split_bytes
         self._records = metadata
-        self._parts: list[_Part] = []
-        self._topics: dict[tuple[str, str], _Topic] = {}
+        self.extras: Iterable[Attachment | Metadata] = ()
+        self._parts: list[RecordingWriter] = []
+        self._topics: dict[tuple[str, str], str] = {}
+        self._counts: Counter[tuple[str, str]] = Counter()
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if any(folder.iterdir()):
@@ -58,13 +64,9 @@ class Rosbag2Writer:
     def __enter__(self) -> Rosbag2Writer:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._parts[-1].writer.__exit__(kind, error, traceback)
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._parts[-1].extras = self.extras
+        self._parts[-1].__exit__(kind)
         if kind is None or not issubclass(kind, Exception):
             content = yaml.safe_dump(self._metadata(), sort_keys=False)
             (self._folder / METADATA).write_text(content, encoding='utf-8')
@@ -87,58 +89,51 @@ class Rosbag2Writer:
         Raises:
             RecordingError: the file cannot be written, such as when the disk is full.
         """
-        if 0 < self._split_bytes <= self._parts[-1].writer.size:
-            self._parts[-1].writer.close()
+        if 0 < self._split_bytes <= self._parts[-1].size:
+            self._parts[-1].close()
             self._begin_part()
-        self._parts[-1].writer.write(topic, type, stamp_ns, cdr, schema, qos, publish_ns, sequence)
-        self._parts[-1].count(stamp_ns)
-        self._topics.setdefault((topic, type), _Topic(qos)).messages += 1
-
-    @property
-    def extras(self) -> Iterable[Attachment | Metadata]:
-        """Attachments and metadata that are written at the end of the last part."""
-        return self._parts[-1].writer.extras
-
-    @extras.setter
-    def extras(self, records: Iterable[Attachment | Metadata]) -> None:
-        self._parts[-1].writer.extras = records
+        self._parts[-1].write(topic, type, stamp_ns, cdr, schema, qos, publish_ns, sequence)
+        self._topics.setdefault((topic, type), qos)
+        self._counts[topic, type] += 1
 
     @property
     def moved(self) -> int:
         """Messages from before 1970, which were given the time 0."""
-        return sum(part.writer.moved for part in self._parts)
+        return sum(part.moved for part in self._parts)
 
     def _begin_part(self) -> None:
         name = f'{self._folder.resolve().name}_{len(self._parts)}.mcap'
-        path = self._folder / name
-        self._parts.append(_Part(RecordingWriter(path, metadata=self._records)))
+        self._parts.append(RecordingWriter(self._folder / name, metadata=self._records))
 
     def _metadata(self) -> dict[str, Any]:
-        filled = [part for part in self._parts if part.messages]
-        first = min((part.first_ns for part in filled), default=0)
-        last = max((part.last_ns for part in filled), default=0)
+        spans = [
+            (counts.message_start_time, counts.message_end_time, counts.message_count)
+            for counts in (part.statistics for part in self._parts)
+        ]
+        first = min((start for start, _, messages in spans if messages), default=0)
+        last = max(end for _, end, _ in spans)
         content = {
             'version': _VERSION,
             'storage_identifier': 'mcap',
-            **_span(first, last, sum(part.messages for part in filled)),
+            **_span(first, last, self._counts.total()),
             'topics_with_message_count': [
                 {
                     'topic_metadata': {
                         'name': name,
                         'type': kind,
                         'serialization_format': 'cdr',
-                        'offered_qos_profiles': topic.qos,
+                        'offered_qos_profiles': qos,
                     },
-                    'message_count': topic.messages,
+                    'message_count': self._counts[name, kind],
                 }
-                for (name, kind), topic in self._topics.items()
+                for (name, kind), qos in self._topics.items()
             ],
             'compression_format': '',
             'compression_mode': '',
-            'relative_file_paths': [part.name for part in self._parts],
+            'relative_file_paths': [part.path.name for part in self._parts],
             'files': [
-                {'path': part.name, **_span(part.first_ns, part.last_ns, part.messages)}
-                for part in self._parts
+                {'path': part.path.name, **_span(*span)}
+                for part, span in zip(self._parts, spans, strict=True)
             ],
         }
         return {'rosbag2_bagfile_information': content}
@@ -167,24 +162,6 @@ def open_writer(
         for file in [*path.glob(f'{glob.escape(path.resolve().name)}_*.mcap'), path / METADATA]:
             file.unlink(missing_ok=True)
     return Rosbag2Writer(path, split_bytes, metadata)
-
-
-class _Topic:
-    def __init__(self, qos: str) -> None:
-        self.qos = qos
-        self.messages = 0
-
-
-class _Part:
-    def __init__(self, writer: RecordingWriter) -> None:
-        self.writer = writer
-        self.name = writer.path.name
-        self.messages = self.first_ns = self.last_ns = 0
-
-    def count(self, stamp_ns: int) -> None:
-        self.first_ns = min(self.first_ns, stamp_ns) if self.messages else stamp_ns
-        self.last_ns = max(self.last_ns, stamp_ns)
-        self.messages += 1
 
 
 def _span(first_ns: int, last_ns: int, messages: int) -> dict[str, Any]:

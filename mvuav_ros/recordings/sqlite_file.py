@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -18,11 +18,15 @@ from urllib.parse import quote
 
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
-from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import TopicInfo, counted
+from mvuav_ros.recordings.account import counted
+from mvuav_ros.recordings.compression import SIZE_LIMIT
 from mvuav_ros.recordings.sqlite_pages import PageFile
-from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile, StoredMessage
+from mvuav_ros.recordings.stored_file import (
+    READABLE_FORMATS,
+    RecordingFile,
+    StoredMessage,
+    TopicInfo,
+)
 
 _FIRST = -(1 << 63)
 _LAST = (1 << 63) - 1
@@ -37,30 +41,22 @@ _MAX_TEXT = 1 << 26
 
 
 class SqliteFile(RecordingFile):
-    """One rosbag2 database; it is opened anew for every pass."""
+    """One rosbag2 database, for which SQLite keeps to limits of its own."""
 
-    def __init__(self, path: Path, account: Account, limit: Limit) -> None:
-        """See `RecordingFile`; SQLite keeps to limits of its own."""
-        super().__init__(path, account, limit)
-        self._scanned = False
-
-    def channels(self) -> Sequence[TopicInfo]:
-        """Every topic of the database, none if the table of topics cannot be read."""
-        if not self._scanned:
-            self._scanned = True
-            missing = PageFile(self._path).missing_bytes
-            if missing:
-                self._lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
-            try:
-                with self._connect() as database:
-                    for key, topic in _topics(database).items():
-                        self._define(key, topic)
-                    if not missing:
-                        query = 'SELECT topic_id, count(*) FROM messages GROUP BY topic_id'
-                        self._channels.take_counts(dict(database.execute(query)))
-            except (*_ERRORS, KeyError, ValueError) as error:
-                self._lose('error', f'the database is damaged ({error})')
-        return self._channels.listed()
+    def _scan(self, _stream: BinaryIO) -> None:
+        """Take in every topic of the database, none if the table of topics cannot be read."""
+        missing = PageFile(self._path).missing_bytes
+        if missing:
+            self._lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
+        try:
+            with self._connect() as database:
+                for key, topic in _topics(database).items():
+                    self._define(key, topic)
+                if not missing:
+                    query = 'SELECT topic_id, count(*) FROM messages GROUP BY topic_id'
+                    self._channels.take_counts(dict(database.execute(query)))
+        except (*_ERRORS, KeyError, ValueError) as error:
+            self._lose('error', f'the database is damaged ({error})')
 
     def _stored(
         self, _stream: BinaryIO, topics: Container[str] | None, first_ns: int, end_ns: int
@@ -73,8 +69,10 @@ class SqliteFile(RecordingFile):
         ]
         odd: Counter[str] = Counter()
         for key, stamp_ns, data in self._rows(wanted, first_ns, min(end_ns - 1, _LAST)):
-            if problem := _oddity(stamp_ns, data):
-                odd[problem] += 1
+            if not isinstance(stamp_ns, int):
+                odd['whose time is no integer'] += 1
+            elif data is None:
+                odd['whose data are no bytes'] += 1
             else:
                 yield key, None, stamp_ns, None, data
         for problem, count in odd.items():
@@ -84,13 +82,26 @@ class SqliteFile(RecordingFile):
         """Topic, stamp and data of every row; the data are 1 where nobody wants them."""
         pages = PageFile(self._path)
         position = _FIRST
+        keys = ','.join(str(key) for key in wanted)
         # Of a file that was cut off, SQLite takes the missing part of its last page for zeros.
         if not pages.missing_bytes:
             try:
                 with self._connect() as database:
-                    rows = _rows(database, wanted, first, last, self._size())
-                    for position, *row in rows:  # noqa: B007 - where SQLite gives up
-                        yield row[0], row[1], row[2]
+                    left = self._size()
+                    rows = database.execute(
+                        # Of a value whose type alone is asked for, SQLite reads nothing else.
+                        "SELECT rowid, topic_id, timestamp, CASE WHEN typeof(data) != 'blob' "
+                        f'THEN NULL WHEN topic_id IN ({keys}) AND timestamp BETWEEN ? AND ? '
+                        'THEN data ELSE 1 END FROM messages ORDER BY rowid',
+                        (first, last),
+                    )
+                    for rowid, key, stamp_ns, data in rows:
+                        left -= len(data) if isinstance(data, bytes) else 0
+                        # Pages that point at each other would go on forever.
+                        if rowid <= position or left < 0:
+                            raise sqlite3.DatabaseError('its rows are out of order')
+                        position = rowid
+                        yield key, stamp_ns, data
                 return
             except _ERRORS as error:
                 self._lose('error', f'the database is damaged ({error})')
@@ -133,7 +144,7 @@ class SqliteFile(RecordingFile):
             uri=True,
             check_same_thread=False,
         )
-        database.text_factory = _text
+        database.text_factory = lambda raw: raw.decode('utf-8', 'replace')
         size = min(self._size(), SIZE_LIMIT)
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(size, _MIN_LIMIT))
         # Pages that point at each other would keep SQLite busy forever.
@@ -144,15 +155,12 @@ class SqliteFile(RecordingFile):
         return database
 
     def _size(self) -> int:
-        return self._path.stat().st_size + _log_size(self._path)
+        files = [self._path, *(log for log in _logs(self._path) if log.is_file())]
+        return sum(file.stat().st_size for file in files)
 
 
 def _logs(path: Path) -> list[Path]:
     return [Path(f'{path}{suffix}') for suffix in ('-wal', '-journal')]
-
-
-def _log_size(path: Path) -> int:
-    return sum(log.stat().st_size for log in _logs(path) if log.is_file())
 
 
 def _topics(database: sqlite3.Connection) -> dict[int, TopicInfo]:
@@ -202,40 +210,3 @@ def _small_rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, 
         if left < 0:
             raise sqlite3.DatabaseError(f'its table {table} is implausibly large')
         yield dict(zip(columns, values, strict=True))
-
-
-def _rows(
-    database: sqlite3.Connection, wanted: Iterable[int], first: int, last: int, size: int
-) -> Iterator[tuple[int, Any, Any, Any]]:
-    """Every row's number, topic, log time, and the data if wanted: ``first`` <= time <= ``last``.
-
-    Raises:
-        sqlite3.DatabaseError: the rows hold more than the file's ``size``, or are out of order.
-    """
-    keys = ','.join(str(key) for key in wanted)
-    rows = database.execute(
-        # Of a value whose type alone is asked for, SQLite reads nothing else.
-        "SELECT rowid, topic_id, timestamp, CASE WHEN typeof(data) != 'blob' THEN NULL "
-        f'WHEN topic_id IN ({keys}) AND timestamp BETWEEN ? AND ? THEN data ELSE 1 END '
-        'FROM messages ORDER BY rowid',
-        (first, last),
-    )
-    previous = _FIRST
-    for rowid, key, stamp_ns, data in rows:
-        if isinstance(data, bytes):
-            size -= len(data)
-        if rowid <= previous or size < 0:  # pages that point at each other would go on forever
-            raise sqlite3.DatabaseError('its rows are out of order')
-        previous = rowid
-        yield rowid, key, stamp_ns, data
-
-
-def _oddity(stamp_ns: object, data: object) -> str:
-    """Why a row is no message; '' if it is one."""
-    if not isinstance(stamp_ns, int):
-        return 'whose time is no integer'
-    return 'whose data are no bytes' if data is None else ''
-
-
-def _text(raw: bytes) -> str:
-    return raw.decode('utf-8', 'replace')

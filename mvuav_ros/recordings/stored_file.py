@@ -1,23 +1,67 @@
-"""One file of a recording, whatever its storage: its channels, and the way to wanted messages."""
+"""One file of a recording, whatever its storage: topics, messages, and the way to those wanted."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from rosbags.serde import SerdeError
 
-from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError, ros1_type
+from mvuav_ros.messages.definitions import Ros1Type, Schema, UnknownTypeError, ros1_type
 from mvuav_ros.messages.untrusted import words
-from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import CompressionError, Limit, decompress_message
+from mvuav_ros.recordings.account import Account, counted
+from mvuav_ros.recordings.compression import Limit, decompress_message
 from mvuav_ros.recordings.layout import ZSTD_START
-from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo, counted
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """One topic of a recording.
+
+    ``type`` is written 'pkg/msg/Type'; ``message_count`` is what the recording's index claims,
+    None where there is no index; ``serialization_format`` is 'cdr', or 'ros1' for messages that
+    are converted to CDR while they are read; ``qos`` is the publisher's profiles as rosbag2
+    wrote them (YAML), empty if unknown.
+    """
+
+    name: str
+    type: str
+    message_count: int | None
+    serialization_format: str
+    schema: Schema | None = None
+    qos: str = ''
+
+
+@dataclass(frozen=True)
+class SkippedChannel:
+    """A channel that is not read because its messages are not CDR."""
+
+    name: str
+    encoding: str
+
+
+class RecordedMessage(NamedTuple):
+    """One message; ``stamp_ns`` is when it was logged, ``data`` is CDR with its header.
+
+    A very large message is a view of the chunk that it lies in. ``publish_ns`` and ``sequence``
+    are the publisher's, where the recording has them.
+    """
+
+    topic: str
+    type: str
+    stamp_ns: int
+    data: bytes | memoryview
+    schema: Schema | None = None
+    qos: str = ''
+    publish_ns: int | None = None
+    sequence: int | None = None
+
 
 READABLE_FORMATS = ('cdr', 'ros1')
 UNKNOWN_ROS1 = 'ros1 without a valid definition'
@@ -165,10 +209,19 @@ class RecordingFile(ABC):
         self._channels = Channels()
         self._message_limit = limit
         self._lost: Counter[tuple[tuple[str, str], str]] = Counter()
+        self._scanned = False
 
-    @abstractmethod
     def channels(self) -> Sequence[TopicInfo]:
         """Every channel, those that are not CDR included; found once, when first asked for."""
+        if not self._scanned:
+            with self._path.open('rb') as stream:
+                self._scan(stream)
+            self._scanned = True
+        return self._channels.listed()
+
+    @abstractmethod
+    def _scan(self, stream: BinaryIO) -> None:
+        """Find the channels, by an index or else by a pass through the file."""
 
     @abstractmethod
     def _stored(
@@ -232,27 +285,29 @@ class RecordingFile(ABC):
         self, raw: bytes | memoryview, topic: TopicInfo, converter: Ros1Type | None
     ) -> bytes | memoryview | None:
         """A message of ROS 1, or one that is compressed by itself, as CDR; None if damaged."""
-        data, why = raw, _MALFORMED
-        try:
-            if converter is not None:
+        data: bytes | memoryview | None = raw
+        why = _MALFORMED
+        if converter is not None:
+            data = None
+            with suppress(SerdeError):
                 data = converter.to_cdr(raw)
-            if data[:4] == ZSTD_START:
-                why = _COMPRESSED
-                data = decompress_message(data, self._message_limit)
-        except (SerdeError, CompressionError):
+        if data is not None and data[:4] == ZSTD_START:
+            why, data = _COMPRESSED, decompress_message(data, self._message_limit)
+        if data is None:
             self.sound -= 1
             self._lost[why, topic.name] += 1
-            return None
         return data
 
     def _define(self, number: int, topic: TopicInfo) -> None:
         """Take in a definition, and note a contradiction."""
         if contradiction := self._channels.define(number, topic):
-            name = self._path.name
-            self._account.note((name, contradiction), f'{name}: {contradiction}')
+            self._note(contradiction, contradiction)
 
     def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
         self._account.lose(self._path.name, key, f'{self._path.name}: {text}', count)
+
+    def _note(self, key: Hashable, text: str) -> None:
+        self._account.note((self._path.name, key), f'{self._path.name}: {text}')
 
     def _note_end(self, size: int) -> None:
         self._lose('end', f'cut off or damaged; its last {size} bytes cannot be read in full')

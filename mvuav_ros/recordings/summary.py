@@ -24,8 +24,8 @@ from mvuav_ros.messages.images import (
 )
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.messages.untrusted import MAX_LINE, words
-from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.stored_file import RecordedMessage, SkippedChannel
 from mvuav_ros.vision.image import ImageError
 
 # A gap is an interval this many times the median one.
@@ -76,14 +76,6 @@ class TopicSummary:
 
 
 @dataclass
-class SkippedSummary:
-    """A channel that was not read, as its messages are not CDR."""
-
-    name: str
-    encoding: str
-
-
-@dataclass
 class RecordingSummary:
     """A whole recording; ``duration_s`` is from the earliest to the latest log stamp.
 
@@ -96,7 +88,7 @@ class RecordingSummary:
     first_stamp_ns: int | None
     last_stamp_ns: int | None
     duration_s: float
-    skipped: list[SkippedSummary]
+    skipped: list[SkippedChannel]
     errors: list[str]
     warnings: list[str]
 
@@ -114,24 +106,17 @@ def summarise(
         RecordingError: nothing can be read from there.
     """
     with open_recording(path) as recording:
-        return summarise_recording(recording, progress)
-
-
-def summarise_recording(
-    recording: Recording, progress: Callable[[int, int | None], None] = lambda *_: None
-) -> RecordingSummary:
-    """As `summarise`, for a recording that is open."""
-    total = recording.message_count
-    tallies = {
-        (topic.name, topic.type): _Tally(topic.name, topic.type) for topic in recording.topics
-    }
-    for number, message in enumerate(recording.messages()):
-        key = message.topic, message.type
-        if key not in tallies:  # an index may lack what the messages have
-            tallies[key] = _Tally(*key)
-        tallies[key].add(message)
-        if number % _PROGRESS_STEP == 0:
-            progress(number, total)
+        total = recording.message_count
+        tallies = {
+            (topic.name, topic.type): _Tally(topic.name, topic.type) for topic in recording.topics
+        }
+        for number, message in enumerate(recording.messages()):
+            key = message.topic, message.type
+            if key not in tallies:  # an index may lack what the messages have
+                tallies[key] = _Tally(*key)
+            tallies[key].add(message)
+            if number % _PROGRESS_STEP == 0:
+                progress(number, total)
     topics = [tally.summary() for tally in tallies.values()]
     firsts = [topic.first_stamp_ns for topic in topics if topic.first_stamp_ns is not None]
     lasts = [topic.last_stamp_ns for topic in topics if topic.last_stamp_ns is not None]
@@ -142,9 +127,9 @@ def summarise_recording(
         first_stamp_ns=min(firsts, default=None),
         last_stamp_ns=max(lasts, default=None),
         duration_s=(max(lasts) - min(firsts)) / _NS if firsts else 0.0,
-        skipped=[SkippedSummary(name, encoding) for name, encoding in recording.skipped],
-        errors=recording.errors,
-        warnings=recording.warnings,
+        skipped=list(recording.skipped),
+        errors=recording.account.errors,
+        warnings=recording.account.warnings,
     )
 
 

@@ -1,4 +1,4 @@
-"""Messages of results as rows, and the files that rows are written to.
+"""Results of one or many flights as tables: rows of messages, and one file for each topic.
 
 Names, angles and covariances have columns of their own. CSV and Parquet take any rows, TUM poses,
 MOTChallenge markers.
@@ -7,8 +7,12 @@ MOTChallenge markers.
 from __future__ import annotations
 
 import csv
+import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
@@ -21,9 +25,10 @@ from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError
-from mvuav_ros.recordings.account import RecordingError
-from mvuav_ros.recordings.reading import Recording
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.account import Account, RecordingError, counted
+from mvuav_ros.recordings.reading import Recording, open_recording
+from mvuav_ros.recordings.remote import write_text
+from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_unit_quaternion, rpy
 from mvuav_ros.vision.markers.results import TANKER_NAMES, MarkerState
 from mvuav_ros.vision.runway.results import LineRole
@@ -146,12 +151,8 @@ def marker_names(recording: Recording, tracker: str) -> dict[int, str]:
             continue
         stamp_ns = stamp_ns_of(message.header)
         if recorded.topic in missing:
-            place = message.point
-            newest[recorded.topic] = (
-                stamp_ns,
-                float(np.float32(place.x)),
-                float(np.float32(place.y)),
-            )
+            x, y = np.array((message.point.x, message.point.y), np.float32).tolist()
+            newest[recorded.topic] = stamp_ns, x, y
         elif points is not None and {'x', 'y', 'label'} <= set(points.dtype.names or ()):
             places = points[['label', 'x', 'y']].tolist()
             labels = {(stamp_ns, x, y): label for label, x, y in places}
@@ -200,12 +201,8 @@ def _in_blocks(points: NDArray[np.void]) -> Iterator[Any]:
         yield from points[start : start + ROWS_AT_ONCE].tolist()
 
 
-def _vector(message: Any) -> tuple[Columns, Iterable[Row]]:
-    return ('x', 'y', 'z'), [(message.vector.x, message.vector.y, message.vector.z)]
-
-
-def _point(message: Any) -> tuple[Columns, Iterable[Row]]:
-    return ('x', 'y', 'z'), [(message.point.x, message.point.y, message.point.z)]
+def _xyz(vector: Any) -> tuple[Columns, Iterable[Row]]:
+    return ('x', 'y', 'z'), [(vector.x, vector.y, vector.z)]
 
 
 def _pose(message: Any, outer: Matrix = _STRAIGHT) -> tuple[Columns, Iterable[Row]]:
@@ -227,8 +224,8 @@ def _angles(roll: float, pitch: float, yaw: float) -> Row:
 
 _PLAIN: dict[str, Reader] = {
     _CLOUD: _points,
-    'geometry_msgs/msg/Vector3Stamped': _vector,
-    _POINT: _point,
+    'geometry_msgs/msg/Vector3Stamped': lambda message: _xyz(message.vector),
+    _POINT: lambda message: _xyz(message.point),
     'geometry_msgs/msg/PoseStamped': _pose,
     'geometry_msgs/msg/PoseWithCovarianceStamped': _pose,
 }
@@ -268,13 +265,9 @@ class Table:
 
     def add(self, rows: Iterable[Row]) -> None:
         """Write a message's rows, which may be very many."""
-        self._begin_message()
         remaining = iter(rows)
         while block := list(islice(remaining, ROWS_AT_ONCE)):
             self.count += self._write(block)
-
-    def _begin_message(self) -> None:
-        pass
 
     def _write(self, rows: list[Row]) -> int:
         raise NotImplementedError
@@ -298,9 +291,6 @@ class Csv(Table):
     def _write(self, rows: list[Row]) -> int:
         self._writer.writerows(rows)
         return len(rows)
-
-    def _end(self) -> None:
-        self._text.flush()
 
 
 class Parquet(Table):
@@ -385,8 +375,10 @@ class Mot(Table):
         super().__init__(path, columns)
         self._frame = 0
 
-    def _begin_message(self) -> None:
+    def add(self, rows: Iterable[Row]) -> None:
+        """See `Table`; each message is a frame."""
         self._frame += 1
+        super().add(rows)
 
     def _write(self, rows: list[Row]) -> int:
         written = 0
@@ -407,3 +399,142 @@ class Mot(Table):
 
 TABLES: dict[str, type[Table]] = {'csv': Csv, 'parquet': Parquet, 'tum': Tum, 'mot': Mot}
 """By the form's name."""
+
+
+ACCOUNT = 'account.json'
+"""Beside the tables: what could not be read or exported."""
+
+_MAX_NAME = 200
+_MAX_REASON = 200
+_MAX_TABLES = 500
+_ENDINGS = {'mot': 'txt'}
+_ONE_FLIGHT = ('tum', 'mot')
+"""Forms without a column for the flight."""
+
+
+def export(
+    flights: Mapping[str, Path], folder: Path, form: str, *, overwrite: bool = False
+) -> dict[Path, int]:
+    """Write one file for each topic that can be a table, with the rows of all flights.
+
+    Tables are made of PointCloud2 (markers, lines), Vector3Stamped (roll), PointStamped, and
+    poses with and without covariance. TUM has poses only, and of them those that are known; MOT
+    has markers only, and of them those that were measured. Of several flights each has TUM and
+    MOT files of its own, in a folder for each topic. What was lost is in ``account.json`` beside
+    them: messages that do not decode, too.
+
+    Args:
+        flights: recordings of results by the names of their flights.
+        folder: where the files go; it is made.
+        form: 'csv', 'parquet', 'tum' or 'mot'.
+        overwrite: replace files that exist.
+
+    Returns:
+        The tables with the number of their rows.
+
+    Raises:
+        RecordingError: there is nothing to export, or a file exists.
+    """
+    accounts: list[Account] = []
+    try:
+        with ExitStack() as stack:
+            files = _Files(folder, form, overwrite, several=len(flights) > 1)
+            for flight, source in flights.items():
+                accounts.append(_export(flight, source, files, stack))
+        if files.tables:
+            content = [account.record() for account in accounts]
+            record = content[0] if len(content) == 1 else {'flights': content}
+            write_text(str(folder / ACCOUNT), json.dumps(record, indent=2))
+    except OSError as error:
+        raise RecordingError(f'{folder} cannot be written: {error.strerror or error}') from None
+    if not files.tables:
+        names = ', '.join(map(str, flights.values()))
+        raise RecordingError(f'{names} holds nothing that can be exported as {form}')
+    return {table.path: table.count for table in files.tables.values()}
+
+
+def _export(flight: str, source: Path, files: _Files, stack: ExitStack) -> Account:
+    """Add one flight's rows."""
+    lost: Counter[tuple[str, str]] = Counter()
+    with open_recording(source) as recording, ExitStack() as own:
+        rows = ResultRows(recording, flight)
+        wanted = {name: kind for name, kind in rows.kinds.items() if files.takes(name, kind)}
+        for topic in wanted:  # before anything is written
+            files.refuse_to_overwrite(topic, flight)
+        for message in recording.messages(wanted):
+            if not files.takes(message.topic, message.type):
+                continue
+            try:
+                columns, values = rows.of(message)
+            except MalformedMessageError as error:
+                lost[message.topic, str(error)[:_MAX_REASON]] += 1
+                continue
+            files.table(message.topic, flight, columns, own if files.one_flight else stack).add(
+                values
+            )
+        for (name, reason), count in lost.items():
+            said = f'{counted(count, "message")} of {name} not exported: {reason}'
+            recording.account.lose('export', (name, reason), said, count)
+    return recording.account
+
+
+class _Files:
+    """A file for each table, of a name of its own.
+
+    Attributes:
+        tables: those begun, by topic, columns and, where each flight has its own, flight.
+        one_flight: whether each flight has its own.
+    """
+
+    def __init__(self, folder: Path, form: str, overwrite: bool, *, several: bool) -> None:
+        self._folder, self._form, self._overwrite = folder, form, overwrite
+        self._several = several
+        self.one_flight = form in _ONE_FLIGHT
+        self.tables: dict[tuple[str, Columns, str], Table] = {}
+        self._taken: dict[Path, str] = {}
+
+    def takes(self, topic: str, kind: str) -> bool:
+        """Whether the form can hold a topic's messages."""
+        if self._form == 'mot':
+            return kind.endswith('PointCloud2') and topic.endswith('/markers')
+        return is_table(topic, kind) and (self._form != 'tum' or 'Pose' in kind)
+
+    def refuse_to_overwrite(self, topic: str, flight: str) -> None:
+        """Look before anything is written.
+
+        Raises:
+            RecordingError: the topic's file exists.
+        """
+        of = flight if self.one_flight else ''
+        if not any(known == topic and its == of for known, _, its in self.tables):
+            self._free_path(topic, flight)
+
+    def table(self, topic: str, flight: str, columns: Columns, stack: ExitStack) -> Table:
+        """The table of a topic's messages with these columns; others have one of their own.
+
+        Raises:
+            RecordingError: its file exists, or there are too many.
+        """
+        key = topic, columns, flight if self.one_flight else ''
+        if key not in self.tables:
+            if len(self.tables) == _MAX_TABLES:
+                raise RecordingError(f'it would be more than {_MAX_TABLES} tables')
+            path = self._free_path(topic, flight)
+            self._taken[path] = topic
+            self.tables[key] = stack.enter_context(TABLES[self._form](path, columns))
+        return self.tables[key]
+
+    def _free_path(self, topic: str, flight: str) -> Path:
+        name = re.sub(r'[^\w.-]', '_', topic.strip('/'))[:_MAX_NAME] or 'root'
+        ending = _ENDINGS.get(self._form, self._form)
+        number = 1
+        while True:
+            table = name if number == 1 else f'{name}_{number}'
+            inner = f'{table}/{flight}' if self.one_flight and self._several else table
+            path = self._folder / f'{inner}.{ending}'
+            if path not in self._taken:
+                break
+            number += 1
+        if path.exists() and not self._overwrite:
+            raise RecordingError(f'{path} exists; choose another folder, or overwrite it (--force)')
+        return path

@@ -12,8 +12,8 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import MappingProxyType, TracebackType
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -183,8 +183,8 @@ class Chunk:
             return True
         return self.end_ns - span_ns < stamp_ns < self.start_ns + span_ns
 
-    def encode(self, offset: int) -> EncodedChunk:
-        """The chunk and message index records, to be written at ``offset`` of the file."""
+    def encode(self, offset: int) -> tuple[bytes, bytes]:
+        """What is to be written at ``offset`` of the file, and the index record for its end."""
         start_ns = self.start_ns if self._entries else 0
         data = zstandard.ZstdCompressor(level=_LEVEL).compress(self._records)
         head = CHUNK_HEADER.pack(
@@ -214,18 +214,14 @@ class Chunk:
             message_start_time=start_ns,
             uncompressed_size=self.size,
         )
-        return EncodedChunk(b''.join(pieces), record_bytes(index))
-
-
-class EncodedChunk(NamedTuple):
-    """What goes into the file now, and the index record that goes to its end."""
-
-    data: bytes
-    index_record: bytes
+        return b''.join(pieces), record_bytes(index)
 
 
 class Summary:
-    """What stands at a file's end; kept as bytes, as there is a chunk for every half second."""
+    """What stands at a file's end; kept as bytes, as there is a chunk for every half second.
+
+    ``statistics`` are of what was added by now.
+    """
 
     def __init__(self) -> None:
         self._schemas = bytearray()
@@ -233,7 +229,7 @@ class Summary:
         self._chunks = bytearray()
         self._metadata = bytearray()
         self._attachments = bytearray()
-        self._statistics = Statistics(
+        self.statistics = Statistics(
             attachment_count=0,
             channel_count=0,
             channel_message_counts={},
@@ -249,15 +245,15 @@ class Summary:
         """Add a schema or channel."""
         if isinstance(record, SchemaRecord):
             self._schemas += record_bytes(record)
-            self._statistics.schema_count += 1
+            self.statistics.schema_count += 1
         else:
             self._channels += record_bytes(record)
-            self._statistics.channel_count += 1
+            self.statistics.channel_count += 1
 
     def add(self, chunk: Chunk, index: bytes) -> None:
         """Add a chunk that was written."""
         self._chunks += index
-        statistics = self._statistics
+        statistics = self.statistics
         statistics.chunk_count += 1
         counts = statistics.channel_message_counts
         for key, count in chunk.counts.items():
@@ -275,12 +271,12 @@ class Summary:
         if isinstance(record, Metadata):
             index = MetadataIndex(offset=offset, length=len(data), name=record.name)
             self._metadata += record_bytes(index)
-            self._statistics.metadata_count += 1
+            self.statistics.metadata_count += 1
             return data
         about = record.log_time, record.create_time, len(record.data), record.name
         attached = AttachmentIndex(offset, len(data), *about, record.media_type)
         self._attachments += record_bytes(attached)
-        self._statistics.attachment_count += 1
+        self.statistics.attachment_count += 1
         return data
 
     def encode(self, offset: int) -> bytes:
@@ -290,7 +286,7 @@ class Summary:
         groups = (
             (Opcode.SCHEMA, bytes(self._schemas)),
             (Opcode.CHANNEL, bytes(self._channels)),
-            (Opcode.STATISTICS, record_bytes(self._statistics)),
+            (Opcode.STATISTICS, record_bytes(self.statistics)),
             (Opcode.CHUNK_INDEX, bytes(self._chunks)),
             (Opcode.ATTACHMENT_INDEX, bytes(self._attachments)),
             (Opcode.METADATA_INDEX, bytes(self._metadata)),
@@ -398,12 +394,7 @@ class RecordingWriter:
     def __enter__(self) -> RecordingWriter:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and issubclass(kind, Exception):
             is_ours = not self._closed and self._file.is_there
             with suppress(RecordingError):
@@ -419,6 +410,11 @@ class RecordingWriter:
     def size(self) -> int:
         """Bytes in the file by now."""
         return self._file.size
+
+    @property
+    def statistics(self) -> Statistics:
+        """Numbers and times of the messages in the file by now; of all once it is closed."""
+        return self._summary.statistics
 
     def write(
         self,
@@ -544,9 +540,9 @@ class RecordingWriter:
         """Write the chunks that are handed over, and the last one when it gets old."""
         while (chunk := self._next_chunk()) is not None:
             try:
-                encoded = chunk.encode(self._file.size)
-                self._file.append(encoded.data)
-                self._summary.add(chunk, encoded.index_record)
+                data, index = chunk.encode(self._file.size)
+                self._file.append(data)
+                self._summary.add(chunk, index)
             except Exception as error:
                 with self._changed:
                     self._error = error

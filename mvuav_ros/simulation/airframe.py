@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -23,9 +23,12 @@ SUPERSAMPLING = 2
 MIN_DEPTH = 0.5
 """Faces that come closer to the camera than this (m) are not painted."""
 _SUBPIXEL_BITS = 4
+_TINT = (1.06, 1.0, 0.95)
+"""Blue, green and red of the light."""
 
 Array = NDArray[np.float64]
-Face = tuple[Sequence[tuple[float, float, float]], float]
+Corner = tuple[float, float, float]
+Face = tuple[Sequence[Corner], float]
 """Four corners (m) and an albedo, 0 to 1."""
 
 
@@ -42,17 +45,6 @@ class Mesh:
     corners: Array
     normals: Array
     albedo: Array
-
-    @classmethod
-    def of(cls, faces: Iterable[Face]) -> Mesh:
-        """Build from faces."""
-        chosen = list(faces)
-        corners = np.array([corner for corner, _ in chosen], np.float64)
-        # By the diagonals, since a face that ends in a tip has two corners in one place.
-        normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        albedo = np.array([shade for _, shade in chosen])
-        return cls(read_only(corners), read_only(normals), read_only(albedo))
 
 
 @dataclass(frozen=True)
@@ -73,12 +65,11 @@ def paint_mesh(
     camera: PinholeCamera,
     pose: tuple[Matrix, Vector],
     lighting: Lighting,
-    tint: tuple[float, float, float] = (1.06, 1.0, 0.95),
 ) -> None:
     """Paint a mesh into an 8-bit image, grey or blue first, in place.
 
     The pose is the body's rotation in the optical frame and its place there, m; the light comes
-    from a direction in the optical frame, and has a tint of blue, green and red.
+    from a direction in the optical frame.
     """
     rotation, translation = pose
     corners = mesh.corners @ rotation.T + translation
@@ -95,7 +86,7 @@ def paint_mesh(
     if x1 <= x0 or y1 <= y0:
         return
     part = image[y0:y1, x0:x1]
-    factors = np.array(tint if part.ndim == 3 else (1.0,))
+    factors = np.array(_TINT if part.ndim == 3 else (1.0,))
     # Each face's grey or colour; never 0, which means no face.
     levels = np.clip(shade[:, None] * factors, 1.0, 255.0).tolist()
     far_to_near = np.argsort(-np.linalg.norm(middle, axis=1))
@@ -132,8 +123,6 @@ def _fill(
     )
     return faces, covered
 
-
-Corner = tuple[float, float, float]
 
 IN_SKY = Lighting(ambient=40.0, direct=52.0, towards=(-0.55, 0.52, 0.65))
 IN_LAB = Lighting(ambient=26.0, direct=66.0, towards=(-0.60, 0.33, 0.73))
@@ -188,7 +177,12 @@ _ENGINES = ((6.6, 11.7, -3.4), (-2.2, 20.9, -2.0))
 @lru_cache(maxsize=1)
 def tanker_mesh() -> Mesh:
     """The whole aircraft."""
-    return Mesh.of(_faces())
+    faces, albedo = zip(*_faces(), strict=True)
+    corners = np.array(faces, np.float64)
+    # By the diagonals, since a face that ends in a tip has two corners in one place.
+    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return Mesh(read_only(corners), read_only(normals), read_only(np.array(albedo)))
 
 
 def _faces() -> Iterator[Face]:

@@ -83,13 +83,6 @@ def motion_blur(image: Pixels, dx: float, dy: float) -> Pixels:
     return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE)
 
 
-def defocus(image: Pixels, sigma: float) -> Pixels:
-    """Gaussian blur; the image itself where sigma (px) is 0."""
-    if sigma == 0.0:
-        return image
-    return cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-
-
 START_NS = 1_700_000_000_000_000_000
 """Stamp of the first frame; fixed, because a flight must not depend on the clock."""
 
@@ -126,6 +119,7 @@ class Flight(ABC, Generic[TruthT]):
     function of its index, so that `frame` may be called in any order.
 
     Attributes:
+        settings: what was asked for.
         camera: that takes the images.
         encoding: of the images.
     """
@@ -134,7 +128,7 @@ class Flight(ABC, Generic[TruthT]):
         self, settings: FlightSettings, camera: PinholeCamera, encoding: str = 'bgr8'
     ) -> None:
         self.camera, self.encoding = camera, encoding
-        self._basics = settings
+        self.settings = settings
         self._noise: SensorNoise | None = None
         self._shake = Shake(
             VIBRATIONS[settings.shake], settings.shake_gain, self._rng(RandomStream.SHAKE)
@@ -146,12 +140,12 @@ class Flight(ABC, Generic[TruthT]):
     @property
     def rate(self) -> float:
         """Frames per second before drops."""
-        return self._basics.fps
+        return self.settings.fps
 
     @property
     def duration(self) -> float:
         """From the first frame to one frame after the last, s."""
-        return self._basics.frames / self._basics.fps
+        return self.settings.frames / self.settings.fps
 
     @property
     def indices(self) -> list[int]:
@@ -167,15 +161,15 @@ class Flight(ABC, Generic[TruthT]):
 
     def time(self, index: int) -> float:
         """When frame ``index`` is taken, s since the start."""
-        return index / self._basics.fps
+        return index / self.settings.fps
 
     def stamp_ns(self, index: int) -> int:
         """Stamp of frame ``index``, ns."""
-        return START_NS + round(index * 1e9 / self._basics.fps)
+        return START_NS + round(index * 1e9 / self.settings.fps)
 
     def seen_at(self, index: int) -> float:
         """The time that frame ``index`` shows, s: its own, or earlier while the camera hangs."""
-        rate = self._basics.camera_rate
+        rate = self.settings.camera_rate
         if rate == 0.0:
             return self.time(index)
         # A hair more, because index / fps x rate falls just short of whole numbers.
@@ -202,8 +196,11 @@ class Flight(ABC, Generic[TruthT]):
 
     def _exposed(self, pixels: Pixels, time: float) -> Pixels:
         """An image with the lens's blur and the sensor's faults; may be the same array."""
-        settings = self._basics
-        pixels = defocus(pixels, settings.blur)
+        settings = self.settings
+        if settings.blur > 0.0:
+            pixels = cv2.GaussianBlur(
+                pixels, (0, 0), settings.blur, borderType=cv2.BORDER_REPLICATE
+            )
         if settings.noise > 0.0:
             if self._noise is None:
                 rng = self._rng(RandomStream.NOISE_POOL)
@@ -217,9 +214,9 @@ class Flight(ABC, Generic[TruthT]):
     def _hot_pixels(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Rows and columns of pixels that are always white."""
         pixels = self.camera.width * self.camera.height
-        count = min(self._basics.hot_pixels, pixels)
+        count = min(self.settings.hot_pixels, pixels)
         chosen = self._rng(RandomStream.HOT_PIXELS).choice(pixels, count, replace=False)
         return np.divmod(chosen, self.camera.width)
 
     def _rng(self, stream: RandomStream, *index: int) -> np.random.Generator:
-        return np.random.default_rng((self._basics.seed, stream, *index))
+        return np.random.default_rng((self.settings.seed, stream, *index))

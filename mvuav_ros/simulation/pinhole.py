@@ -10,13 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.vision.frames import Matrix, Vector, read_only
 
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-class CameraError(ValueError):
-    """A camera that cannot be, with the reason."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ class PinholeCamera:
         The field of view is the horizontal one without distortion, from edge to edge of the frame.
 
         Raises:
-            CameraError: the distortion folds the image onto itself.
+            ParameterError: the distortion folds the image onto itself.
         """
         focal = 0.5 * width / math.tan(math.radians(0.5 * fov_deg))
         camera = cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), distortion)
@@ -98,7 +95,8 @@ class PinholeCamera:
         corner = math.hypot(0.5 * self.width / self.fx, 0.5 * self.height / self.fy)
         r2 = np.linspace(0.0, corner, 200) ** 2
         if np.any(1.0 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3)) <= 0.0):
-            raise CameraError('folds the image onto itself within the field of view')
+            reason = 'folds the image onto itself within the field of view'
+            raise ParameterError('distortion', reason)
 
 
 class CameraPose(NamedTuple):
@@ -134,7 +132,7 @@ def parse_distortion(text: str) -> tuple[float, float, float, float, float]:
     """Read ``k1, k2, p1, p2`` or ``k1, k2, p1, p2, k3``; nothing means no distortion.
 
     Raises:
-        CameraError: it is anything else.
+        ParameterError: it is anything else.
     """
     if not text.strip():
         return NO_DISTORTION
@@ -143,6 +141,7 @@ def parse_distortion(text: str) -> tuple[float, float, float, float, float]:
     except ValueError:
         numbers = []
     if len(numbers) not in (4, 5) or not all(map(math.isfinite, numbers)):
-        raise CameraError(f'takes k1, k2, p1, p2 and perhaps k3, not {text!r}')
+        reason = f'takes k1, k2, p1, p2 and perhaps k3, not {text!r}'
+        raise ParameterError('distortion', reason)
     k1, k2, p1, p2, k3 = (*numbers, 0.0)[:5]
     return k1, k2, p1, p2, k3

@@ -255,15 +255,13 @@ class RunwayPath:
 
 
 class RunwayFlight(Flight[RunwayTruth]):
-    """Images (bgr8) of a runway ahead, with truth.
+    """Images (bgr8) of a runway ahead, with truth."""
 
-    Attributes:
-        settings: what was asked for.
-    """
+    settings: RunwaySettings
 
     def __init__(self, settings: RunwaySettings | None = None) -> None:
-        self.settings = settings or RunwaySettings()
-        super().__init__(self.settings, self.settings.camera())
+        settings = settings or RunwaySettings()
+        super().__init__(settings, settings.camera())
         self._path = RunwayPath(self.settings, self._rng(RandomStream.MOTION))
 
     def truth_at(self, time: float) -> RunwayTruth:

@@ -6,7 +6,6 @@ A schedule says when which light is out or hidden: ``left_wing@2-4, all@6-7``, t
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
@@ -21,10 +20,6 @@ _NUMBER = r'\d+(?:\.\d*)?|\.\d+'
 _ENTRY = re.compile(rf'\s*(\w+)\s*@\s*({_NUMBER})\s*-\s*({_NUMBER})\s*')
 
 
-class ScheduleError(ValueError):
-    """A schedule that cannot be read, with the reason."""
-
-
 class ScheduleEntry(NamedTuple):
     """Something happens to one marker (or ``all``) while start <= time < end, s."""
 
@@ -33,20 +28,20 @@ class ScheduleEntry(NamedTuple):
     end: float
 
 
-def parse_schedule(text: str) -> tuple[ScheduleEntry, ...]:
-    """Read a schedule; nothing is an empty one.
+def parse_schedule(setting: str, text: str) -> tuple[ScheduleEntry, ...]:
+    """Read the schedule of a setting; nothing is an empty one.
 
     Raises:
-        ScheduleError: an entry is not NAME@START-END, or ends before it starts.
+        ParameterError: an entry is not NAME@START-END, or ends before it starts.
     """
     entries = []
     for entry in text.split(',') if text.strip() else ():
         match = _ENTRY.fullmatch(entry)
         if match is None:
-            raise ScheduleError(f'takes NAME@START-END in seconds, not {entry.strip()!r}')
+            raise ParameterError(setting, f'takes NAME@START-END in seconds, not {entry.strip()!r}')
         name, start, end = match[1], float(match[2]), float(match[3])
         if end <= start:
-            raise ScheduleError(f'{entry.strip()}: must end after it starts')
+            raise ParameterError(setting, f'{entry.strip()}: must end after it starts')
         entries.append(ScheduleEntry(name, start, end))
     return tuple(entries)
 
@@ -54,30 +49,6 @@ def parse_schedule(text: str) -> tuple[ScheduleEntry, ...]:
 def affected(schedule: tuple[ScheduleEntry, ...], marker: str, time: float) -> bool:
     """Whether the schedule names the marker at that time (s)."""
     return any(name in (marker, ALL) and start <= time < end for name, start, end in schedule)
-
-
-def refuse_unknown(schedule: tuple[ScheduleEntry, ...], markers: Collection[str]) -> None:
-    """Check a schedule's names.
-
-    Raises:
-        ScheduleError: one of them is no marker.
-    """
-    for interval in schedule:
-        if interval.marker not in markers:
-            raise ScheduleError(f'{interval.marker!r} is not one of {", ".join(markers)}')
-
-
-def refuse_overlap(schedule: tuple[ScheduleEntry, ...]) -> None:
-    """Check that no two entries are under way at once.
-
-    Raises:
-        ScheduleError: two are.
-    """
-    for before, after in pairwise(sorted(schedule, key=lambda interval: interval.start)):
-        if after.start < before.end:
-            raise ScheduleError(
-                f'{before.marker} and {after.marker} at {after.start:g} s: there is one boom'
-            )
 
 
 VIEWS = ('auto', 'lab', 'receiver')
@@ -156,6 +127,14 @@ class FlightSettings(ParameterSet):
         thesis="about 10, by the thesis's camera",
     )
 
+    def _camera(self, usual_fov_deg: float, distortion: str = '') -> PinholeCamera:
+        # With NumPy, which who only asks for --help does not wait for.
+        from mvuav_ros.simulation.pinhole import PinholeCamera, parse_distortion
+
+        fov = self.fov_deg or usual_fov_deg
+        lens = parse_distortion(distortion)
+        return PinholeCamera.with_field_of_view(self.width, self.height, fov, lens)
+
     def _check_together(self) -> None:
         if 0.0 < self.fov_deg < 5.0:
             raise ParameterError('fov_deg', f'must be 0 or 5 to 150, not {self.fov_deg:g}')
@@ -217,26 +196,21 @@ class TankerSettings(FlightSettings):
     )
 
     def _check_together(self) -> None:
-        # With NumPy, which who only asks for --help does not wait for.
-        from mvuav_ros.simulation.pinhole import CameraError
-
         super()._check_together()
         if self.end_distance > self.start_distance:
             raise ParameterError(
                 'end_distance', f'must be at most start_distance ({self.start_distance:g})'
             )
-        try:
-            name = 'failures'
-            parse_schedule(self.failures)
-            name = 'occlusions'
-            occlusions = parse_schedule(self.occlusions)
-            refuse_overlap(occlusions)
-            if any(interval.marker == ALL for interval in occlusions):
-                raise ScheduleError('the boom hides one light at a time; use failures for all')
-            name = 'distortion'
-            self.camera()
-        except (ScheduleError, CameraError) as error:
-            raise ParameterError(name, str(error)) from error
+        parse_schedule('failures', self.failures)
+        occlusions = parse_schedule('occlusions', self.occlusions)
+        for before, after in pairwise(sorted(occlusions, key=lambda entry: entry.start)):
+            if after.start < before.end:
+                reason = f'{before.marker} and {after.marker} at {after.start:g} s'
+                raise ParameterError('occlusions', f'{reason}: there is one boom')
+        if any(entry.marker == ALL for entry in occlusions):
+            reason = 'the boom hides one light at a time; use failures for all'
+            raise ParameterError('occlusions', reason)
+        self.camera()
 
     @property
     def actual_view(self) -> str:
@@ -254,12 +228,7 @@ class TankerSettings(FlightSettings):
 
     def camera(self) -> PinholeCamera:
         """The camera that takes the images."""
-        from mvuav_ros.simulation.pinhole import PinholeCamera, parse_distortion
-
-        fov = self.fov_deg or VIEW_FOV_DEG[self.actual_view]
-        return PinholeCamera.with_field_of_view(
-            self.width, self.height, fov, parse_distortion(self.distortion)
-        )
+        return self._camera(VIEW_FOV_DEG[self.actual_view], self.distortion)
 
 
 @dataclass(frozen=True)
@@ -295,8 +264,4 @@ class RunwaySettings(FlightSettings):
 
     def camera(self) -> PinholeCamera:
         """The camera that takes the images."""
-        from mvuav_ros.simulation.pinhole import PinholeCamera
-
-        return PinholeCamera.with_field_of_view(
-            self.width, self.height, self.fov_deg or RUNWAY_FOV_DEG
-        )
+        return self._camera(RUNWAY_FOV_DEG)

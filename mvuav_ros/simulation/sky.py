@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -147,7 +148,8 @@ class Background:
         self, kind: str, camera: PinholeCamera, color: bool, detail: float, rng: np.random.Generator
     ) -> None:
         self._camera = camera
-        image = _DRAWERS[kind](camera, detail, rng)
+        size = camera.width + 2 * MARGIN, camera.height + 2 * MARGIN
+        image = _DRAWERS[kind](size, camera, detail, rng)
         self._wide: Pixels = image if color else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         inside = slice(MARGIN, -MARGIN)
         self._middle: Pixels = np.ascontiguousarray(self._wide[inside, inside])
@@ -172,21 +174,18 @@ class Background:
         )
 
 
-def _sky(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDArray[np.uint8]:
-    width, height = _size(camera)
-    return draw_sky(
-        (width, height),
-        1.25 * height,
-        camera.fx,
-        rng,
-        brightness=SKY_BRIGHTNESS,
-        cloudiness=CLOUDINESS * detail,
-    )
+def _sky(
+    size: tuple[int, int], camera: PinholeCamera, detail: float, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    given = {'brightness': SKY_BRIGHTNESS, 'cloudiness': CLOUDINESS * detail}
+    return draw_sky(size, 1.25 * size[1], camera.fx, rng, **given)
 
 
-def _foam(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+def _foam(
+    size: tuple[int, int], camera: PinholeCamera, detail: float, rng: np.random.Generator
+) -> NDArray[np.uint8]:
     """Boards of extruded foam: a fine grain, faint flow marks, seams, uneven lamplight."""
-    width, height = _size(camera)
+    width, height = size
     unit = camera.width / 640.0
     grain = smooth_noise((height, width), 5.0 * unit, rng, octaves=2)
     flow = smooth_noise((height, width), 12.0 * unit, rng, octaves=3, stretch=14.0)
@@ -199,13 +198,12 @@ def _foam(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDA
     return to_bytes(FOAM * shade[:, :, None])
 
 
-def _plain(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDArray[np.uint8]:
-    width, height = _size(camera)
-    return np.full((height, width, 3), round(PLAIN), np.uint8)
+def _plain(size: tuple[int, int], *_: object) -> NDArray[np.uint8]:
+    return np.full((*size[::-1], 3), round(PLAIN), np.uint8)
 
 
-def _size(camera: PinholeCamera) -> tuple[int, int]:
-    return camera.width + 2 * MARGIN, camera.height + 2 * MARGIN
-
-
-_DRAWERS = {'sky': _sky, 'foam': _foam, 'plain': _plain}
+_DRAWERS: dict[str, Callable[..., NDArray[np.uint8]]] = {
+    'sky': _sky,
+    'foam': _foam,
+    'plain': _plain,
+}

@@ -29,11 +29,10 @@ from mvuav_ros.simulation.light_drawing import (
 from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.simulation.settings import (
     ALL,
-    ScheduleError,
+    ScheduleEntry,
     TankerSettings,
     affected,
     parse_schedule,
-    refuse_unknown,
 )
 from mvuav_ros.simulation.shake import random_wave
 from mvuav_ros.simulation.sky import Background
@@ -264,9 +263,10 @@ class TankerFlight(Flight[TankerTruth]):
     The airframe never hides a light: all of them are drawn on top of it.
 
     Attributes:
-        settings: what was asked for.
         rig: the body's lights.
     """
+
+    settings: TankerSettings
 
     def __init__(self, settings: TankerSettings | None = None) -> None:
         """Prepare a flight, of the default settings if None are given.
@@ -274,19 +274,23 @@ class TankerFlight(Flight[TankerTruth]):
         Raises:
             ParameterError: the rig's file cannot be used, or a schedule names no light of it.
         """
-        self.settings = settings or TankerSettings()
-        super().__init__(self.settings, self.settings.camera(), self.settings.encoding)
+        settings = settings or TankerSettings()
+        super().__init__(settings, settings.camera(), settings.encoding)
         self.rig = _open_rig(self.settings)
-        self._failures = parse_schedule(self.settings.failures)
-        self._occlusions = parse_schedule(self.settings.occlusions)
-        for name, schedule in (('failures', self._failures), ('occlusions', self._occlusions)):
-            try:
-                refuse_unknown(schedule, (*self.rig.names, ALL))
-            except ScheduleError as error:
-                raise ParameterError(name, str(error)) from error
+        self._failures = self._schedule('failures')
+        self._occlusions = self._schedule('occlusions')
         self._motion = TankerMotion(
             self.settings, self.rig, self.duration, self._rng(RandomStream.MOTION)
         )
+
+    def _schedule(self, setting: str) -> tuple[ScheduleEntry, ...]:
+        schedule = parse_schedule(setting, getattr(self.settings, setting))
+        markers = (*self.rig.names, ALL)
+        for entry in schedule:
+            if entry.marker not in markers:
+                reason = f'{entry.marker!r} is not one of {", ".join(markers)}'
+                raise ParameterError(setting, reason)
+        return schedule
 
     def truth_at(self, time: float) -> TankerTruth:
         """What is true at any time (s)."""

@@ -51,16 +51,13 @@ def smooth_noise(
     return total
 
 
-def tileable_noise(
-    size: int, cell: float, rng: np.random.Generator, slope: float = 1.0
-) -> NDArray[np.float32]:
+def tileable_noise(size: int, cell: float, rng: np.random.Generator) -> NDArray[np.float32]:
     """Noise whose opposite sides fit together.
 
     Args:
         size: px, of both sides.
         cell: size of the largest features, px.
         rng: the source of randomness.
-        slope: how fast finer features get weaker.
 
     Returns:
         (size, size) float32 of zero mean and unit standard deviation.
@@ -68,7 +65,7 @@ def tileable_noise(
     frequency = np.fft.fftfreq(size)
     radius = np.hypot(frequency[:, None], frequency[None, :])
     spectrum = np.fft.fft2(rng.standard_normal((size, size)))
-    spectrum /= (1.0 + (radius * cell) ** 2) ** (0.5 * slope)
+    spectrum /= (1.0 + (radius * cell) ** 2) ** 0.5
     spectrum[radius < 0.25 / cell] = 0.0
     noise = np.real(np.fft.ifft2(spectrum))
     return np.asarray(noise / noise.std(), np.float32)

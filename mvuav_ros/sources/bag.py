@@ -31,12 +31,11 @@ from mvuav_ros.messages.sensors import (
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo
+from mvuav_ros.recordings.stored_file import RecordedMessage, TopicInfo
 from mvuav_ros.sources.source import (
     EVERYTHING,
     FrameSource,
     Selection,
-    SourceError,
 )
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
@@ -98,7 +97,7 @@ def choose_image_topic(recording: Recording, wanted: str | None = None) -> Topic
         if not recording.topics and not recording.skipped:
             raise RecordingError(f'{recording.path} is empty: nothing was recorded in it')
         names = _listed(topic.name for topic in recording.topics) or 'nothing readable'
-        skipped = _listed(f'{name} ({encoding})' for name, encoding in recording.skipped)
+        skipped = _listed(f'{each.name} ({each.encoding})' for each in recording.skipped)
         raise RecordingError(
             f'{recording.path} has no image topic; it holds {names}'
             + (f'; skipped, as not CDR: {skipped}' if skipped else '')
@@ -149,28 +148,35 @@ class BagImages(FrameSource):
             topic: needed where the bag has several image topics.
 
         Raises:
-            SourceError: it is not a bag, or the topic cannot be chosen.
+            RecordingError: it is not a bag, or the topic cannot be chosen.
         """
-        try:
-            self._recording = open_recording(path)
-        except RecordingError as error:
-            raise SourceError(str(error)) from error
+        self._recording = open_recording(path)
         try:
             chosen = choose_image_topic(self._recording, topic)
-        except RecordingError as error:
+        except RecordingError:
             self._recording.close()
-            raise SourceError(str(error)) from error
+            raise
         self.account = self._recording.account
-        for name, encoding in self._recording.skipped:
-            said = f'{words(name)} is {words(encoding) or "without encoding"}, not CDR: skipped'
-            self.account.note(('skipped', name), said)
+        for each in self._recording.skipped:
+            encoding = words(each.encoding) or 'without encoding'
+            said = f'{words(each.name)} is {encoding}, not CDR: skipped'
+            self.account.note(('skipped', each.name), said)
         self.topic = chosen.name
         self.topics = tuple(topic.name for topic in self._recording.topics)
-        self.camera_topic = camera_topic_of(self._recording, chosen.name)
-        self.imu_topic = imu_topic_of(self._recording, chosen.name)
+        # As camera drivers name theirs: beside the image topic or, if compressed, its parent.
+        base = chosen.name.removesuffix('/compressed').rpartition('/')[0]
+        self.camera_topic = self._named(CAMERA_INFO, f'{base}/camera_info')
+        self.imu_topic = self._named(IMU, f'{base}/imu') or self._named(IMU, '/imu')
         self._message_count = chosen.message_count
         self.count: int | None = chosen.message_count
         self.name = f'bag {words(path.name)} {words(self.topic)}'
+
+    def _named(self, kind: str, name: str) -> str | None:
+        """The name, if there are messages of that type there."""
+        for topic in self._recording.topics:
+            if (topic.name, topic.type) == (name, kind) and topic.message_count != 0:
+                return name
+        return None
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; a message that does not decode is a `BadFrame`.
@@ -178,7 +184,7 @@ class BagImages(FrameSource):
         A stamp of zero means that the driver did not set one: the time of recording is used.
 
         Raises:
-            SourceError: the bag cannot be read any more.
+            RecordingError: the bag cannot be read any more.
         """
         for item in self.items(camera=True, attitude=True):
             if isinstance(item, EncodedFrame):
@@ -207,17 +213,10 @@ class BagImages(FrameSource):
             and are), and messages.
 
         Raises:
-            SourceError: the bag cannot be read any more.
+            RecordingError: the bag cannot be read any more.
         """
-        try:
-            wanted = self.camera_topic if camera else None, self.imu_topic if attitude else None
-            yield from self._items(selection, others, SynchronizedTopics(self.topic, *wanted))
-        except RecordingError as error:
-            raise SourceError(str(error)) from error
-
-    def _items(
-        self, selection: Selection, others: bool, paired: SynchronizedTopics
-    ) -> Iterator[EncodedFrame | Frame | BadFrame | RecordedMessage]:
+        synchronized = self.camera_topic if camera else None, self.imu_topic if attitude else None
+        paired = SynchronizedTopics(self.topic, *synchronized)
         recording = self._recording
         origin_ns = 0
         is_part = selection.is_part
@@ -281,22 +280,6 @@ def _frames(
 
 
 AnyFrame = EncodedFrame | Frame
-
-
-def camera_topic_of(recording: Recording, image_topic: str) -> str | None:
-    """The name that camera drivers give, beside the image topic or, if compressed, its parent."""
-    base = image_topic.removesuffix('/compressed').rpartition('/')[0]
-    for topic in recording.topics:
-        if topic.type == CAMERA_INFO and topic.name == f'{base}/camera_info':
-            return topic.name if topic.message_count != 0 else None
-    return None
-
-
-def imu_topic_of(recording: Recording, image_topic: str) -> str | None:
-    """The name of the body's attitude: ``imu`` beside the image topic, or ``/imu``."""
-    base = image_topic.removesuffix('/compressed').rpartition('/')[0]
-    names = {topic.name for topic in recording.topics if topic.type == IMU and topic.message_count}
-    return next((name for name in (f'{base}/imu', '/imu') if name in names), None)
 
 
 class SynchronizedTopics:

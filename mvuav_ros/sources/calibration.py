@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
+import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
@@ -61,22 +62,24 @@ def save_calibration(camera: CameraModel, path: Path, name: str = 'camera') -> N
         RecordingError: it cannot be written.
     """
     k = camera.k
-    lines = [
-        f'image_width: {camera.width}',
-        f'image_height: {camera.height}',
-        f'camera_name: {json.dumps(name)}',
-        *_matrix('camera_matrix', 3, k),
-        f'distortion_model: {camera.distortion_model}',
-        *_matrix('distortion_coefficients', 1, camera.d),
-        *_matrix('rectification_matrix', 3, camera.r or (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0)),
-        *_matrix('projection_matrix', 3, camera.p or (*k[:3], 0, *k[3:6], 0, *k[6:], 0)),
-    ]
-    write_whole(path, '\n'.join(lines) + '\n')
+    content = {
+        'image_width': camera.width,
+        'image_height': camera.height,
+        'camera_name': name,
+        'camera_matrix': _matrix(3, k),
+        'distortion_model': camera.distortion_model,
+        'distortion_coefficients': _matrix(1, camera.d),
+        'rectification_matrix': _matrix(3, camera.r or (1, 0, 0, 0, 1, 0, 0, 0, 1)),
+        'projection_matrix': _matrix(3, camera.p or (*k[:3], 0, *k[3:6], 0, *k[6:], 0)),
+    }
+    # Rows of numbers on one line each, however long.
+    write_whole(
+        path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=math.inf)
+    )
 
 
-def _matrix(name: str, rows: int, data: tuple[float, ...]) -> tuple[str, ...]:
-    numbers = ', '.join(f'{float(value)!r}' for value in data)
-    return f'{name}:', f'  rows: {rows}', f'  cols: {len(data) // rows}', f'  data: [{numbers}]'
+def _matrix(rows: int, data: Sequence[float]) -> dict[str, object]:
+    return {'rows': rows, 'cols': len(data) // rows, 'data': [*map(float, data)]}
 
 
 def _path(url: str) -> Path:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -14,7 +13,7 @@ from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, start_of
+from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, natural_key, start_of
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import ImageError
 
@@ -30,7 +29,7 @@ class ImageFolder(FrameSource):
         self.name = f'images {words(name)}'
         self.rate: float | None = rate or DEFAULT_RATE
         self.account = Account(self.name)
-        self._files = sorted((file for file in files if is_image_file(file)), key=_natural_order)
+        self._files = sorted((file for file in files if is_image_file(file)), key=natural_key)
         self.count: int | None = len(self._files)
 
     def frames(self) -> Iterator[Frame | BadFrame]:
@@ -57,12 +56,6 @@ def is_image_file(file: Path) -> bool:
         return file.is_file()
     # Not by cv2.haveImageReader, which a name that is not UTF-8 crashes.
     return not suffix and is_image_start(start_of(file))
-
-
-def _natural_order(file: Path) -> list[tuple[int, str]]:
-    """Sort key: image_2 before image_10."""
-    parts = re.split(r'(\d+)', file.name)
-    return [(int(p), '') if p.isdigit() else (0, p) for p in parts]
 
 
 DEFAULT_RATE = 30.0

@@ -13,7 +13,8 @@ import yaml
 
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.parameters.video_source import VideoSourceParameters
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_bag_file
 from mvuav_ros.recordings.remote import fetch, is_url
 from mvuav_ros.simulation.pinhole import PinholeCamera
@@ -22,9 +23,8 @@ from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
 from mvuav_ros.sources.source import FrameSource, SourceError
-from mvuav_ros.sources.v4l2_camera import Camera, CameraSettings
+from mvuav_ros.sources.v4l2_camera import Camera
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.rig import RigError
 
 
 def open_source(
@@ -33,7 +33,7 @@ def open_source(
     topic: str | None = None,
     rate: float | None = None,
     cameras: bool = True,
-    camera: CameraSettings | None = None,
+    camera: VideoSourceParameters | None = None,
 ) -> FrameSource:
     """Open whatever ``text`` names.
 
@@ -90,9 +90,9 @@ def _remote(url: str, topic: str | None, rate: float | None) -> FrameSource:
     try:
         path = fetch(url, Path(folder.name))
         source = open_source(str(path), topic=topic, rate=rate, cameras=False)
-    except RecordingError as error:
+    except SourceError:
         folder.cleanup()
-        raise SourceError(str(error)) from error
+        raise
     weakref.finalize(source, folder.cleanup)
     return source
 
@@ -175,7 +175,7 @@ def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFli
             return TankerFlight(TankerSettings.from_mapping(given))
         if kind == 'runway':
             return RunwayFlight(RunwaySettings.from_mapping(given))
-    except (ParameterError, RigError) as error:
+    except ParameterError as error:
         raise SourceError(f'{PREFIX}{kind}: {error}') from error
     raise SourceError(f'{PREFIX}{kind}: there are sim:tanker and sim:runway')
 

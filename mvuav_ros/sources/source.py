@@ -7,15 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from mvuav_ros.messages.images import BadFrame, Frame
-from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.account import Account
-
-
-class SourceError(Exception):
-    """A source that cannot be opened or read, with what the user can do about it; one line."""
-
-    def __init__(self, text: object) -> None:
-        super().__init__(words(text, MAX_LINE))
+from mvuav_ros.recordings.account import SourceError as SourceError
 
 
 class FrameSource(Protocol):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import cv2
 
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
+from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import Image
@@ -22,19 +22,7 @@ _CONTROLS = {
     'exposure_time_absolute': cv2.CAP_PROP_EXPOSURE,
     'gain': cv2.CAP_PROP_GAIN,
 }
-"""Of `CameraSettings`, which are asked for where they are above their defaults."""
-
-
-@dataclass(frozen=True)
-class CameraSettings:
-    """What a camera is asked for; a field's default leaves the camera as it is."""
-
-    width: int = 0  # px
-    height: int = 0  # px
-    fps: float = 0.0  # frames per second
-    pixel_format: str = ''  # V4L2's four letters, such as YUYV, MJPG or GREY
-    exposure_time_absolute: int = 0  # V4L2's control, 100 µs
-    gain: int = -1  # V4L2's control, in the driver's own unit; negative: as it is
+"""Parameters, which are asked for where they are above their defaults."""
 
 
 class Camera(FrameSource):
@@ -43,12 +31,12 @@ class Camera(FrameSource):
     live = True
     count: int | None = None
 
-    def __init__(self, device: int | str, settings: CameraSettings | None = None) -> None:
-        """Name the camera; it is opened when frames are read."""
+    def __init__(self, device: int | str, settings: VideoSourceParameters | None = None) -> None:
+        """Name the camera, and what it is asked for; it is opened when frames are read."""
         self.name = f'camera {device}'
         self.account = Account(self.name)
         self._device = device
-        self._settings = settings or CameraSettings()
+        self._settings = settings or VideoSourceParameters()
         self.rate: float | None = self._settings.fps or None
         self._capture: cv2.VideoCapture | None = None
 
@@ -85,17 +73,19 @@ class Camera(FrameSource):
         asked = [
             (name, number, value)
             for name, number in _CONTROLS.items()
-            if (value := getattr(wanted, name)) > getattr(CameraSettings, name)
+            if (value := getattr(wanted, name)) > getattr(VideoSourceParameters, name)
         ]
         if wanted.pixel_format:
             # First, as the sizes and rates that there are depend on it.
-            capture.set(cv2.CAP_PROP_FOURCC, _fourcc(wanted.pixel_format))
+            letters = wanted.pixel_format.ljust(4)
+            capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*letters))
         for name, number, value in asked:
             if name == 'exposure_time_absolute':
                 capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
             capture.set(number, value)
         differences = []
-        got = _letters(int(capture.get(cv2.CAP_PROP_FOURCC)))
+        code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
+        got = code.to_bytes(4, 'little').decode('latin-1').strip('\0 ')
         if wanted.pixel_format and got != wanted.pixel_format:
             differences.append(f'pixel_format is {got}, not {wanted.pixel_format}')
         for name, number, value in asked:
@@ -107,11 +97,3 @@ class Camera(FrameSource):
                 f'{self.name}: {", ".join(differences)}; v4l2-ctl --list-formats-ext and '
                 '--list-ctrls show what it offers'
             )
-
-
-def _fourcc(letters: str) -> int:
-    return sum(ord(letter) << 8 * place for place, letter in enumerate(letters.ljust(4)))
-
-
-def _letters(fourcc: int) -> str:
-    return ''.join(chr(fourcc >> 8 * place & 0xFF) for place in range(4)).strip('\0 ')

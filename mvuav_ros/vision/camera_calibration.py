@@ -199,10 +199,12 @@ class _Fit:
             total += float((residuals * residuals).sum())
         return total if math.isfinite(total) else math.inf
 
-    def stepped(self, views: Sequence[BoardView], damping: float) -> _Fit:
-        """After a part of Gauss and Newton's step of the camera and all poses."""
+    def eliminated(
+        self, views: Sequence[BoardView]
+    ) -> tuple[Array, Array, list[tuple[Array, Array]]]:
+        """Normal equations of the camera alone; each pose's own step, and how it follows."""
         count = 4 + self.lens.coefficients
-        information, gradient, eliminated = np.zeros((count, count)), np.zeros(count), []
+        information, gradient, poses = np.zeros((count, count)), np.zeros(count), []
         for view, pose in zip(views, self.poses, strict=True):
             seen, by_pose, by_camera = self.project(view.points, pose)
             residuals = (view.pixels - seen).ravel()
@@ -210,7 +212,12 @@ class _Fit:
             rest = by_camera - by_pose @ (inverse @ by_camera)
             information += rest.T @ rest
             gradient += rest.T @ residuals
-            eliminated.append((inverse @ residuals, inverse @ by_camera))
+            poses.append((inverse @ residuals, inverse @ by_camera))
+        return information, gradient, poses
+
+    def stepped(self, views: Sequence[BoardView], damping: float) -> _Fit:
+        """After a part of Gauss and Newton's step of the camera and all poses."""
+        information, gradient, eliminated = self.eliminated(views)
         step = damping * np.linalg.lstsq(information, gradient, rcond=1e-14)[0]
         matrix = self.matrix.copy()
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
@@ -222,24 +229,16 @@ class _Fit:
 
     def deviations(self, views: Sequence[BoardView]) -> Array:
         """Standard deviations of the matrix and the coefficients, (4 + all coefficients,)."""
-        count = 4 + self.lens.coefficients
-        information, squares, left = np.zeros((count, count)), 0.0, -count
-        for view, pose in zip(views, self.poses, strict=True):
-            seen, by_pose, by_camera = self.project(view.points, pose)
-            residuals = view.pixels - seen
-            squares += float((residuals * residuals).sum())
-            left += residuals.size - 6
-            # What remains of the camera's derivatives where the pose follows.
-            rest = by_camera - by_pose @ np.linalg.lstsq(by_pose, by_camera, rcond=None)[0]
-            information += rest.T @ rest
+        information = self.eliminated(views)[0]
+        left = sum(view.pixels.size - 6 for view in views) - len(information)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         # What the views do not determine at all is to come out as unknown, not as zero.
         values, axes = np.linalg.eigh(information / np.outer(scale, scale))
         spread = ((axes / np.sqrt(np.maximum(values, 1e-15))) ** 2).sum(axis=1)
-        noise = max(squares / max(left, 1), TUNING.least_noise**2)
+        noise = max(self.squares(views) / max(left, 1), TUNING.least_noise**2)
         variances = spread / scale**2 * noise
         deviations = np.sqrt(np.maximum(variances, 0.0))
-        return np.append(deviations, np.zeros(4 + len(self.d) - count))
+        return np.append(deviations, np.zeros(4 + len(self.d) - len(information)))
 
 
 def _fit(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> _Fit:

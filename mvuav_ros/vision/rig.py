@@ -135,7 +135,7 @@ def load_rig(path: str | Path) -> MarkerRig:
     """
     try:
         text = Path(path).expanduser().read_text(encoding='utf-8')
-        content = _Loader(text).get_single_data()
+        return parse_rig(_Loader(text).get_single_data(), Path(path).stem)
     except OSError as error:
         raise RigError(f'{path}: {error.strerror}') from error
     except RigError as error:
@@ -143,10 +143,6 @@ def load_rig(path: str | Path) -> MarkerRig:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         reason = ' '.join(str(error).split())
         raise RigError(f'{path} is not YAML: {reason}') from error
-    try:
-        return parse_rig(content, Path(path).stem)
-    except RigError as error:
-        raise RigError(f'{path}: {error}') from error
 
 
 def parse_rig(content: object, name: str = 'body') -> MarkerRig:

@@ -373,7 +373,9 @@ class _Bundle:
         """Positions, covariance and the scale's deviation, in the rough rig's frame."""
         variance = self.noise() ** 2
         self._step()
-        rest = _complement(_gauge(self.points))
+        gauge = _gauge(self.points)
+        # An orthonormal basis of what is perpendicular to it.
+        rest = np.linalg.qr(gauge, mode='complete')[0][:, gauge.shape[1] :]
         inner = np.linalg.pinv(rest.T @ self._information @ rest, rcond=1e-14, hermitian=True)
         covariance = variance * rest @ inner @ rest.T
         turn, scale = _alignment(self.points, rough)
@@ -421,11 +423,6 @@ def _gauge(points: Array) -> Array:
     columns += [np.cross(axis, apart).ravel() for axis in np.eye(3)]
     columns.append(apart.ravel())
     return np.linalg.qr(np.column_stack(columns))[0]
-
-
-def _complement(basis: Array) -> Array:
-    """An orthonormal basis of what is perpendicular to an orthonormal one (n, k): (n, n - k)."""
-    return np.linalg.qr(basis, mode='complete')[0][:, basis.shape[1] :]
 
 
 def _alignment(points: Array, onto: Array) -> tuple[Array, float]:

@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations, product
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
-from mvuav_ros.vision.reprojection import Reprojection, rotation_of
+from mvuav_ros.vision.reprojection import Reprojection, projection_derivatives, rotation_of
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
@@ -148,7 +147,6 @@ TILTS_DEG = (-30.0, 0.0, 30.0)  # Pitch and yaw, each, of the views that are tri
 _MIN_AHEAD = math.cos(math.radians(60.0))
 """A pose whose x axis is turned away further is not one seen from behind, and no confusion."""
 _MAX_MARKERS = 8  # Of a rig of which more than two names are exchanged at once
-_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -183,25 +181,12 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
         noise: of a marker's place, px per axis (1 sigma).
     """
     points = rig.positions - rig.positions.mean(axis=0)
-    rotation, translation = OPTICAL_FROM_BODY, np.array((0.0, 0.0, distance))
-    columns = []
-    for index in range(6):
-        step = np.zeros(6)
-        step[index] = _STEP
-        sides = [
-            _project(
-                points,
-                rotation_of(sign * step[3:]) @ rotation,
-                translation + sign * step[:3],
-                camera,
-            )
-            for sign in (1.0, -1.0)
-        ]
-        columns.append((sides[0] - sides[1]).ravel() / (2 * _STEP))
-    jacobian = np.stack(columns, axis=-1)
+    seen, *slopes = projection_derivatives(
+        camera, points, OPTICAL_FROM_BODY, np.array((0.0, 0.0, distance)), about=(0.0, 0.0, 0.0)
+    )
+    jacobian = np.concatenate(slopes, axis=-1).reshape(-1, 6)
     deviation = noise * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
     x, y, z, pitch, yaw, roll = deviation.tolist()
-    seen = _project(points, rotation, translation, camera)
     span = float(np.linalg.norm(seen[:, None] - seen, axis=2).max())
     tilt = math.degrees(max(pitch, yaw))
     return PoseError(distance, span, z, max(x, y), math.degrees(roll), tilt)
@@ -216,11 +201,11 @@ def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Con
         distance: to the middle of the markers, m.
     """
     points = rig.positions - rig.positions.mean(axis=0)
-    translation = np.array((0.0, 0.0, distance))
     views = []
     for pitch, yaw in product(TILTS_DEG, TILTS_DEG):
-        turn = rotation_of(np.radians((pitch, yaw, 0.0)))
-        views.append((_project(points, turn @ OPTICAL_FROM_BODY, translation, camera), pitch, yaw))
+        turned = rotation_of(np.radians((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
+        seen = camera.project(points @ turned.T + (0.0, 0.0, distance))
+        views.append((seen, pitch, yaw))
     found = []
     for order in _exchanges(len(points)):
         residual, pitch, yaw = min(
@@ -260,7 +245,3 @@ def _least_residual(points: Array, seen: Array, camera: CameraModel) -> float:
         if solution is not None and solution.rotation[2, 0] >= _MIN_AHEAD:
             least = min(least, math.sqrt(solution.squares / len(points)))
     return least
-
-
-def _project(points: Array, rotation: Array, translation: Array, camera: CameraModel) -> Array:
-    return camera.project(points, cv2.Rodrigues(rotation)[0], translation)

@@ -29,7 +29,7 @@ def test_amber(bags: Path) -> None:
             (640, 480, 'rgb8')
         }
         # metadata.yaml is that of thirteen files, of which one is there.
-        missing, unlisted = recording.errors
+        missing, unlisted = recording.account.errors
         assert missing.startswith('12 of the 13 files that metadata.yaml lists are missing')
         assert 'not listed in metadata.yaml, not read' in unlisted
     for path in folder.glob('*.mcap'):

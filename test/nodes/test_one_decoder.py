@@ -18,7 +18,7 @@ from mvuav_ros.messages.images import (
 from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.nodes.image_input import ReceivedImage
 from mvuav_ros.nodes.publishing import FrameDecoder
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.sources.bag import EncodedFrame, stamp_ns_of_image
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 

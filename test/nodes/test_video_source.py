@@ -179,7 +179,7 @@ BREAKING = """
 import sys
 from mvuav_ros.nodes import running, video_source
 def broken(self, frame): raise ZeroDivisionError('what nobody thought of')
-video_source.VideoSource._publish = broken
+video_source.VideoSource.publish = broken
 sys.argv[1:] = ['--ros-args', '-p', 'wait_for_subscribers:=0', '-p', f'source:={sys.argv[1]}']
 running.video_source()
 """

@@ -31,7 +31,7 @@ CUTS = 60
 
 def read(path: Path) -> tuple[list[Sample], list[str]]:
     with open_recording(path) as recording:
-        return [Sample(*message[:4]) for message in recording.messages()], recording.errors
+        return [Sample(*message[:4]) for message in recording.messages()], recording.account.errors
 
 
 def assert_cuts_are_survived(path: Path, ends: list[int], cut_path: Path) -> None:
@@ -243,7 +243,7 @@ def test_missing_and_damaged_metadata(tmp_path: Path) -> None:
         # Nothing is lost by it.
         assert read(folder) == (SAMPLES, [])
         with open_recording(folder) as recording:
-            assert recording.warnings == [words]
+            assert recording.account.warnings == [words]
         (folder / 'metadata.yaml').unlink(missing_ok=True)
 
 

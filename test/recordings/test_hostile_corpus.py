@@ -128,7 +128,7 @@ def test_data_decide_against_the_index(make: Callable[[Path], Known], tmp_path: 
     assert topics(path) == {TOPIC: 20}
     with open_recording(path) as recording:
         assert [topic.name for topic in recording.topics] == [TOPIC]
-        assert any('/forged' in note for note in recording.warnings)
+        assert any('/forged' in note for note in recording.account.warnings)
 
 
 def test_times_of_chunks_that_lie_hide_nothing(tmp_path: Path) -> None:

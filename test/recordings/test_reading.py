@@ -45,7 +45,7 @@ def assert_whole(path: Path, samples: list[Sample]) -> None:
     with open_recording(path) as recording:
         assert contents(recording) == samples
         assert contents(recording) == samples  # a second pass gives the same
-        assert recording.errors == []
+        assert recording.account.errors == []
         assert recording.skipped == ()
         for topic in recording.topics:
             same = [sample for sample in samples if sample.topic == topic.name]
@@ -122,8 +122,8 @@ def test_split_recording(tmp_path: Path, storage: str, compression: str, listed:
     with open_recording(folder) as recording:
         assert contents(recording) == samples
         assert recording.topics[0].message_count == 33
-        assert recording.errors == []
-        assert bool(recording.warnings) != listed
+        assert recording.account.errors == []
+        assert bool(recording.account.warnings) != listed
 
 
 def test_time_range_and_topics(tmp_path: Path) -> None:
@@ -142,17 +142,17 @@ def test_time_range_and_topics(tmp_path: Path) -> None:
             assert contents(recording, start_ns=first, end_ns=last) == within
             notes = [Sample(*m[:4]) for m in recording.messages({'/note'})]
             assert notes == [s for s in SAMPLES if s.topic == '/note']
-            assert recording.errors == []
+            assert recording.account.errors == []
 
 
 def test_channels_that_are_not_cdr_are_skipped_and_named(tmp_path: Path) -> None:
     samples = [*SAMPLES[:3], Sample('/web', 'std_msgs/msg/String', START_NS, b'{"data": 1}')]
     path = write_mcap(tmp_path / 'a.mcap', samples, encodings={'/web': 'json'})
     with open_recording(path) as recording:
-        assert recording.skipped == (('/web', 'json'),)
+        assert [(each.name, each.encoding) for each in recording.skipped] == [('/web', 'json')]
         assert [topic.name for topic in recording.topics] == [TOPIC]
         assert contents(recording) == samples[:3]
-        assert recording.errors == []
+        assert recording.account.errors == []
 
 
 def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:

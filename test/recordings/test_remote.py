@@ -17,11 +17,11 @@ from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.remote import (
     fetch,
+    fingerprint,
     is_url,
     local_copy,
     local_output,
     read_text,
-    remote_state,
     size_at,
     write_text,
 )
@@ -48,10 +48,10 @@ def test_s3(s3: str, tmp_path: Path) -> None:
         assert len(list(open_source(f'{s3}/{name}').frames())) == COUNT
         info = mvuav('info', f'{s3}/{name}')
         assert (info.status, f'{COUNT} messages' in info.out) == (0, True)
-    before = remote_state(f'{s3}/day/a.mcap')
-    assert before == remote_state(f'{s3}/day/a.mcap')
+    before = fingerprint(f'{s3}/day/a.mcap')
+    assert before == fingerprint(f'{s3}/day/a.mcap')
     system.put(str(write_mcap(path, image_samples(COUNT + 1))), 'flights/day/a.mcap')
-    assert before != remote_state(f'{s3}/day/a.mcap')
+    assert before != fingerprint(f'{s3}/day/a.mcap')
     with pytest.raises(SourceError, match='cannot be read'):
         open_source(f'{s3}/missing.mcap')
 
@@ -116,7 +116,7 @@ def test_repair_and_export_from_s3_to_s3(s3: str, tmp_path: Path) -> None:
             assert (run.status, f'{s3}/damaged/{name}: {COUNT} messages' in run.out) == (0, True)
         assert 'exists' in mvuav('repair', damaged, '-o', f'{s3}/damaged/{name}', *more).error
         with local_copy(f'{s3}/damaged/{name}') as path, open_recording(path) as recording:
-            assert (len(list(recording.messages())), recording.errors) == (COUNT, [])
+            assert (len(list(recording.messages())), recording.account.errors) == (COUNT, [])
     results = f'{s3}/damaged/results.mcap'
     replayed = mvuav('replay', f'{s3}/damaged/out', '-o', results, '--nodes', 'marker_tracker')
     assert replayed.status == 0

@@ -23,7 +23,7 @@ SAMPLES = sorted(
 def read(path: Path) -> list[Sample]:
     with open_recording(path) as recording:
         messages = [Sample(*message[:4]) for message in recording.messages()]
-        assert recording.errors == []
+        assert recording.account.errors == []
         return messages
 
 

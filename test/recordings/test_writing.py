@@ -47,7 +47,7 @@ def write(path: Path, samples: list[Sample]) -> None:
 
 def read(path: Path) -> tuple[list[Sample], list[str]]:
     with open_recording(path) as recording:
-        return [Sample(*message[:4]) for message in recording.messages()], recording.errors
+        return [Sample(*message[:4]) for message in recording.messages()], recording.account.errors
 
 
 def test_read_back_by_everyone(tmp_path: Path) -> None:

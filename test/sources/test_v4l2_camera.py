@@ -7,7 +7,7 @@ import pytest
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.sources.source import SourceError
-from mvuav_ros.sources.v4l2_camera import Camera, CameraSettings
+from mvuav_ros.sources.v4l2_camera import Camera
 
 
 def fourcc(text):
@@ -69,7 +69,7 @@ def driver(monkeypatch):
 
 
 def first(**settings):
-    return next(Camera(0, CameraSettings(**settings)).frames())
+    return next(Camera(0, VideoSourceParameters(**settings)).frames())
 
 
 def test_nothing_is_asked_for_by_default():
@@ -82,7 +82,7 @@ def test_nothing_is_asked_for_by_default():
 def test_settings_are_made_in_an_order_that_drivers_take():
     camera = Camera(
         0,
-        CameraSettings(
+        VideoSourceParameters(
             width=1280, height=720, fps=30.0, pixel_format='MJPG', exposure_time_absolute=80
         ),
     )

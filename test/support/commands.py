@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from mvuav_ros.cli.app import main
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.recordings.writing import RecordingWriter
 from support.places import ROOT
 from support.recording_samples import START_NS, STEP_NS, cdr, image
@@ -84,7 +84,7 @@ def read(path: Path) -> list[RecordedMessage]:
     """Every message of a recording that must be whole."""
     with open_recording(path) as recording:
         messages = list(recording.messages())
-        assert recording.errors == []
+        assert recording.account.errors == []
     return messages
 
 

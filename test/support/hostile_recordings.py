@@ -173,7 +173,7 @@ def _mcap(path: Path, chunks: list[list[object]], times: tuple[int, int] | None 
                 chunk.define(record)
         if times is not None:
             chunk.start_ns, chunk.end_ns = times
-        content += chunk.encode(len(content)).data
+        content += chunk.encode(len(content))[0]
     path.write_bytes(content)
     return path
 

@@ -34,7 +34,7 @@ def results(path: Path) -> tuple[list[int], list[str]]:
     """The stamps of the results, and what cannot be read."""
     with open_recording(path) as recording:
         stamps = [message.stamp_ns for message in recording.messages({MARKERS})]
-        return stamps, recording.errors
+        return stamps, recording.account.errors
 
 
 def start(*arguments: object) -> subprocess.Popen[str]:

@@ -97,13 +97,13 @@ def main(first: int, last: int) -> None:
     """Print the number saved of each kind, summed over the seeds, as JSON."""
     from mvuav_ros.recordings.account import RecordingError
     from mvuav_ros.recordings.reading import open_recording
-    from mvuav_ros.recordings.summary import summarise_recording
+    from mvuav_ros.recordings.summary import summarise
 
     def read(path: Path) -> set[tuple[str, int, bytes]]:
         try:
             with open_recording(path) as recording:
                 found = {(m.topic, m.stamp_ns, bytes(m.data)) for m in recording.messages()}
-                summarise_recording(recording)
+                summarise(path)
                 return found
         except RecordingError as error:
             assert '\n' not in str(error)

@@ -12,12 +12,11 @@ from doc_pictures.style import image_row, save
 from mvuav_ros import MarkerTracker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.opening import camera_model, make_flight
-from mvuav_ros.vision.markers.drawing import draw_markers
+from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.lights import Blobs
 from mvuav_ros.vision.markers.results import MarkerResult
 from mvuav_ros.vision.point_operations import threshold
 from mvuav_ros.vision.pose import PoseEstimator
-from mvuav_ros.vision.pose_drawing import draw_pose
 
 _FLIGHT = {'frames': 16, 'fps': 15, 'motion': 'roll_translation', 'background': 'sky', 'glares': 2}
 _CROP = slice(0, 450)

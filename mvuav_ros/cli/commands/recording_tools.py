@@ -200,8 +200,8 @@ def export(
     force: Force = False,
 ) -> dict[str, Any]:
     """Write markers, roll, poses and lines of all flights, one file for each topic."""
-    from mvuav_ros.recordings.exporting import export as write
     from mvuav_ros.recordings.layout import by_flight, recordings_in
+    from mvuav_ros.recordings.tables import export as write
 
     named = by_flight([each for source in sources for each in recordings_in(source)])
     refuse_to_overwrite(output, force)

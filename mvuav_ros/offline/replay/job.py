@@ -22,9 +22,9 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.remote import fingerprint, is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
+from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
 from mvuav_ros.sources.bag import BagImages, EncodedFrame
 from mvuav_ros.sources.opening import looks_like_bag, open_source
@@ -505,7 +505,7 @@ def attempt(job: ReplayJob, progress: Progress, stop: Stop, threads: int = 1) ->
     outcome = ReplayOutcome(job.source, job.output)
     try:
         run_job(job, outcome, progress, stop, threads)
-    except (SourceError, RecordingError, ParameterError, OSError) as error:
+    except (SourceError, ParameterError, OSError) as error:
         outcome.failure = ' '.join(str(error).split())
     except Exception as error:
         # A defect of ours costs one recording and not all the others.

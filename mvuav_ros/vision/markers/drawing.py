@@ -1,4 +1,4 @@
-"""The frame with what was found drawn on it: labelled markers, predictions, search windows."""
+"""The frame with what was found drawn on it: markers, predictions, search windows, a pose."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.pose import Pose
+from mvuav_ros.vision.rig import MarkerRig
 
 Color = tuple[int, int, int]
 
@@ -90,3 +93,30 @@ def _write(canvas: NDArray[np.uint8], text: str, size: int) -> None:
     for color, shift in ((BLACK, 1), (WHITE, 0)):
         place = (2 * size + shift, 3 * size + shift)
         cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 1, cv2.LINE_AA)
+
+
+_AXIS_PART = 0.4
+"""Length of an axis, in reaches of the body."""
+_NEAREST = 0.1
+_SHIFT = 4
+
+
+def draw_pose(image: NDArray[np.uint8], pose: Pose, camera: CameraModel, rig: MarkerRig) -> None:
+    """Draw the axes at the body's dock point, and a cross at each light's reprojection.
+
+    Red is x forward, green y left, blue z up. The image (height, width, 3), blue first, is drawn
+    on.
+    """
+    origin = np.array(rig.dock)
+    length = _AXIS_PART * rig.reach
+    tips = origin + length * np.eye(3)
+    points = np.vstack((origin, tips)) @ pose.rotation.T + pose.translation
+    if points[:, 2].min() > _NEAREST:
+        pixels = camera.project(points)
+        if np.abs(pixels).max() < 2.0**20:
+            start, *ends = (np.round(pixels * 2**_SHIFT)).astype(int).tolist()
+            for end, color in zip(ends, (RED, GREEN, BLUE), strict=True):
+                cv2.line(image, start, end, color, 2, cv2.LINE_AA, _SHIFT)
+    for x, y in pose.reprojections.tolist():
+        if abs(x) < 2**20 and abs(y) < 2**20:
+            cv2.drawMarker(image, (round(x), round(y)), WHITE, cv2.MARKER_TILTED_CROSS, 7, 1)

@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.offline.replay.job import DEFECT, FrameResults, replay
 from mvuav_ros.processing.processor import Output, Processor, resolve
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.vision.image import Image
 
 

@@ -27,7 +27,7 @@ from support.recording_samples import image_samples, write_mcap, write_rosbag2
 from mvuav_ros.offline.replay.batch import Event, plan
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 from mvuav_ros.offline.stopping import Stop
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.stored_file import RecordedMessage
 
 NODE = ('--nodes', 'marker_tracker')
 

@@ -25,7 +25,7 @@ from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings import tables
 from mvuav_ros.recordings import tables as result_rows
 from mvuav_ros.recordings.account import RecordingError
-from mvuav_ros.recordings.exporting import export as export_flights
+from mvuav_ros.recordings.tables import export as export_flights
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult
