@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mvuav_ros.processing.tracking import draw, track
     from mvuav_ros.sources.calibration import load_calibration
     from mvuav_ros.sources.opening import open_source
-    from mvuav_ros.vision.approach.detector import ApproachDetector
+    from mvuav_ros.vision.approach.approach_detector import ApproachDetector
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.image import Image
     from mvuav_ros.vision.markers.tracker import MarkerTracker
@@ -51,7 +51,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    'ApproachDetector': 'vision.approach.detector',
+    'ApproachDetector': 'vision.approach.approach_detector',
     'CameraModel': 'vision.camera',
     'Image': 'vision.image',
     'MarkerRig': 'vision.rig',

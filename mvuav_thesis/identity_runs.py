@@ -10,7 +10,7 @@ from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import MarkerTruth, TankerFlight
-from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 NAMED_WRONG = 4.0

@@ -16,7 +16,7 @@ from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.frames import Matrix, Vector
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.reprojection import MIN_MARKERS

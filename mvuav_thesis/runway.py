@@ -26,7 +26,7 @@ from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway_flight import LineTruth, RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.normal_form import NormalForm

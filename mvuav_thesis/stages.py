@@ -22,7 +22,7 @@ from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.detection import bright_pixels, group_pixels, label_five
 from mvuav_ros.vision.markers.lights import area_fits
-from mvuav_ros.vision.markers.results import TANKER_LABELS, Cluster, Window
+from mvuav_ros.vision.markers.marker_results import TANKER_LABELS, Cluster, Window
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, Motion, measure_window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold

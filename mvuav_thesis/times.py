@@ -23,7 +23,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis import known

@@ -157,7 +157,7 @@ def _follow(rig: Any, camera: Any, frames: Iterator[Any]) -> dict[str, Any]:
     from support.marker_scores import FlightScore
 
     from mvuav_ros.vision.image import Image
-    from mvuav_ros.vision.markers.results import MarkerState
+    from mvuav_ros.vision.markers.marker_results import MarkerState
     from mvuav_ros.vision.markers.tracker import MarkerTracker
     from mvuav_ros.vision.pose import PoseEstimator
 

@@ -27,8 +27,8 @@ from mvuav_ros.offline.evaluation.corners import LabelledFrame, read_corners
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.detector import ApproachDetector
-from mvuav_ros.vision.approach.results import ApproachResult
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.integrity import runway_levels
 

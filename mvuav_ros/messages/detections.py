@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from mvuav_ros.messages.cdr import CdrWriter, without_encapsulation
-from mvuav_ros.vision.approach.results import ApproachResult
+from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.frames import quaternion
-from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerResult, MarkerState
 from mvuav_ros.vision.pose import Pose
 from mvuav_ros.vision.rig import MarkerRig
 

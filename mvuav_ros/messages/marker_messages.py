@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mvuav_ros.messages.cdr import PointLayout, stamped_doubles
-from mvuav_ros.vision.markers.results import Marker, MarkerResult
+from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult
 from mvuav_ros.vision.pose import Pose
 
 _PLACE = [(name, np.float32) for name in ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area')]

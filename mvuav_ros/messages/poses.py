@@ -29,7 +29,7 @@ from mvuav_ros.messages.cdr import (
     texts,
     without_encapsulation,
 )
-from mvuav_ros.vision.approach.results import Guidance
+from mvuav_ros.vision.approach.approach_results import Guidance
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_quaternion, from_rpy, quaternion
 from mvuav_ros.vision.integrity import (
     IntegrityState,

@@ -16,8 +16,8 @@ from mvuav_ros.messages.cdr import (
     stamped_doubles,
     texts,
 )
+from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance, Point
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
-from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.runway.debug_images import line_color
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult

@@ -204,7 +204,7 @@ def nodes_of(names: Sequence[str]) -> Callable[[], list[ManagedNode]]:
     chosen = [detector for name, detector in DETECTORS.items() if name in names]
     processors = [load_class(detector.processor) for detector in chosen]
     if handed_over:
-        from mvuav_ros.nodes.video_source import VideoSource
+        from mvuav_ros.nodes.video_source_node import VideoSource
 
     def make() -> list[ManagedNode]:
         detectors = [VisionNode(each(), handed_over=handed_over) for each in processors]

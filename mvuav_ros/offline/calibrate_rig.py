@@ -16,7 +16,7 @@ from mvuav_ros.sources.bag import BagImages
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import ImageError
-from mvuav_ros.vision.markers.results import Label, MarkerState
+from mvuav_ros.vision.markers.marker_results import Label, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import MarkerRig, Point
 from mvuav_ros.vision.rig_calibration import (

@@ -21,7 +21,7 @@ from mvuav_ros.simulation.runway_flight import RunwayTruth, measured_attitude
 from mvuav_ros.simulation.tanker_flight import TankerTruth
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, Vector, quaternion
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 
 Message = tuple[str, str, bytes]
 """Topic, type and CDR."""

@@ -29,7 +29,7 @@ from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.processor import Chart
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_unit_quaternion, rpy
-from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerState
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag
 
 TOPICS: dict[str, dict[str, type]] = {

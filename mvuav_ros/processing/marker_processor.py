@@ -23,7 +23,7 @@ from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import IntegrityBudget, ProtectionLevels, protection_levels
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
-from mvuav_ros.vision.markers.results import (
+from mvuav_ros.vision.markers.marker_results import (
     TANKER_NAMES,
     Label,
     MarkerResult,

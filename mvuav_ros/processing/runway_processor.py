@@ -26,9 +26,9 @@ from mvuav_ros.messages.runway_messages import (
 )
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
-from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance
 from mvuav_ros.vision.approach.overlay import draw_approach
-from mvuav_ros.vision.approach.results import ApproachResult, Guidance
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import RunwayLevels, runway_levels

@@ -15,12 +15,12 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource
+from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.overlay import draw_approach
-from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
-from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, named_places
+from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, named_places
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.pose import Pose, PoseEstimator

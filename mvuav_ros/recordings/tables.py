@@ -30,7 +30,7 @@ from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_text
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_unit_quaternion, rpy
-from mvuav_ros.vision.markers.results import TANKER_NAMES, MarkerState
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
 from mvuav_ros.vision.runway.results import LineRole
 
 Row = tuple[int | float | str, ...]

@@ -31,7 +31,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE
+from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.reprojection import projection_derivatives
 from mvuav_ros.vision.rig import MarkerRig

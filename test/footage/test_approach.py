@@ -14,7 +14,7 @@ from mvuav_ros.offline.evaluation.corners import (
     run_detector,
 )
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.results import LineRole
 

@@ -29,7 +29,7 @@ from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import TANKER_NAMES
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES
 
 # Of every length that the alignment to eight bytes tells apart.
 FRAME_IDS = ['', 'c', 'ca', 'cam', 'nose', 'left1', 'Kamera µ', 'a/b/opt', 'camera_1']

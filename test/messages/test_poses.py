@@ -28,7 +28,7 @@ from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, about_x, about_y, about_z
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.pose import Pose
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)

@@ -19,7 +19,7 @@ from mvuav_ros.offline.plots import Curves, collect, page
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import parse_rig
 

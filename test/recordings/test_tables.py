@@ -28,7 +28,7 @@ from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.tables import export as export_flights
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerResult
+from mvuav_ros.vision.markers.marker_results import MarkerResult
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 STAMP_NS = 1_700_000_000_123_456_789

@@ -8,7 +8,7 @@ from support.image_measuring import weighted_centroid
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.simulation.settings import BACKGROUNDS, TANKER_MOTIONS, TRIALS, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.vision.markers.results import Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis import identity_runs
 from mvuav_thesis.beyond import identity_table, pose_table

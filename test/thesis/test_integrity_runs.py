@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.results import MarkerResult
+from mvuav_ros.vision.markers.marker_results import MarkerResult
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis import integrity_runs
 from mvuav_thesis.beyond import integrity_claims, integrity_table

@@ -6,7 +6,7 @@ import pytest
 from mvuav_ros.offline.evaluation.metrics import distance_rms, rms
 from mvuav_ros.simulation.settings import TRIALS, TankerSettings
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis import known
 from mvuav_thesis.comparison import Compared

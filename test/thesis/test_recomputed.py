@@ -8,7 +8,7 @@ import pytest
 
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
-from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_thesis import known
 from mvuav_thesis.plan import RUNS, Plan

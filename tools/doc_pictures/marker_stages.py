@@ -14,7 +14,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.opening import camera_model, make_flight
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.lights import Blobs
-from mvuav_ros.vision.markers.results import MarkerResult
+from mvuav_ros.vision.markers.marker_results import MarkerResult
 from mvuav_ros.vision.point_operations import threshold
 from mvuav_ros.vision.pose import PoseEstimator
 

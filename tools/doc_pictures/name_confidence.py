@@ -9,7 +9,7 @@ import numpy as np
 
 from doc_pictures.style import BLUE, GRAY, GREEN, INK, ORANGE, save
 from mvuav_ros import track
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 
 _FLIGHT = (
     'sim:tanker?motion=erratic&frames=240&seed=4&glares=3'

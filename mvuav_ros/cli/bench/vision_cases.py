@@ -20,11 +20,11 @@ from mvuav_ros.simulation.flight import Flight
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
-from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerResult, MarkerState, Window
+from mvuav_ros.vision.markers.marker_results import MarkerResult, MarkerState, Window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747

@@ -20,7 +20,7 @@ from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.images import decode_image
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.vision.markers.results import TANKER_NAMES, MarkerState
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag, LineRole
 
 mpl.use('Agg')

@@ -20,7 +20,7 @@ from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.sources.source import SourceError
-from mvuav_ros.vision.markers.results import Label, MarkerState
+from mvuav_ros.vision.markers.marker_results import Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag, LineRole
 
 _INPUTS = ('image_raw', 'camera_info')

@@ -26,7 +26,7 @@ from mvuav_ros.offline.evaluation.metrics import (
 )
 from mvuav_ros.offline.report import Cell, Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import COLORS, TRUTH, drawing, label, legend_below, line_of
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 
 
 def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:

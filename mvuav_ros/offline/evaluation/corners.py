@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.attitude import HorizonLine
-from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.overlay import draw_approach
-from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.normal_form import NormalForm

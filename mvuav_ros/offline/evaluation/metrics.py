@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.results import LineFlag, LineRole, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics

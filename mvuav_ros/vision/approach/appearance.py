@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.edges import Strips
 from mvuav_ros.vision.approach.evidence import MIRROR, UNIT, EvidenceMap, in_common
+from mvuav_ros.vision.approach.strip_edges import Strips
 from mvuav_ros.vision.approach.tuning import APPEARANCE, SEARCH
 
 WEIGHTS = np.array(SEARCH.weights, np.float32)

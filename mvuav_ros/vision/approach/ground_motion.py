@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation, vertex
-from mvuav_ros.vision.approach.edges import Strip
+from mvuav_ros.vision.approach.strip_edges import Strip
 from mvuav_ros.vision.approach.tuning import MOTION
 
 

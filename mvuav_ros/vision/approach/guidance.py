@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE, Guidance
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.edges import EdgePoints
-from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE, Guidance
+from mvuav_ros.vision.approach.strip_edges import EdgePoints
 from mvuav_ros.vision.approach.tuning import GUIDANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mvuav_ros.vision.approach.results import ApproachResult, Point
+from mvuav_ros.vision.approach.approach_results import ApproachResult, Point
 from mvuav_ros.vision.runway.debug_images import (
     BLACK,
     WHITE,

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import best_run
-from mvuav_ros.vision.approach.edges import Edges, LevelledFrame, Strip, sample_edges
 from mvuav_ros.vision.approach.evidence import OPPONENT, Table, grey_levels, in_common, row_sums
 from mvuav_ros.vision.approach.ground_motion import Registration
+from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame, Strip, sample_edges
+from mvuav_ros.vision.approach.strip_tracker import Sight, StripTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
-from mvuav_ros.vision.approach.tracker import Sight, StripTracker
 from mvuav_ros.vision.approach.tuning import ROAD
 
 

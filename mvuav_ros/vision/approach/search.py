@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import FEATURES, Scene, describe, profile
 from mvuav_ros.vision.approach.attitude import Box, Derotation
-from mvuav_ros.vision.approach.edges import Strip, Strips
 from mvuav_ros.vision.approach.evidence import (
     CHANNELS,
     COARSE,
@@ -25,6 +24,7 @@ from mvuav_ros.vision.approach.evidence import (
     halved,
     in_common,
 )
+from mvuav_ros.vision.approach.strip_edges import Strip, Strips
 from mvuav_ros.vision.approach.strips import surrounding_box
 from mvuav_ros.vision.approach.tuning import SEARCH
 

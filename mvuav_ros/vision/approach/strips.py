@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation, turn_edge
-from mvuav_ros.vision.approach.edges import EdgePoints, Edges, Strip, Strips
+from mvuav_ros.vision.approach.strip_edges import EdgePoints, Edges, Strip, Strips
 from mvuav_ros.vision.approach.tuning import STRIP
 
 

@@ -18,7 +18,11 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
-from mvuav_ros.vision.approach.edges import (
+from mvuav_ros.vision.approach.ground_motion import Registration
+from mvuav_ros.vision.approach.probability import log_odds_of
+from mvuav_ros.vision.approach.search import LevelledImage, describe_around, ends_of
+from mvuav_ros.vision.approach.side_lines import LinedEdges
+from mvuav_ros.vision.approach.strip_edges import (
     EdgeLook,
     Edges,
     LevelledFrame,
@@ -26,10 +30,6 @@ from mvuav_ros.vision.approach.edges import (
     Strips,
     shows_shoulders,
 )
-from mvuav_ros.vision.approach.ground_motion import Registration
-from mvuav_ros.vision.approach.probability import log_odds_of
-from mvuav_ros.vision.approach.search import LevelledImage, describe_around, ends_of
-from mvuav_ros.vision.approach.side_lines import LinedEdges
 from mvuav_ros.vision.approach.strips import (
     FollowedStrip,
     agrees,

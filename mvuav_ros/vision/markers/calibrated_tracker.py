@@ -13,7 +13,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.identity_tracker import IdentityTracker
-from mvuav_ros.vision.markers.results import Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.self_calibration import Estimate, SelfCalibration
 

@@ -21,7 +21,7 @@ from mvuav_ros.vision.markers.lights import (
     area_fits,
     count_bright,
 )
-from mvuav_ros.vision.markers.results import (
+from mvuav_ros.vision.markers.marker_results import (
     LOST_TANKER,
     TANKER_LABELS,
     Cluster,

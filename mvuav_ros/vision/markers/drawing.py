@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.pose import Pose
 from mvuav_ros.vision.rig import MarkerRig
 

@@ -25,8 +25,7 @@ from mvuav_ros.vision.markers.lights import (
     straightened,
 )
 from mvuav_ros.vision.markers.marker_memory import PROBATION, Expectation, MarkerMemory
-from mvuav_ros.vision.markers.naming import Clutter, Search
-from mvuav_ros.vision.markers.results import (
+from mvuav_ros.vision.markers.marker_results import (
     TANKER_LABELS,
     TANKER_NAMES,
     Marker,
@@ -36,6 +35,7 @@ from mvuav_ros.vision.markers.results import (
     counts_of,
     roll_of,
 )
+from mvuav_ros.vision.markers.naming import Clutter, Search
 from mvuav_ros.vision.markers.rig_view import ROLL, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig

@@ -13,7 +13,7 @@ import numpy as np
 
 from mvuav_ros.vision.markers.detection import label_five
 from mvuav_ros.vision.markers.lights import Light, Lights, are_close
-from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
     COUNT,

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.lights import Frame, Light, area_fits
+from mvuav_ros.vision.markers.marker_results import NO_WINDOW, Window
 from mvuav_ros.vision.markers.motion import MotionPredictor
-from mvuav_ros.vision.markers.results import NO_WINDOW, Window
 from mvuav_ros.vision.markers.rig_view import Array
 
 

@@ -11,7 +11,7 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
 from mvuav_ros.vision.markers.detection import detect, detected
 from mvuav_ros.vision.markers.lights import area_fits
-from mvuav_ros.vision.markers.results import (
+from mvuav_ros.vision.markers.marker_results import (
     LOST_TANKER,
     NAN,
     NO_WINDOW,

@@ -10,7 +10,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
 from mvuav_ros.vision.markers.detection import detect, detect_any
-from mvuav_ros.vision.markers.results import Label, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import Label, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig

@@ -15,7 +15,7 @@ from mvuav_ros.offline.evaluation.metrics import line_errors, marker_errors, met
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.tables import marker_names
 from mvuav_ros.sources.source import SourceError
-from mvuav_ros.vision.markers.results import TANKER_NAMES
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES
 
 TANKER = 'sim:tanker?frames=12&motion=roll&fps=15&noise=0'
 TYPES = {'markers': 'sensor_msgs/msg/PointCloud2', 'rpy': 'geometry_msgs/msg/Vector3Stamped'}

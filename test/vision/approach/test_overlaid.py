@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.ground_motion import Overlaid
 
 HORIZON = 60

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation, line_through, turn_edge
-from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.evidence import row_sums, shrink_levels
 from mvuav_ros.vision.approach.road import (
     EdgeProfile,
@@ -15,6 +14,7 @@ from mvuav_ros.vision.approach.road import (
     find_edges,
     score_strips,
 )
+from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 
 SHAPE = np.array([158.0, 70.0, -0.45, 0.35])
 FAR, NEAR = 8.0, 90.0

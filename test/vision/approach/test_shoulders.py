@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.edges import LevelledFrame, shows_shoulders
+from mvuav_ros.vision.approach.strip_edges import LevelledFrame, shows_shoulders
 
 LEVEL = Derotation(320, 240, 1, 0.0)
 X, Y, SLOPE, SPAN = 160.0, 60.0, 0.4, (10.0, 120.0)

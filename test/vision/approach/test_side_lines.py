@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.side_lines import LineChoice, edges_by_lines
+from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 
 LEVEL = Derotation(320, 240, 1, 0.0)
 X, Y, SLOPE, SPAN = 160.0, 60.0, 0.3, (10.0, 40.0)

@@ -9,8 +9,8 @@ import pytest
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.detector import ApproachDetector
-from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
+from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.runway.results import LineRole
 

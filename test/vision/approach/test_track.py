@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.search import LevelledImage
+from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.track import (
     EdgeKind,
     EdgeKinds,

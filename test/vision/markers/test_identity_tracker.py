@@ -10,7 +10,7 @@ from support.marker_scenes import draw, tanker_at
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis.identity_runs import IdentityTask, fly_names
 from mvuav_thesis.light_flights import LightFlight, LightScene

@@ -6,7 +6,7 @@ from support.marker_scenes import draw
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import Label, MarkerState
+from mvuav_ros.vision.markers.marker_results import Label, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 DETECTED, PREDICTED = MarkerState.DETECTED, MarkerState.PREDICTED

@@ -7,7 +7,7 @@ from support.reference import load_trial
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.detection import bright_pixels, group_pixels
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 TRIALS = sorted(f'trial{n}' for n in (1, 3))

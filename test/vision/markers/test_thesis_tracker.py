@@ -8,7 +8,7 @@ from support.marker_scenes import draw, image, tanker_at
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import Label, MarkerState, Window
+from mvuav_ros.vision.markers.marker_results import Label, MarkerState, Window
 from mvuav_ros.vision.markers.thesis_tracker import Motion
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 

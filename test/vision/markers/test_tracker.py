@@ -6,7 +6,7 @@ import pytest
 
 from mvuav_ros.parameters.marker_tracker import MODES, MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 PLACES = ((100, 240), (230, 225), (320, 120), (410, 225), (540, 240))

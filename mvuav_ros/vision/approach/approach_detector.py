@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.approach.approach_results import ROLES, ApproachResult, Guidance, Point
 from mvuav_ros.vision.approach.attitude import (
     Derotation,
     Horizon,
@@ -18,13 +19,12 @@ from mvuav_ros.vision.approach.attitude import (
     line_through,
     mount_matrix,
 )
-from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
-from mvuav_ros.vision.approach.results import ROLES, ApproachResult, Guidance, Point
 from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
+from mvuav_ros.vision.approach.strip_edges import LevelledFrame
+from mvuav_ros.vision.approach.strip_tracker import RunwayTracker, Sight
 from mvuav_ros.vision.approach.strips import FollowedStrip
-from mvuav_ros.vision.approach.tracker import RunwayTracker, Sight
 from mvuav_ros.vision.approach.tuning import DETECTOR
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.frames import Attitude

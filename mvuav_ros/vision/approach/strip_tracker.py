@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import Scene
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
-from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
 from mvuav_ros.vision.approach.search import (
@@ -22,6 +21,7 @@ from mvuav_ros.vision.approach.search import (
     fan_jobs,
     find_candidates,
 )
+from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.track import RunwayTrack, View
 from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH, TRACKER
