@@ -177,9 +177,9 @@ def test_a_missing_camera_is_waited_for(graph):
 
 BREAKING = """
 import sys
-from mvuav_ros.nodes import running, video_source
+from mvuav_ros.nodes import running, video_source_node
 def broken(self, frame): raise ZeroDivisionError('what nobody thought of')
-video_source.VideoSource.publish = broken
+video_source_node.VideoSource.publish = broken
 sys.argv[1:] = ['--ros-args', '-p', 'wait_for_subscribers:=0', '-p', f'source:={sys.argv[1]}']
 running.video_source()
 """
