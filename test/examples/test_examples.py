@@ -157,7 +157,8 @@ def flown(command):
             while not kept and example.poll() is None:
                 publisher.publish(LEVEL)
                 graph.spin(0.1)
-            example.terminate()
+            # Killed: a signal that comes just before rclpy begins to wait is not seen by it.
+            example.kill()
             return kept, example.communicate()[0]
     finally:
         graph.close()
