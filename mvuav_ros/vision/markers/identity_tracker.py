@@ -290,9 +290,10 @@ class IdentityTracker:
         self._unexplained = self._unexplained + 1 if unexplained else 0
         if self._unexplained > PATIENCE:
             search.faults.inflate()
-        in_doubt = min(len(search.missing), nameless) >= 2
-        self._doubts = self._doubts + 1 if in_doubt else 0
-        if self._doubts <= PATIENCE and search.found:
+        # One light without a name is often none of the body's: it has to stay twice as long.
+        in_doubt = min(len(search.missing), nameless, 2)
+        self._doubts = self._doubts + in_doubt if in_doubt else 0
+        if self._doubts <= 2 * PATIENCE and search.found:
             return
         if len(lights) < self._count or not self._attempts.due(len(lights)):
             return
@@ -307,6 +308,10 @@ class IdentityTracker:
         agrees = len(search.found) > 1 and all(
             named.lights[index] == light for index, light in search.found.items()
         )
+        if agrees and len(search.missing) < 2:
+            # The others have already contradicted the only light that it would add.
+            self._attempts.fail()
+            return
         if agrees or (named.certain and not search.found) or self._attempts.agreed >= CONFIRMED:
             self._replace(search, named)
 
