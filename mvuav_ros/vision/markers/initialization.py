@@ -282,6 +282,7 @@ class Attempts:
     _rest: int = 0
     _lights: int = 0
     _first_misfit: float = 0.0
+    _is_odd: bool = False  # whether one of the lights may well have been another one meanwhile
 
     def due(self, lights: int) -> bool:
         """Whether to try in this frame: another number of lights may be what was waited for."""
@@ -299,7 +300,8 @@ class Attempts:
 
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""
-        return named.certain or self.agreed >= (CONFIRMED_ODD if named.odd else CONFIRMED)
+        odd = named.odd or self._is_odd
+        return named.certain or self.agreed >= (CONFIRMED_ODD if odd else CONFIRMED)
 
     def succeed(self, named: Named) -> bool:
         """Take a way of naming them; whether it is that of the last attempt."""
@@ -308,7 +310,8 @@ class Attempts:
         alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.lights, strict=False))
         most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
         changed = abs(named.view.misfit - self._first_misfit) > most
-        goes_on = alike and bool(self.last) and not (named.odd and changed)
+        self._is_odd = named.odd or (alike and self._is_odd)
+        goes_on = alike and bool(self.last) and not (self._is_odd and changed)
         self.agreed = self.agreed + 1 if goes_on else 1
         if not goes_on:
             self._first_misfit = named.view.misfit
