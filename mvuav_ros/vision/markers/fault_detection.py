@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +19,7 @@ class FaultTuning:
     """How much evidence a doubt takes.
 
     Chosen on seeds 0 to 29 of flights of bare lights (`mvuav_thesis.light_flights`) and on the
-    simulator's docking approaches; `protected` on seeds 9000 to 9029 and 9500 to
-    9529.
+    simulator's docking approaches.
     """
 
     # Squared distance over variance from which on a marker contradicts the others.
@@ -36,11 +36,6 @@ class FaultTuning:
     doubtful_share: float = 0.1
     # Evidence that a marker has against it that was out of sight shortly before.
     returned: float = 50.0
-    # px (1 sigma), of a marker's place by the others, up to which they would contradict another
-    # light there, where too few are in sight to determine each other's places later.
-    protected: float = 1.3
-    # Markers not out of sight before, by which alone others' places are determined.
-    min_determining: int = 2
     min_agreeing: int = 4  # markers that determine each other's places
     # px (1 sigma): how far from a marker's place a light lies that has been taken for it.
     beside: float = 6.0
@@ -49,6 +44,16 @@ class FaultTuning:
 
 TUNING = FaultTuning()
 _PAIRS_UP_TO = 8
+
+
+class Evidence(NamedTuple):
+    """What a frame's places say for their names."""
+
+    log_odds: Mapping[int, float]  # by marker, see `Correction.log_odds`
+    redundancy: float  # mean of the places in a fit of the view, from 0 to 1
+
+
+NO_EVIDENCE = Evidence({}, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,39 +212,18 @@ class FaultDetector:
             return Consensus(self.views.view, (), (), tuple(found))
         return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
 
-    def unverified(self, found: Mapping[int, Point], untrusted: Set[int]) -> set[int]:
-        """Which of the untrusted markers lie where the others do not determine their places.
-
-        Where enough are in sight, later frames show it.
-        """
-        doubtful = untrusted & found.keys()
-        if not doubtful or len(found) >= TUNING.min_agreeing:
-            return set()
-        if len(found) - len(doubtful) < TUNING.min_determining:
-            return set(doubtful)
-        correction = self._correct(found)
-        rows = {m: 1 + m if self.views.has_bank else 0 for m in doubtful}
-        return {
-            marker
-            for index, marker in enumerate(found)
-            if marker in doubtful
-            and correction.deviation_by_others(rows[marker], index) > TUNING.protected
-        }
-
     def inflate(self) -> None:
         """What was seen contradicts the view as a whole."""
         self.views.inflate(TUNING.inflate)
 
-    def commit(self, found: Mapping[int, Point]) -> dict[int, float]:
-        """Take a frame's named lights, which agree; what each place says for its name.
-
-        See `Correction.log_odds`.
-        """
+    def commit(self, found: Mapping[int, Point]) -> Evidence:
+        """Take a frame's named lights, which agree; what the places say for their names."""
         if not found:
-            return {}
+            return NO_EVIDENCE
         correction = self._correct(found)
         self._evidence = self._added(correction)
         over = max(max(self._evidence.values(), default=0.0) - TUNING.max_evidence, 0.0)
         self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in self._evidence.items()}
         self.views.commit(correction)
-        return correction.log_odds(TUNING.beside, self.views.unknowns)
+        redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
+        return Evidence(correction.log_odds(TUNING.beside), redundancy)

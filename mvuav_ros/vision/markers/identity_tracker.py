@@ -107,6 +107,7 @@ PATIENCE = 5  # Frames in doubt after which the whole body is named afresh, as a
 NEARBY_ROLL = 0.5  # rad (1 sigma), of the roll from the last frame to this one, or over a loss
 UNCHECKED = 45
 """Frames in which a light may be another one after a doubt, where no other light could show it."""
+MIN_CHECKED = 4  # Coordinates of a body less the unknowns of its view
 EXACT = 4.0
 """Deviations of a marker from its rig's place (root mean square) at which a body that was known
 before is another one."""
@@ -216,9 +217,9 @@ class IdentityTracker:
         named = places_of(found)
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
-            odds = faults.commit(named)
+            evidence = faults.commit(named)
             self._doubts = self._unexplained = 0
-            memory.remember(frame.time, spots, {}, odds)
+            memory.remember(frame.time, spots, {}, evidence)
             if not self._is_redundant:
                 spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
             return self._report.result(memory, spots, frame.earliest, {}, windows)
@@ -243,17 +244,14 @@ class IdentityTracker:
         # Where other lights are about, some three of all nearly always look like three markers.
         if len(search.reacquired) >= FAULTS.min_agreeing or not self._clutter.is_about:
             memory.trust(search.reacquired)
-        unverified = search.faults.unverified(places_of(search.found), memory.untrusted)
         expected = self._in_image(search.expected(search.missing))
-        odds = search.finish()
+        evidence = search.finish()
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
         spots = {index: light.seen for index, light in search.found.items()}
-        hidden = search.suspects
-        if self._clutter.is_about:
-            hidden = hidden | unverified
-        memory.remember(frame.time, spots, expected, odds, unverified)
+        memory.remember(frame.time, spots, expected, evidence, self._clutter.is_about)
+        hidden = search.suspects | memory.doubtful
         if not self._is_redundant:
             hidden = hidden | memory.untrusted
         spots = {index: spot for index, spot in spots.items() if index not in hidden}
@@ -290,8 +288,11 @@ class IdentityTracker:
         self._unexplained = self._unexplained + 1 if unexplained else 0
         if self._unexplained > PATIENCE:
             search.faults.inflate()
-        # One light without a name is often none of the body's: it has to stay twice as long.
+        # One light without a name is often none of the body's: it has to stay twice as long, and
+        # to fit a body of which most places can be checked.
         in_doubt = min(len(search.missing), nameless, 2)
+        if in_doubt == 1 and 2 * self._count - search.views.unknowns < MIN_CHECKED:
+            in_doubt = 0
         self._doubts = self._doubts + in_doubt if in_doubt else 0
         if self._doubts <= 2 * PATIENCE and search.found:
             return

@@ -9,6 +9,7 @@ from statistics import median
 from typing import NamedTuple
 
 from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.fault_detection import NO_EVIDENCE, Evidence
 from mvuav_ros.vision.markers.lights import Frame, Light, area_fits
 from mvuav_ros.vision.markers.marker_results import NO_WINDOW, Window
 from mvuav_ros.vision.markers.motion import MotionPredictor
@@ -88,7 +89,11 @@ class ConfidenceTuning:
 
     first: float = 5.0  # log odds of a name that is given to the whole body
     again: float = 2.5  # of one that is given back to a single marker
-    # Of what a frame's place says, as the errors of following frames are alike.
+    # The same before the place has been looked at, where lights are about that are no markers.
+    among_others: float = 0.7
+    min_told: float = 2.2  # up to which a name is withheld (0.9)
+    # Of what a frame's place says, as the errors of following frames are alike; times the
+    # redundancy, as what only goes on as before may be a light that was taken for the marker.
     share: float = 0.5
     stolen: float = 2e-4  # probability per frame that another light takes a marker's place
     most: float = 9.0  # log odds
@@ -135,7 +140,7 @@ class KnownMarker:
     def weigh(self, ratio: float) -> None:
         """Bayes's rule with a log ratio of likelihoods, after a frame in which it may be stolen."""
         kept = (1.0 - CONFIDENCE.stolen) / (1.0 + math.exp(-self.odds))
-        odds = math.log(kept / (1.0 - kept)) + CONFIDENCE.share * ratio
+        odds = math.log(kept / (1.0 - kept)) + ratio
         self.odds = min(max(odds, -CONFIDENCE.most), CONFIDENCE.most)
 
     def learn(self, spot: Detection) -> None:
@@ -174,7 +179,7 @@ class MarkerMemory:
         self.jumps = Jumps()  # of their lights
         self._probation = probation
         self.predict(time)
-        self.remember(time, dict(enumerate(spots)), {}, {})
+        self.remember(time, dict(enumerate(spots)), {})
 
     @property
     def newest(self) -> float:
@@ -241,6 +246,11 @@ class MarkerMemory:
                 known.untrusted = self._probation
         return before
 
+    @property
+    def doubtful(self) -> set[int]:
+        """Markers whose names are too uncertain to be told."""
+        return {i for i, marker in enumerate(self.markers) if marker.odds < CONFIDENCE.min_told}
+
     def trust_again(self, doubted: Mapping[int, int], alone: Collection[int]) -> None:
         """Doubt those no more than before (see `distrust`) that were alone after all."""
         for index in doubted.keys() & set(alone):
@@ -264,14 +274,15 @@ class MarkerMemory:
         time: float,
         spots: Mapping[int, Detection],
         expected: Mapping[int, Expectation],
-        odds: Mapping[int, float],
-        unverified: Collection[int] = (),
+        evidence: Evidence = NO_EVIDENCE,
+        others: bool = False,
     ) -> None:
         """Learn from a frame's markers, px, and where those should be that have no light.
 
-        The odds are what the places say for the names (see `Correction.log_odds`). Those found that
-        the others cannot contradict are unverified.
+        The evidence is what the places say for the names; others are lights that are no markers
+        and about.
         """
+        usual = CONFIDENCE.share * evidence.redundancy
         positions: list[float | None] = []
         for index, marker in enumerate(self.markers):
             spot = spots.get(index)
@@ -285,18 +296,20 @@ class MarkerMemory:
             positions += (spot.x, spot.y)
             marker.learn(spot)
             marker.last_seen = time
-            if marker.untrusted and index not in unverified:
-                marker.untrusted -= 1
             if marker.returning:
                 marker.returning -= 1
-            if marker.unseen:
+            shown = evidence.log_odds.get(index, 0.0)
+            if not marker.unseen:
+                marker.weigh(usual * shown)
+            else:
+                # The first place is the only one that earlier errors have not made alike.
+                marker.odds = CONFIDENCE.among_others + shown if others else CONFIDENCE.again
                 marker.unseen = 0
-                marker.odds = CONFIDENCE.again
                 marker.returning = RETURNING
                 if self.predictor.unseen(index) > FORGOTTEN:
                     self.predictor.forget(index)
-            if index in odds:
-                marker.weigh(odds[index])
+            if marker.untrusted and marker.odds >= CONFIDENCE.min_told:
+                marker.untrusted -= 1
         self.predictor.update(positions)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
-from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
+from mvuav_ros.vision.markers.fault_detection import Consensus, Evidence, FaultDetector
 from mvuav_ros.vision.markers.initialization import DOUBT, Named
 from mvuav_ros.vision.markers.lights import Light, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
@@ -457,11 +457,8 @@ class Search:
         self.found = dict(enumerate(named.lights))
         self.suspects = set()
 
-    def finish(self) -> dict[int, float]:
-        """Keep the view of this frame; what the places found say for their names.
-
-        See `Correction.log_odds`.
-        """
+    def finish(self) -> Evidence:
+        """Keep the view of this frame; what the places found say for their names."""
         return self.faults.commit(places_of(self.found))
 
     def expected(self, markers: Collection[int]) -> dict[int, Expectation]:

@@ -433,22 +433,19 @@ class Correction:
         largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
         return math.sqrt(max(largest, 0.0))
 
-    def log_odds(self, beside: float, unknowns: int) -> dict[int, float]:
+    def log_odds(self, beside: float) -> dict[int, float]:
         """What each marker's place says for its name: the log of a ratio of two likelihoods.
 
         That of the marker where all others put it, over that of another light which lies within so
-        many px of there (1 sigma per axis). It counts by the mean redundancy of the places in a fit
-        of so many unknowns: what only goes on as before may as well be a light that was taken for
-        the marker earlier.
+        many px of there (1 sigma per axis).
         """
-        redundancy = max(1.0 - unknowns / (2 * len(self.found)), 0.0)
         wide = self.own + beside * beside
         odds = {}
         for marker, other, (near, least) in zip(
             self.found, self._others, self._distances, strict=True
         ):
             far, most = _weighed_distance(*other, wide)
-            odds[marker] = 0.5 * redundancy * (far - near + math.log(most / least))
+            odds[marker] = 0.5 * (far - near + math.log(most / least))
         return odds
 
     def view(self, row: int = 0) -> ViewState:
