@@ -49,7 +49,7 @@ _PAIRS_UP_TO = 8
 class Evidence(NamedTuple):
     """What a frame's places say for their names."""
 
-    log_odds: Mapping[int, float]  # by marker, see `Correction.log_odds`
+    places: Mapping[int, tuple[float, float]]  # by marker, see `Correction.log_likelihoods`
     redundancy: float  # mean of the places in a fit of the view, from 0 to 1
 
 
@@ -226,4 +226,4 @@ class FaultDetector:
         self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in self._evidence.items()}
         self.views.commit(correction)
         redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
-        return Evidence(correction.log_odds(TUNING.beside), redundancy)
+        return Evidence(correction.log_likelihoods(TUNING.beside), redundancy)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import NO_EVIDENCE, Evidence
+from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.lights import Frame, Light, area_fits
 from mvuav_ros.vision.markers.marker_results import NO_WINDOW, Window
 from mvuav_ros.vision.markers.motion import MotionPredictor
@@ -88,15 +89,17 @@ class ConfidenceTuning:
     """
 
     first: float = 5.0  # log odds of a name that is given to the whole body
-    again: float = 2.5  # of one that is given back to a single marker
-    # The same before the place has been looked at, where lights are about that are no markers.
-    among_others: float = 0.7
-    min_told: float = 2.2  # up to which a name is withheld (0.9)
+    min_told: float = 2.0  # up to which a name is withheld (0.88)
+    # Probability that another light is close to a marker's place: where one has been out of sight
+    # and lights are about that are no markers, where none are, and where it was seen a frame ago.
+    beside: tuple[float, float, float] = (0.5, 0.08, 0.01)
+    density: float = 1e-5  # of lights that are no markers and about, per px²
     # Of what a frame's place says, as the errors of following frames are alike; times the
     # redundancy, as what only goes on as before may be a light that was taken for the marker.
     share: float = 0.5
     stolen: float = 2e-4  # probability per frame that another light takes a marker's place
-    most: float = 9.0  # log odds
+    least: float = -2.0  # log odds, of a name that is still held
+    most: float = 9.0
 
 
 CONFIDENCE = ConfidenceTuning()
@@ -141,7 +144,20 @@ class KnownMarker:
         """Bayes's rule with a log ratio of likelihoods, after a frame in which it may be stolen."""
         kept = (1.0 - CONFIDENCE.stolen) / (1.0 + math.exp(-self.odds))
         odds = math.log(kept / (1.0 - kept)) + ratio
-        self.odds = min(max(odds, -CONFIDENCE.most), CONFIDENCE.most)
+        self.odds = min(max(odds, CONFIDENCE.least), CONFIDENCE.most)
+
+    def give(self, own: float, other: float, others: bool) -> None:
+        """Bayes's rule for a light that has been given the name by its place.
+
+        The logarithms of its densities are its own and that of another light close by, per px²;
+        others are about or not.
+        """
+        out_of_sight, alone, followed = CONFIDENCE.beside
+        beside = (out_of_sight if others else alone) if self.unseen else followed
+        anywhere = CONFIDENCE.density if others else 0.0
+        odds = own - math.log(beside * math.exp(other) + anywhere)
+        odds = min(odds, CONFIDENCE.first if self.unseen else self.odds)
+        self.odds = max(odds, CONFIDENCE.least)
 
     def learn(self, spot: Detection) -> None:
         """Follow slow changes of its light, as of the distance."""
@@ -275,14 +291,17 @@ class MarkerMemory:
         spots: Mapping[int, Detection],
         expected: Mapping[int, Expectation],
         evidence: Evidence = NO_EVIDENCE,
+        given: Collection[int] = (),
         others: bool = False,
     ) -> None:
         """Learn from a frame's markers, px, and where those should be that have no light.
 
-        The evidence is what the places say for the names; others are lights that are no markers
-        and about.
+        The evidence is what the places say for the names, of which some have been given in this
+        frame, by the geometry; others are lights that are no markers and about.
         """
         usual = CONFIDENCE.share * evidence.redundancy
+        checked = len(spots) >= FAULTS.min_agreeing
+        told = {m for m in spots.keys() - set(given) if self.markers[m].odds >= CONFIDENCE.min_told}
         positions: list[float | None] = []
         for index, marker in enumerate(self.markers):
             spot = spots.get(index)
@@ -296,14 +315,19 @@ class MarkerMemory:
             positions += (spot.x, spot.y)
             marker.learn(spot)
             marker.last_seen = time
+            own, other = evidence.places.get(index, (0.0, 0.0))
+            if not marker.unseen:
+                # What could not be checked before is not like the frames before.
+                is_new = checked and marker.odds < CONFIDENCE.min_told
+                marker.weigh((1.0 if is_new else usual) * (own - other))
+            if index in given:
+                # What four and more agree on, another light would contradict; by fewer than two
+                # others hardly anything is known of its place.
+                doubtful = others and not checked
+                marker.give(other if doubtful and len(told) < 2 else own, other, doubtful)
             if marker.returning:
                 marker.returning -= 1
-            shown = evidence.log_odds.get(index, 0.0)
-            if not marker.unseen:
-                marker.weigh(usual * shown)
-            else:
-                # The first place is the only one that earlier errors have not made alike.
-                marker.odds = CONFIDENCE.among_others + shown if others else CONFIDENCE.again
+            if marker.unseen:
                 marker.unseen = 0
                 marker.returning = RETURNING
                 if self.predictor.unseen(index) > FORGOTTEN:

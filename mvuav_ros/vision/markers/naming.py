@@ -318,6 +318,11 @@ class Search:
         self._was_certain = float(self.views.places()[1].max()) < CERTAIN
 
     @property
+    def given(self) -> set[int]:
+        """The markers that have got their lights in this frame, by the geometry alone."""
+        return self.found.keys() - set(self._known)
+
+    @property
     def missing(self) -> list[int]:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]

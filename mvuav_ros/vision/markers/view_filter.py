@@ -433,20 +433,20 @@ class Correction:
         largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
         return math.sqrt(max(largest, 0.0))
 
-    def log_odds(self, beside: float) -> dict[int, float]:
-        """What each marker's place says for its name: the log of a ratio of two likelihoods.
+    def log_likelihoods(self, beside: float) -> dict[int, tuple[float, float]]:
+        """How probable each marker's place is by all others, logarithm per px².
 
-        That of the marker where all others put it, over that of another light which lies within so
-        many px of there (1 sigma per axis).
+        First that of the marker itself, then that of another light which lies within so many px of
+        there (1 sigma per axis).
         """
         wide = self.own + beside * beside
-        odds = {}
+        told = {}
         for marker, other, (near, least) in zip(
             self.found, self._others, self._distances, strict=True
         ):
             far, most = _weighed_distance(*other, wide)
-            odds[marker] = 0.5 * (far - near + math.log(most / least))
-        return odds
+            told[marker] = (_log_density(near, least), _log_density(far, most))
+        return told
 
     def view(self, row: int = 0) -> ViewState:
         """What follows of a filter's view."""
@@ -472,6 +472,11 @@ def _inverses(matrices: Array) -> Array:
         if not cv2.invert(matrix, inverse, cv2.DECOMP_CHOLESKY)[0]:
             inverse[:] = np.linalg.pinv(matrix, hermitian=True)
     return inverses
+
+
+def _log_density(square: float, determinant: float) -> float:
+    """Of a normal distribution in two dimensions, at a squared distance over its covariance."""
+    return -0.5 * (square + math.log(determinant)) - math.log(2.0 * math.pi)
 
 
 def _weighed_distance(
