@@ -96,6 +96,7 @@ for _pair in ((X, Y), (PITCH, YAW)):
 _NOTHING_KNOWN = 6.0, 3000.0
 """rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
 _MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
+_FREEDOM = 4.0  # Degrees, of the distribution of a place about where the others put it
 _MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exact the rig is
 
 
@@ -475,8 +476,12 @@ def _inverses(matrices: Array) -> Array:
 
 
 def _log_density(square: float, determinant: float) -> float:
-    """Of a normal distribution in two dimensions, at a squared distance over its covariance."""
-    return -0.5 * (square + math.log(determinant)) - math.log(2.0 * math.pi)
+    """Of Student's t in two dimensions, at a squared distance over its covariance.
+
+    Its tails are wider than a normal distribution's: at times a motion was not foreseen.
+    """
+    tail = (0.5 * _FREEDOM + 1.0) * math.log1p(square / _FREEDOM)
+    return -tail - 0.5 * math.log(determinant) - math.log(2.0 * math.pi)
 
 
 def _weighed_distance(
