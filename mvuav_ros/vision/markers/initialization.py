@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mvuav_ros.vision.markers.detection import label_five
-from mvuav_ros.vision.markers.lights import MAX_RATIO, Light, Lights, are_close
+from mvuav_ros.vision.markers.lights import Light, Lights, are_close
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
@@ -173,6 +173,7 @@ def _rough_views(shape: WeakPerspective, places: Complex) -> Array:
     return views
 
 
+MAX_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
 CLEAR_MISFIT = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 LONE_MISFIT = 0.06

@@ -250,7 +250,6 @@ def may_be_light(box: Blob) -> bool:
 
 
 ROUND = 1.4  # Spread of a spot that may be a light
-MAX_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
 MIN_SHARE = 0.2
 """Of the n-th largest spot's area: what is smaller is no marker of a body with n of them."""
 MAX_MEASURED = 24
@@ -316,15 +315,12 @@ class Lights:
         return len(self.spots)
 
     def candidates(self, count: int) -> list[Light]:
-        """The round ones that could be among a body's ``count`` markers, the largest first.
-
-        What is so large that no ``count`` others are like it is a glare.
-        """
+        """The round ones that could be among a body's ``count`` markers, the largest first."""
         spots = [light for light in self.spots if light.seen.spread <= ROUND]
         spots.sort(key=lambda light: -light.seen.area)
-        while len(spots) > count and spots[0].seen.area > MAX_RATIO * spots[count - 1].seen.area:
-            del spots[0]
-        least = MIN_SHARE * spots[count - 1].seen.area if len(spots) >= count else 0.0
+        if len(spots) < count:
+            return spots
+        least = MIN_SHARE * spots[count - 1].seen.area
         return [light for light in spots if light.seen.area >= least]
 
 

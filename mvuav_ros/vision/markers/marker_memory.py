@@ -89,7 +89,7 @@ class ConfidenceTuning:
     """
 
     first: float = 5.0  # log odds of a name that is given to the whole body
-    min_told: float = 2.0  # up to which a name is withheld (0.88)
+    min_odds: float = 2.0  # log odds, below which a name is withheld (probability 0.88)
     # Probability that another light is close to a marker's place: where one has been out of sight
     # and lights are about that are no markers, where none are, and where it was seen a frame ago.
     beside: tuple[float, float, float] = (0.5, 0.08, 0.01)
@@ -264,8 +264,8 @@ class MarkerMemory:
 
     @property
     def doubtful(self) -> set[int]:
-        """Markers whose names are too uncertain to be told."""
-        return {i for i, marker in enumerate(self.markers) if marker.odds < CONFIDENCE.min_told}
+        """Markers whose names are too uncertain to be reported."""
+        return {i for i, marker in enumerate(self.markers) if marker.odds < CONFIDENCE.min_odds}
 
     def trust_again(self, doubted: Mapping[int, int], alone: Collection[int]) -> None:
         """Doubt those no more than before (see `distrust`) that were alone after all."""
@@ -301,7 +301,7 @@ class MarkerMemory:
         """
         usual = CONFIDENCE.share * evidence.redundancy
         checked = len(spots) >= FAULTS.min_agreeing
-        told = {m for m in spots.keys() - set(given) if self.markers[m].odds >= CONFIDENCE.min_told}
+        firm = len((spots.keys() - set(given)) - self.doubtful)
         positions: list[float | None] = []
         for index, marker in enumerate(self.markers):
             spot = spots.get(index)
@@ -318,13 +318,13 @@ class MarkerMemory:
             own, other = evidence.places.get(index, (0.0, 0.0))
             if not marker.unseen:
                 # What could not be checked before is not like the frames before.
-                is_new = checked and marker.odds < CONFIDENCE.min_told
+                is_new = checked and marker.odds < CONFIDENCE.min_odds
                 marker.weigh((1.0 if is_new else usual) * (own - other))
             if index in given:
                 # What four and more agree on, another light would contradict; by fewer than two
                 # others hardly anything is known of its place.
                 doubtful = others and not checked
-                marker.give(other if doubtful and len(told) < 2 else own, other, doubtful)
+                marker.give(other if doubtful and firm < 2 else own, other, doubtful)
             if marker.returning:
                 marker.returning -= 1
             if marker.unseen:
@@ -332,7 +332,7 @@ class MarkerMemory:
                 marker.returning = RETURNING
                 if self.predictor.unseen(index) > FORGOTTEN:
                     self.predictor.forget(index)
-            if marker.untrusted and marker.odds >= CONFIDENCE.min_told:
+            if marker.untrusted and marker.odds >= CONFIDENCE.min_odds:
                 marker.untrusted -= 1
         self.predictor.update(positions)
 

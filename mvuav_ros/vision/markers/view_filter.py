@@ -441,13 +441,13 @@ class Correction:
         there (1 sigma per axis).
         """
         wide = self.own + beside * beside
-        told = {}
+        densities = {}
         for marker, other, (near, least) in zip(
             self.found, self._others, self._distances, strict=True
         ):
             far, most = _weighed_distance(*other, wide)
-            told[marker] = (_log_density(near, least), _log_density(far, most))
-        return told
+            densities[marker] = log_density(near, least), log_density(far, most)
+        return densities
 
     def view(self, row: int = 0) -> ViewState:
         """What follows of a filter's view."""
@@ -475,7 +475,7 @@ def _inverses(matrices: Array) -> Array:
     return inverses
 
 
-def _log_density(square: float, determinant: float) -> float:
+def log_density(square: float, determinant: float) -> float:
     """Of Student's t in two dimensions, at a squared distance over its covariance.
 
     Its tails are wider than a normal distribution's: at times a motion was not foreseen.

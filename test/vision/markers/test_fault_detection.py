@@ -94,15 +94,17 @@ def test_a_calm_flight_is_expected_to_go_on_calmly():
     assert spreads[0] < 0.7 * spreads[1]
 
 
-def test_what_the_others_do_not_tell_is_not_verified():
+def test_three_lights_cannot_check_each_other():
     detector, frames = follow(60)
-    for frame in range(60):
-        detector.views.predict((frames + frame) / 30)
-    every = dict(enumerate(map(tuple, SHAPE.project(view_at(60 + 59)).tolist())))
+    detector.views.predict(frames / 30)
+    every = dict(enumerate(map(tuple, SHAPE.project(view_at(frames)).tolist())))
     three = {marker: every[marker] for marker in (0, 2, 4)}
-    assert detector.unverified(three, {2}) == {2}
-    assert detector.unverified(three, set()) == set()
-    assert detector.unverified(every, {2}) == set()
+    assert detector.commit(three).redundancy == 0.0
+    detector.views.predict((frames + 1) / 30)
+    evidence = detector.commit(every)
+    assert 0.0 < evidence.redundancy < 1.0
+    assert evidence.places.keys() == every.keys()
+    assert detector.commit({}).places == {}
 
 
 def test_nothing_is_ever_too_uncertain_to_be_computed():
@@ -114,16 +116,3 @@ def test_nothing_is_ever_too_uncertain_to_be_computed():
         detector.weigh(found)
     assert np.isfinite(detector.views.look(found).parameters).all()
     assert np.isfinite(detector.views.belief.covariance).all()
-
-
-def test_two_that_returned_to_one_need_a_fourth_marker():
-    detector, frames = follow(60)
-    for frame in range(frames, frames + 6):
-        detector.views.predict(frame / 30)
-        every = dict(enumerate(map(tuple, SHAPE.project(view_at(frame)).tolist())))
-        three = {marker: every[marker] for marker in (0, 2, 4)}
-        assert detector.unverified(three, {2, 4}) == {2, 4}
-        assert detector.unverified(three, {2}) == set(), 'its place is still known'
-        assert detector.weigh(three).kept == (0, 2, 4)
-        detector.commit(three)
-    assert detector.unverified(every, {2, 4}) == set()

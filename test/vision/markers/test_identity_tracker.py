@@ -5,11 +5,15 @@ import math
 import cv2
 import numpy as np
 import pytest
+from support.marker_flights import DISTORTION, HEIGHT, SCENES, WIDTH, MarkerFlight
 from support.marker_scenes import draw, tanker_at
+from support.marker_scores import FlightScore
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.initialization import Attempts
 from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis.identity_runs import IdentityTask, fly_names
@@ -304,6 +308,44 @@ def test_any_frames_at_all_are_survived(seed):
         for marker in result.markers:
             assert math.isnan(marker.x) == (marker.state is LOST)
             assert marker.state is LOST or abs(marker.x) < 1e7
+
+
+def fly_among_glares(seed, frames):
+    flight = MarkerFlight(SCENES['glare'], seed)
+    camera = CameraModel(WIDTH, HEIGHT, tuple(flight.matrix.ravel().tolist()), (*DISTORTION, 0.0))
+    tracker, score = MarkerTracker(), FlightScore()
+    tracker.set_camera(camera)
+    for _, (stamp_ns, image, truth) in zip(range(frames), flight, strict=False):
+        markers = tracker.process(Image(image, 'mono8'), stamp_ns).markers
+        named = np.array([marker.state is DETECTED for marker in markers])
+        places = np.array([(marker.x, marker.y) for marker in markers])
+        score.add(named, places, truth.pixels, truth.whole, False, 0.0)
+    return score, named
+
+
+def test_larger_glares_do_not_hide_a_body_at_the_start():
+    """The five highest lights in the image are much larger than some markers."""
+    score, named = fly_among_glares(52004, 3)
+    assert score.wrong == []
+    assert named.all()
+
+
+# In flight 57004 a glare covers the rudder, and its ghost completes the other four lights to a body
+# that is upside down.
+
+
+def test_a_body_that_a_ghost_completes_is_not_believed_while_its_misfit_changes():
+    score, named = fly_among_glares(57004, 75)
+    assert score.wrong == []
+    assert named[[0, 1, 3, 4]].all(), 'all that no glare covers'
+
+
+def test_a_body_that_was_named_wrongly_is_named_afresh(monkeypatch):
+    monkeypatch.setattr(Attempts, 'confirmed', lambda attempts, named: attempts.agreed >= 3)
+    score, named = fly_among_glares(57004, 75)
+    assert score.wrong, 'it begins upside down'
+    assert max(score.wrong) < 50
+    assert named[[0, 1, 3, 4]].all()
 
 
 def test_no_name_for_long_means_a_start_from_nothing():

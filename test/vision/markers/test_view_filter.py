@@ -16,7 +16,7 @@ from mvuav_ros.vision.markers.rig_view import (
     WeakPerspective,
     fit,
 )
-from mvuav_ros.vision.markers.view_filter import Belief, Correction, ViewFilter
+from mvuav_ros.vision.markers.view_filter import Belief, Correction, ViewFilter, log_density
 from mvuav_ros.vision.rig import TANKER_747
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
@@ -135,9 +135,16 @@ def test_no_variance_gets_negative():
 
 def test_a_place_speaks_for_a_name_or_against_it():
     found = places([0, 1, 2, 3, 4])
-    right = corrected(found).log_odds(6.0, COUNT - 2)
-    assert min(right.values()) > 0.0
+    right = corrected(found).log_likelihoods(6.0)
+    assert min(own - other for own, other in right.values()) > 0.0
     found[2] = (found[2][0] + 5.0, found[2][1] + 5.0)
-    assert corrected(found).log_odds(6.0, COUNT - 2)[2] < -5.0
-    three = corrected(places([0, 2, 4])).log_odds(6.0, COUNT - 2)
-    assert set(three.values()) == {0.0}, 'three lights fit any view'
+    own, other = corrected(found).log_likelihoods(6.0)[2]
+    assert own - other < -5.0
+
+
+def test_densities_of_a_place_add_up_to_one():
+    step = 0.25
+    x, y = np.meshgrid(*2 * [np.arange(-40.0, 40.0, step)])
+    squares = (x**2 / 4.0 + y**2).ravel().tolist()
+    total = sum(math.exp(log_density(square, 4.0)) for square in squares)
+    assert total * step * step == pytest.approx(1.0, abs=0.01)
