@@ -1,0 +1,84 @@
+"""What is remembered of markers: how probable their names are."""
+
+import pytest
+
+from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.fault_detection import Evidence
+from mvuav_ros.vision.markers.lights import Light
+from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker, MarkerMemory
+from mvuav_ros.vision.markers.view_filter import log_density
+
+BESIDE = 36.0  # px², of another light's place
+
+
+def densities(deviation, away=0.0):
+    """Of a place known so well, px, with a light so far from there."""
+    own, other = deviation**2, deviation**2 + BESIDE
+    return log_density(away**2 / own, own**2), log_density(away**2 / other, other**2)
+
+
+def returned(deviation, others, away=0.0):
+    marker = KnownMarker(30.0, 1.0, 3.0, unseen=5)
+    marker.give(*densities(deviation, away), others=others)
+    return marker.confidence
+
+
+def test_a_name_that_is_given_back_is_as_sure_as_its_place():
+    sure = [returned(deviation, others=True) for deviation in (0.3, 1.0, 3.0, 10.0)]
+    assert sure == sorted(sure, reverse=True)
+    assert sure[0] > 0.97
+    assert sure[-1] < 0.75
+    assert returned(1.0, others=True, away=6.0) < returned(1.0, others=True) - 0.2
+
+
+def test_without_other_lights_even_a_place_that_is_hardly_known_will_do():
+    assert returned(30.0, others=False) > 0.9 > returned(30.0, others=True)
+
+
+def test_a_doubt_stays_when_a_light_is_named_again_by_its_place():
+    marker = KnownMarker(30.0, 1.0, 3.0)
+    marker.odds = -1.0
+    marker.give(*densities(0.3), others=True)
+    assert marker.odds == -1.0
+    marker.odds = 9.0
+    marker.give(*densities(30.0), others=True)
+    assert marker.odds < 3.0
+
+
+def memory_of(count):
+    spots = [Detection(100.0 * i + 50.0, 100.0, 30, 1.0) for i in range(count)]
+    return MarkerMemory(0.0, [Light(spot.x, spot.y, spot) for spot in spots]), spots
+
+
+def after_a_return(count, later):
+    """Marker 0 was away among other lights; later so many are seen, at places known to 5 px."""
+    memory, spots = memory_of(count)
+    place = Expectation(50.0, 100.0, 5.0)
+    seen = {i: spots[i] for i in (1, 2)}
+    memory.predict(0.03)
+    memory.remember(0.03, seen, {i: place for i in range(count) if i not in seen}, others=True)
+    for step, number in enumerate((3, later), 2):
+        seen = {i: spots[i] for i in range(number)}
+        evidence = Evidence({i: densities(5.0) for i in seen}, 0.25 if number > 3 else 0.0)
+        rest = {i: place for i in range(number, count)}
+        memory.predict(0.03 * step)
+        memory.remember(0.03 * step, seen, rest, evidence, {0} if step == 2 else (), others=True)
+        yield 0 in memory.doubtful
+
+
+def test_what_three_lights_leave_in_doubt_a_fourth_decides():
+    assert list(after_a_return(5, 3)) == [True, True]
+    assert list(after_a_return(5, 4)) == [True, False]
+
+
+@pytest.mark.parametrize('others', [False, True])
+def test_a_single_light_says_nothing_of_a_place(others):
+    memory, spots = memory_of(5)
+    place = Expectation(50.0, 100.0, 0.2)
+    memory.predict(0.03)
+    memory.remember(0.03, {}, dict.fromkeys(range(5), place), others=others)
+    memory.predict(0.06)
+    evidence = Evidence({0: densities(0.3), 1: densities(0.3)}, 0.0)
+    rest = {i: place for i in range(2, 5)}
+    memory.remember(0.06, {0: spots[0], 1: spots[1]}, rest, evidence, {0, 1}, others)
+    assert (memory.doubtful >= {0, 1}) == others
