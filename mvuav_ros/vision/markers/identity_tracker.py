@@ -308,7 +308,8 @@ class IdentityTracker:
             return
         self._attempts.succeed(named)
         agrees = len(search.found) > 1 and all(
-            named.lights[index] == light for index, light in search.found.items()
+            are_close(named.lights[index], light, SAME_SPOT)
+            for index, light in search.found.items()
         )
         if agrees and len(search.missing) < 2:
             # The others have already contradicted the only light that it would add.
