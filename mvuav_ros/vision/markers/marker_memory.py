@@ -146,14 +146,16 @@ class KnownMarker:
         odds = math.log(kept / (1.0 - kept)) + ratio
         self.odds = min(max(odds, CONFIDENCE.least), CONFIDENCE.most)
 
-    def give(self, own: float, other: float, others: bool) -> None:
+    def give(self, own: float, other: float, others: bool, followed: bool) -> None:
         """Bayes's rule for a light that has been given the name by its place.
 
         The logarithms of its densities are its own and that of another light close by, per px²;
-        others are about or not.
+        others are about or not; the body was followed to this frame or not.
         """
-        out_of_sight, alone, followed = CONFIDENCE.beside
-        beside = (out_of_sight if others else alone) if self.unseen else followed
+        among_others, alone, usual = CONFIDENCE.beside
+        beside = among_others if others else alone
+        if followed and not self.unseen:
+            beside = usual
         anywhere = CONFIDENCE.density if others else 0.0
         odds = own - math.log(beside * math.exp(other) + anywhere)
         odds = min(odds, CONFIDENCE.first if self.unseen else self.odds)
@@ -324,7 +326,7 @@ class MarkerMemory:
                 # What four and more agree on, another light would contradict; by fewer than two
                 # others hardly anything is known of its place.
                 doubtful = others and not checked
-                marker.give(other if doubtful and firm < 2 else own, other, doubtful)
+                marker.give(other if doubtful and firm < 2 else own, other, doubtful, firm > 0)
             if marker.returning:
                 marker.returning -= 1
             if marker.unseen:

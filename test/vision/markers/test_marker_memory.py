@@ -19,7 +19,7 @@ def densities(deviation, away=0.0):
 
 def returned(deviation, others, away=0.0):
     marker = KnownMarker(30.0, 1.0, 3.0, unseen=5)
-    marker.give(*densities(deviation, away), others=others)
+    marker.give(*densities(deviation, away), others=others, followed=True)
     return marker.confidence
 
 
@@ -38,11 +38,13 @@ def test_without_other_lights_even_a_place_that_is_hardly_known_will_do():
 def test_a_doubt_stays_when_a_light_is_named_again_by_its_place():
     marker = KnownMarker(30.0, 1.0, 3.0)
     marker.odds = -1.0
-    marker.give(*densities(0.3), others=True)
+    marker.give(*densities(0.3), others=True, followed=True)
     assert marker.odds == -1.0
     marker.odds = 9.0
-    marker.give(*densities(30.0), others=True)
-    assert marker.odds < 3.0
+    marker.give(*densities(30.0), others=True, followed=True)
+    assert 2.0 < marker.odds < 3.0
+    marker.give(*densities(30.0), others=True, followed=False)
+    assert marker.odds < 2.0, 'nothing of the body was where it was expected'
 
 
 def memory_of(count):
