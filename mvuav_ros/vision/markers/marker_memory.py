@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass
 from statistics import median
 from typing import NamedTuple
@@ -301,9 +301,7 @@ class MarkerMemory:
         The evidence is what the places say for the names, of which some have been given in this
         frame, by the geometry; others are lights that are no markers and about.
         """
-        usual = CONFIDENCE.share * evidence.redundancy
-        checked = len(spots) >= FAULTS.min_agreeing
-        firm = len((spots.keys() - set(given)) - self.doubtful)
+        self._weigh(spots.keys(), evidence, given, others)
         positions: list[float | None] = []
         for index, marker in enumerate(self.markers):
             spot = spots.get(index)
@@ -317,16 +315,6 @@ class MarkerMemory:
             positions += (spot.x, spot.y)
             marker.learn(spot)
             marker.last_seen = time
-            own, other = evidence.places.get(index, (0.0, 0.0))
-            if not marker.unseen:
-                # What could not be checked before is not like the frames before.
-                is_new = checked and marker.odds < CONFIDENCE.min_odds
-                marker.weigh((1.0 if is_new else usual) * (own - other))
-            if index in given:
-                # What four and more agree on, another light would contradict; by fewer than two
-                # others hardly anything is known of its place.
-                doubtful = others and not checked
-                marker.give(other if doubtful and firm < 2 else own, other, doubtful, firm > 0)
             if marker.returning:
                 marker.returning -= 1
             if marker.unseen:
@@ -337,6 +325,27 @@ class MarkerMemory:
             if marker.untrusted and marker.odds >= CONFIDENCE.min_odds:
                 marker.untrusted -= 1
         self.predictor.update(positions)
+
+    def _weigh(
+        self, seen: Set[int], evidence: Evidence, given: Collection[int], others: bool
+    ) -> None:
+        """Follow the probabilities of the names (see `remember`)."""
+        usual = CONFIDENCE.share * evidence.redundancy
+        checked = len(seen) >= FAULTS.min_agreeing
+        # What four and more agree on, another light would contradict.
+        doubtful = others and not checked
+        firm = len(seen - set(given) - self.doubtful - self.untrusted)
+        for index in seen:
+            marker = self.markers[index]
+            own, other = evidence.places.get(index, (0.0, 0.0))
+            if not marker.unseen:
+                # What could not be checked before is not like the frames before.
+                is_new = checked and marker.odds < CONFIDENCE.min_odds
+                marker.weigh((1.0 if is_new else usual) * (own - other))
+            if index in given or (doubtful and marker.untrusted):
+                # By fewer than two others hardly anything is known of its place.
+                known = own if firm >= 2 or not doubtful else other
+                marker.give(known, other, doubtful, firm > 0 and not marker.untrusted)
 
 
 def _is_usual(known: KnownMarker, spot: Detection, window: Window, frame: Frame) -> bool:

@@ -92,8 +92,9 @@ def test_hot_pixels_and_glares(seed):
 def test_hidden_among_hot_pixels_and_glares(hidden, settings):
     flown = fly(motion='roll', hot_pixels=5, glares=3, failures=hidden, **settings)
     assert flown.wrong == flown.imagined == ()
-    # Among glares a marker that was not alone is withheld while only two others are in sight.
-    assert flown.slowest <= 25
+    # Among glares a marker that was not alone is withheld while only two others are in sight, here
+    # for up to 60 frames.
+    assert flown.slowest <= 45
 
 
 @pytest.mark.parametrize(
