@@ -312,8 +312,9 @@ class Attempts:
         alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.lights, strict=False))
         most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
         changed = abs(named.view.misfit - self._first_misfit) > most
-        self._is_odd = named.odd or (alike and self._is_odd)
-        goes_on = alike and bool(self.last) and not (self._is_odd and changed)
+        goes_on = alike and bool(self.last)
+        self._is_odd = named.odd or (goes_on and self._is_odd)
+        goes_on = goes_on and not (self._is_odd and changed)
         self.agreed = self.agreed + 1 if goes_on else 1
         if not goes_on:
             self._first_misfit = named.view.misfit

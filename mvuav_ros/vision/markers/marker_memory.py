@@ -196,6 +196,7 @@ class MarkerMemory:
         self.predictor = MotionPredictor(len(spots))  # of their motions
         self.jumps = Jumps()  # of their lights
         self._probation = probation
+        self._was_checked = True  # whether there were enough of them to check each other
         self.predict(time)
         self.remember(time, dict(enumerate(spots)), {})
 
@@ -334,7 +335,8 @@ class MarkerMemory:
         checked = len(seen) >= FAULTS.min_agreeing
         # What four and more agree on, another light would contradict.
         doubtful = others and not checked
-        firm = len(seen - set(given) - self.doubtful - self.untrusted)
+        firm = {m for m in seen - self.doubtful if not self.markers[m].unseen}
+        firm -= self.untrusted
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
@@ -342,10 +344,11 @@ class MarkerMemory:
                 # What could not be checked before is not like the frames before.
                 is_new = checked and marker.odds < CONFIDENCE.min_odds
                 marker.weigh((1.0 if is_new else usual) * (own - other))
-            if index in given or (doubtful and marker.untrusted):
+            if index in given or (doubtful and marker.untrusted and self._was_checked):
                 # By fewer than two others hardly anything is known of its place.
-                known = own if firm >= 2 or not doubtful else other
-                marker.give(known, other, doubtful, firm > 0 and not marker.untrusted)
+                known = len(firm - {index}) >= 2 or not doubtful
+                marker.give(own if known else other, other, doubtful, known)
+        self._was_checked = checked
 
 
 def _is_usual(known: KnownMarker, spot: Detection, window: Window, frame: Frame) -> bool:
