@@ -250,7 +250,7 @@ class IdentityTracker:
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
         spots = {index: light.seen for index, light in search.found.items()}
-        others = self._clutter.is_about
+        others = self._clutter.is_about or not self._is_redundant
         memory.remember(frame.time, spots, expected, evidence, search.given, others)
         hidden = search.suspects | memory.doubtful
         if not self._is_redundant:
