@@ -318,9 +318,10 @@ class Finder:
             if horizon is attitude:
                 row = level.row_of((horizon.row + 0.5) / factor - 0.5)
                 sight = Sight.from_attitude(row, level.slope)
-            else:
-                row = level.row_of(horizon.row)
+            elif self.tracker.allows(level, row := level.row_of(horizon.row)):
                 sight = Sight.from_image(row, level.slope, height)
+            else:
+                level = self.tracker.level or level
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         veto = self._veto(sight)
         confidence = 0.0 if veto else self.tracker.confidence

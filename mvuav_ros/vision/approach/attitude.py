@@ -149,7 +149,7 @@ def turn_edge(
 
 
 def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -> Any:
-    """Strips, (n, 6), of one derotation described on another one."""
+    """Strips, (n, 6), of one derotation described on another one; NaN where they are none there."""
     if old.slope == new.slope:
         return strips
     turned = strips.copy()
@@ -157,6 +157,7 @@ def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -
         x, y, left, right, far, near = (float(value) for value in strip)
         edges = [turn_edge(x + s * near, s, y + near, old, new) for s in (left, right)]
         (first, left), (second, right) = edges
+        strip[:] = math.nan
         if right - left > 0.02:
             depth = (second - first) / (right - left)
             apex = first - left * depth, y + near - depth

@@ -22,7 +22,7 @@ from mvuav_ros.vision.approach.search import (
     find_candidates,
 )
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
-from mvuav_ros.vision.approach.strips import FollowedStrip
+from mvuav_ros.vision.approach.strips import FollowedStrip, is_plausible
 from mvuav_ros.vision.approach.track import RunwayTrack, View
 from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH, TRACKER
 
@@ -57,7 +57,8 @@ class Sight(NamedTuple):
 
     Attributes:
         row: of the horizon, px, if it is known.
-        ranges: hypotheses of where it is; the first has the frame's slope.
+        ranges: hypotheses of where it is; the first has the frame's slope, as have all without
+            a horizon.
         meeting: row of the vanishing point and its standard deviation, if known, px.
         attitude: whether that comes from an attitude sensor.
     """
@@ -116,6 +117,24 @@ class StripTracker(Generic[TrackT]):
     def unchanged(self) -> int:
         """Frames before the newest that were the same."""
         return self._registration.unchanged
+
+    def allows(self, level: Derotation, row: float) -> bool:
+        """Whether what is followed for certain may lie on a ground with its horizon there.
+
+        Elsewhere it may be the border of a field, or of the pavement.
+        """
+        best = self.best
+        if best is None or self._level is None or best.log_odds <= 0:
+            return True
+        (strip,) = turn_strips(best.strip()[None], self._level, level)
+        above, below = SEARCH.horizon_reach
+        size = level.height, level.width
+        return is_plausible(strip, size) and -above < strip[1] - row < below
+
+    @property
+    def level(self) -> Derotation | None:
+        """The last frame's derotation."""
+        return self._level
 
     def _turn(self, level: Derotation) -> None:
         """Go over to the next frame's derotation."""
@@ -185,7 +204,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         ]
         self._merge()
         if self._frame % self._search_period() == 0:
-            self._start(self._search(view, sight.ranges), view)
+            self._start(self._search(view, sight), view)
         self._frame += 1
         self._scene = working.whole_scene
         self._choose()
@@ -226,21 +245,21 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         report = self.report
         return 0.0 if report is None else confidence_weights().confidence(report)
 
-    def _search(self, view: View, ranges: list[SearchRange]) -> Candidates:
-        """The likeliest range at once; after that the next few rows on one level at one depth."""
+    def _search(self, view: View, sight: Sight) -> Candidates:
+        """What is likeliest at once; after that the next few rows on one level at one depth."""
         if self._frame == 0:
-            where = ranges[0]
-            image = view.working.at_slope(where.slope)
-            found = find_candidates(image, where.first, where.last)
-        else:
-            chunks = list(_by_turns([list(_chunks(where)) for where in ranges]))
-            if not chunks:
-                return NO_CANDIDATES
-            self._rounds, number = divmod(self._job, len(chunks))
-            where, level, depth, rows = chunks[number]
-            self._job += 1
-            image = view.working.at_slope(where.slope)
-            found = image.search(level, [(depth, rows)], TRACKER.max_weighed)
+            # Without a horizon no range is likelier than the others.
+            ranges = sight.ranges if sight.row is None else sight.ranges[:1]
+            parts = [find_candidates(view.working, where.first, where.last) for where in ranges]
+            return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+        chunks = list(_by_turns([list(_chunks(where)) for where in sight.ranges]))
+        if not chunks:
+            return NO_CANDIDATES
+        self._rounds, number = divmod(self._job, len(chunks))
+        where, level, depth, rows = chunks[number]
+        self._job += 1
+        image = view.working.at_slope(where.slope)
+        found = image.search(level, [(depth, rows)], TRACKER.max_weighed)
         turned = turn_strips(found.strips, image.level, view.working.level)
         return found._replace(strips=turned)
 

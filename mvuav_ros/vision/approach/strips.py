@@ -98,6 +98,16 @@ def strip_through(
     return np.array([corners[0, 1] - left * depth, rows[1] - depth, left, right, *ends])
 
 
+def strip_along(edges: Edges, strip: Strip) -> Strip:
+    """The strip along points of both edges, between the ends of another one."""
+    lines = [np.polyfit(edge.rows, edge.columns, 1, w=edge.weights + 1e-3) for edge in edges]
+    ends = strip[1] + strip[4:6]
+    corners = np.array([np.polyval(line, ends) for line in lines])
+    through = strip_through(corners, ends, ends)
+    through[4:6] -= through[1]
+    return through
+
+
 def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
     """Whether points measured on the frame lie along the mean."""
     used = exact.weights > 0

@@ -37,6 +37,7 @@ from mvuav_ros.vision.approach.strips import (
     columns_at,
     is_plausible,
     points_along,
+    strip_along,
     strip_through,
     strips_through,
 )
@@ -266,7 +267,8 @@ class RunwayTrack(FollowedStrip):
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""
-        self._found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
+        found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
+        self._found = [strip for strip in found if np.isfinite(strip).all()]
         super().turn(old, new)
 
     def step(self, view: View, period: int, *, shown: bool = False) -> None:
@@ -296,9 +298,9 @@ class RunwayTrack(FollowedStrip):
         if self._rested < period and self.age > 1:
             if self.locked or self.points is not None:
                 strip = self.strip()
-                self._measure(
-                    view, strip, strip[1] + strip[4:6], weighed=False, rest=dim or not shown
-                )
+                # About a mean of strips, edges that are not there say nothing of their kind.
+                rest = dim or not shown or self.kinds.likeliest is EdgeKind.STRIPS
+                self._measure(view, strip, strip[1] + strip[4:6], weighed=False, rest=rest)
             return
         share, self._rested = float(self._rested), 0
         self._lock()
@@ -411,7 +413,7 @@ class RunwayTrack(FollowedStrip):
             # Not replaced by another kind's, which would be elsewhere.
             own = columns_at(self.strip()[None], rows)[0]
             self.points = points_along(own, rows, self._spread)
-        if self.locked and width > SHOULDERS.min_width:
+        if self.kinds.likeliest is not EdgeKind.STRIPS and width > SHOULDERS.min_width:
             shown = shows_shoulders(view.frame, self.strip())
             if shown is not None:
                 self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)
@@ -430,6 +432,11 @@ class RunwayTrack(FollowedStrip):
         width = float(strip[3] - strip[2]) * strip[5]
         wide = width >= TRACK.wide
         steps = self._look.find(view.frame, strip, wide=wide)
+        if wide and weighed and support(steps) < TRACK.min_support:
+            # Strips are found on an image that is the coarser the wider they are.
+            coarse = self._look.find(view.frame, strip, wide=wide, far_off=True)
+            if support(coarse) > TRACK.min_support:
+                steps = self._look.find(view.frame, strip_along(coarse, strip), wide=wide)
         clear = support(steps)
         odds = TRACK.support_odds * (clear - TRACK.min_support)
         if self._look.coloured and width < TRACK.colour_width:

@@ -98,7 +98,10 @@ class EdgesTuning:
     reach: float = 0.35  # widths searched on both sides of the expected edge
     min_reach: float = 3.0  # px, likewise
     max_reach: float = 8.0  # px, likewise
+    # widths, likewise, of a strip that was found on a coarse image: 2 px of its level
+    far_reach: float = 0.12
     # a row supports an edge with a step of this share of the strip's contrast
+    min_apart: float = 0.05  # from the edge's own step: nearer ones are within the tolerance
     min_step_share: float = 0.25
     widths_per_step: float = 12.0  # width of the strip over the length of a step
     usual_rank: float = 0.15  # rank, from the worst, of the line whose votes are usual
@@ -164,6 +167,8 @@ class ShouldersTuning:
     beyond: float = 0.3  # sampled outside of the edge
     window: float = 2.0  # px of the means whose difference is a step: the blur of run 3
     min_step: float = 0.034  # share of the mean brightness
+    min_apart: float = 0.05  # from the edge's own step: nearer ones are within the tolerance
+    min_step_share: float = 0.2  # of the edge's own step; run 3's shoulders have 0.24 and more
     # share of the mean brightness by which it stands out from what is between
     min_clearness: float = 0.0064
 
