@@ -29,7 +29,7 @@ from mvuav_ros.vision.approach.edges import (
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.probability import log_odds_of
 from mvuav_ros.vision.approach.search import LevelledImage, describe_around, ends_of
-from mvuav_ros.vision.approach.side_lines import LinedEdges
+from mvuav_ros.vision.approach.side_lines import SideLines
 from mvuav_ros.vision.approach.strips import (
     FollowedStrip,
     agrees,
@@ -171,6 +171,11 @@ def tolerance(width: float) -> float:
     return max(TRACK.min_tolerance, TRACK.tolerance_share * width)
 
 
+def _width(strip: Strip) -> float:
+    """At the near end, px."""
+    return float((strip[3] - strip[2]) * strip[5])
+
+
 def support(edges: Edges) -> float:
     """Of the less certain edge, 0 to 1."""
     return min(edge.support for edge in edges)
@@ -241,7 +246,7 @@ class RunwayTrack(FollowedStrip):
         self.agreement = 1.0
         self._found = [strip]
         self._hypotheses = Hypotheses()
-        self._look, self._lines, self.kinds = EdgeLook(), LinedEdges(), EdgeKinds()
+        self._look, self._lines, self.kinds = EdgeLook(), SideLines(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested = 0
         self._sharp = 0.0
@@ -276,12 +281,9 @@ class RunwayTrack(FollowedStrip):
         """
         if self.age:
             self.shape.predict(*view.registration.shift(self.strip(), view.frame.level))
-        before = self.strip()
-        if is_plausible(before, view.working.size):
-            self._follow(view, period, shown)
         if is_plausible(self.strip(), view.working.size):
-            self._lines.move(before, self.strip())
-        else:
+            self._follow(view, period, shown)
+        if not is_plausible(self.strip(), view.working.size):
             self.give_up()
 
     def _follow(self, view: View, period: int, shown: bool) -> None:
@@ -294,11 +296,11 @@ class RunwayTrack(FollowedStrip):
         elif dim:
             period *= 2
         if self._rested < period and self.age > 1:
-            if self.locked or self.points is not None:
+            if shown and not dim and (self.locked or self.points is not None):
                 strip = self.strip()
-                self._measure(
-                    view, strip, strip[1] + strip[4:6], weighed=False, rest=dim or not shown
-                )
+                self._measure(view, strip, strip[1] + strip[4:6], weighed=False)
+            elif self.points is not None:
+                self.points = self._predicted()
             return
         share, self._rested = float(self._rested), 0
         self._lock()
@@ -327,7 +329,7 @@ class RunwayTrack(FollowedStrip):
             return
         strip = self.strip()
         self.locked = (
-            float((strip[3] - strip[2]) * strip[5]) > TRACK.lock_width
+            _width(strip) > TRACK.lock_width
             and self.age > TRACK.lock_age
             and self.log_odds > TRACK.lock_odds
             and exact > TRACK.lock_share
@@ -359,7 +361,6 @@ class RunwayTrack(FollowedStrip):
         near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance(float(mean[1, 1] - mean[0, 1]))
         self.agreement += memory * (float(shares[near].sum()) - self.agreement)
         through = strip_through(mean, rows, likeliest[4:6])
-        self._lines.expect(self.strip(), through)
         self._measure(view, through, rows, weighed=True)
         self._ends_at(rows)
         self.open_end = bool(features[best, _OPEN] > 0.5)
@@ -373,48 +374,49 @@ class RunwayTrack(FollowedStrip):
         rows: NDArray[np.float64],
         *,
         weighed: bool,
-        rest: bool = False,
     ) -> None:
         """Find the edges about a strip between two rows, by the likeliest kind that is seen."""
         corners = columns_at(strip[None], rows)[0]
         width = float(corners[1, 1] - corners[0, 1])
         mean = points_along(corners, rows, self._spread)
-        if rest:
-            self.points = mean
-            return
         measured = {EdgeKind.STRIPS: mean} if weighed and not self.locked else {}
         evidence: dict[EdgeKind, float] = {}
+        narrow = width < LINES.max_width
         coloured = self._look.coloured
-        if weighed or coloured or width >= LINES.max_width:
+        if weighed or coloured or not narrow:
             self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
-        by_colour = coloured and EdgeKind.STEP in measured
-        if by_colour:
-            self._lines.expect_colour(self.strip(), measured[EdgeKind.STEP])
+        steps = measured.get(EdgeKind.STEP) if coloured else None
         # Far away a line is thinner than a pixel, and colour shows the edge better.
-        if width >= LINES.max_width:
-            evidence[EdgeKind.LINE] = TRACK.lines_seen[False]
-        elif not (by_colour and width < TRACK.lock_width):
-            lines = self._lines.find(view.frame, self.strip(), strip)
-            evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
-            if lines is not None:
+        if steps is None or width >= TRACK.lock_width:
+            known = steps or self._predicted()
+            lines = narrow and self._lines.find(
+                view.frame, strip, known, coloured=steps is not None
+            )
+            evidence[EdgeKind.LINE] = TRACK.lines_seen[bool(lines)]
+            if lines:
                 measured[EdgeKind.LINE] = lines
             elif EdgeKind.STEP not in evidence:
                 self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
         self.kinds.take_in(evidence)
         distinct = EdgeKind.LINE in measured or (self._look.coloured and EdgeKind.STEP in measured)
         self.distinct += max(TRACK.memory, 1.0 / self.age) * (float(distinct) - self.distinct)
+        # Not replaced by another kind's, which would be elsewhere.
         self.points = measured.get(self.kinds.likeliest)
         if self.points is not None:
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
             self.shape.update(self.points, view.horizon if weighed else None)
         elif not self.locked:
-            # Not replaced by another kind's, which would be elsewhere.
-            own = columns_at(self.strip()[None], rows)[0]
-            self.points = points_along(own, rows, self._spread)
+            self.points = self._predicted()
         if self.locked and width > SHOULDERS.min_width:
             shown = shows_shoulders(view.frame, self.strip())
             if shown is not None:
                 self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)
+
+    def _predicted(self) -> Edges:
+        """Points along the edges as followed."""
+        strip = self.strip()
+        rows = strip[1] + strip[4:6]
+        return points_along(columns_at(strip[None], rows)[0], rows, self._spread)
 
     def _find_steps(
         self,
@@ -427,7 +429,7 @@ class RunwayTrack(FollowedStrip):
         weighed: bool,
     ) -> None:
         """Find the steps along both edges."""
-        width = float(strip[3] - strip[2]) * strip[5]
+        width = _width(strip)
         wide = width >= TRACK.wide
         steps = self._look.find(view.frame, strip, wide=wide)
         clear = support(steps)

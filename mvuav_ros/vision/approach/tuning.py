@@ -116,10 +116,9 @@ class EdgesTuning:
 class LinesTuning:
     """Of the lines along a runway's sides, in widths of the runway. Runs 3, 5 and variants."""
 
-    memory: float = 0.1  # share of a new frame in how clear a line is on average
+    memory: float = 0.1  # share of a new frame in how often shoulders have lines
     # between places of one line in two frames, and between like gaps of both sides
     same: float = 0.1
-    choice_reach: float = 0.3  # from an expected edge to the lines that are compared
     # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
     # in run 5 0.9
     clear_share: float = 0.85
@@ -128,7 +127,6 @@ class LinesTuning:
     away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
-    min_kept: float = 0.05  # average clearness below which a line is given up
     min_clear: float = 0.01  # from 0 to 1, from which a line is compared with the other side's
     step: float = 0.02  # between samples across an edge
     reach: float = 0.5  # of the samples on both sides of an expected edge
@@ -147,7 +145,6 @@ class LinesTuning:
     min_clearness: float = 1.2  # of the fainter line, in usual ridges of the place
     min_depth: float = 2.0  # grey levels below a line that are dark
     max_ridge: float = 4.0  # usual ridges: more counts as that, so that one lamp is not a line
-    compared_depth: float = 0.7  # share of the near end's depth in which edges are compared
 
 
 @dataclass(frozen=True)
@@ -344,7 +341,6 @@ class TrackerTuning:
     best_period: int = 6  # frames from one weighing of the best track to the next
     others_period: int = 12  # the same of others
     scene_frames: int = 24  # for which the image as a whole is taken to stay alike
-    max_hidden: float = 0.5  # share of a strip's edges: more is the edge of an overlay
     min_odds: float = -5.0  # log odds of a track
     min_start_odds: float = -3.0  # log odds of a candidate
     switch_margin: float = 0.7  # log odds by which another track must be better than the one shown
