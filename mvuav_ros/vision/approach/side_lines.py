@@ -275,7 +275,7 @@ def _outer_side(profile: NDArray[np.float32], within: int) -> float:
     NaN where nothing beyond is darker.
     """
     peak = int(profile[:within].argmax())
-    beyond = profile[peak:].tolist()
+    beyond: list[float] = profile[peak:].tolist()
     # The first minimum after the peak: there may be another line farther outside.
     dark, lowest = beyond[0] - LINES.min_depth, 0
     for place in range(1, len(beyond)):
@@ -287,4 +287,4 @@ def _outer_side(profile: NDArray[np.float32], within: int) -> float:
     if beyond[lowest] > dark:
         return math.nan
     last = next(place for place, value in enumerate(beyond) if value <= half) - 1
-    return peak + last + (beyond[last] - half) / (beyond[last] - beyond[last + 1])
+    return float(peak + last) + (beyond[last] - half) / (beyond[last] - beyond[last + 1])

@@ -341,6 +341,7 @@ class TrackerTuning:
     best_period: int = 6  # frames from one weighing of the best track to the next
     others_period: int = 12  # the same of others
     scene_frames: int = 24  # for which the image as a whole is taken to stay alike
+    max_hidden: float = 0.5  # share of a strip's edges: more is the edge of an overlay
     min_odds: float = -5.0  # log odds of a track
     min_start_odds: float = -3.0  # log odds of a candidate
     switch_margin: float = 0.7  # log odds by which another track must be better than the one shown
