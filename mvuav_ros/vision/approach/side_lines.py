@@ -9,9 +9,9 @@ shoulder's line outside and markings or rubber inside.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from typing import Any, NamedTuple
 
 import cv2
@@ -198,14 +198,14 @@ class _LineFan:
         ends: (n, 2) middle at the far and at the near end, widths of the runway.
         at: (rows, n) samples through which they go.
         worth: (n,) factor of the clearness: those that run askew count less.
-        centre: (n,) middle half way between the ends.
+        same: (n, n) whether two are no more than half a width apart.
     """
 
     reach: int
     ends: Numbers
     at: NDArray[np.intp]
     worth: Numbers
-    centre: Numbers
+    same: NDArray[np.bool_]
 
 
 @lru_cache
@@ -221,7 +221,9 @@ def _line_fan(half: float) -> _LineFan:
     at = np.rint(far + (near - far) * (rows / (LINES.rows - 1))).astype(np.intp)
     ends = np.stack([middles[far], middles[near]], axis=1)
     worth = 1.0 - LINES.turned_cost * turned
-    return _LineFan(reach, ends, at + rows * middles.size, worth, ends.mean(axis=1))
+    centre = ends.mean(axis=1)
+    same = np.abs(centre[:, None] - centre) < half
+    return _LineFan(reach, ends, at + rows * middles.size, worth, same)
 
 
 def _brightness(
@@ -235,38 +237,34 @@ def _brightness(
 def _distinct(brightness: NDArray[np.float32]) -> tuple[list[Line], list[Line]]:
     """Along either edge the clearest lines that are apart from one another, of any width."""
     found: tuple[list[Line], list[Line]] = [], []
-    for half in LINES.half_widths:
-        for side, lines in enumerate(_lines(brightness, half)):
-            found[side].extend(lines)
-    for lines in found:
-        lines.sort(key=lambda line: -line.clearness)
-        kept: list[Line] = []
-        for line in lines:
+    of_widths = [_lines(brightness, half) for half in LINES.half_widths]
+    for kept, *lines in zip(found, *of_widths, strict=True):
+        for line in sorted(chain(*lines), key=lambda line: -line.clearness):
             if all(abs(line.middle - other.middle) > LINES.apart for other in kept):
                 kept.append(line)
-        lines[:] = kept
     return found
 
 
-def _lines(brightness: NDArray[np.float32], half: float) -> Iterator[list[Line]]:
+def _lines(brightness: NDArray[np.float32], half: float) -> list[list[Line]]:
     """Along either edge the clearest lines of a width that are apart from one another."""
     fan = _line_fan(half)
     reach = fan.reach
     smooth = cv2.blur(brightness.reshape(2 * LINES.rows, -1), (reach | 1, 1))
     sides = np.maximum(smooth[:, : -2 * reach], smooth[:, 2 * reach :])
-    ridges = np.maximum(smooth[:, reach:-reach] - sides, 0.0).reshape(2, LINES.rows, -1)
-    for ridge in ridges:
-        ridge = np.minimum(ridge, LINES.max_ridge * cv2.mean(ridge)[0] + 1.0)
-        votes = ridge.ravel().take(fan.at).sum(axis=0)
-        usual = cv2.mean(ridge)[0] + LINES.noise
-        clear = votes * fan.worth / (usual * LINES.rows)
-        found = []
+    ridges = np.maximum(smooth[:, reach:-reach] - sides, 0.0).reshape(2, -1)
+    usual = ridges.mean(axis=1, keepdims=True)
+    np.minimum(ridges, LINES.max_ridge * usual + 1.0, out=ridges)
+    votes = ridges.take(fan.at, axis=1).sum(axis=1)
+    usual = ridges.mean(axis=1, keepdims=True) + LINES.noise
+    found = []
+    for clear in votes * fan.worth / (usual * LINES.rows):
+        lines = []
         for _ in range(3):
             best = int(clear.argmax())
-            far, near = fan.ends[best].tolist()
-            found.append(Line(far, near, float(clear[best])))
-            clear[np.abs(fan.centre - fan.centre[best]) < half] = 0.0
-        yield found
+            lines.append(Line(*fan.ends[best].tolist(), float(clear[best])))
+            clear[fan.same[best]] = 0.0
+        found.append(lines)
+    return found
 
 
 def _outer_side(profile: NDArray[np.float32], within: int) -> float:

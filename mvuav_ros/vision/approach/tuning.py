@@ -76,7 +76,7 @@ class MotionTuning:
     corner_distance: float = 5.0  # px between corners
     flow_window: tuple[int, int] = (9, 9)  # px around a corner that are compared
     flow_levels: int = 2  # levels of the pyramid above the finest
-    period: int = 3  # frames from one comparison to the next
+    period: int = 6  # frames from one comparison to the next
     max_period: int = 12  # frames after which other corners are taken
     max_still: float = 0.25  # px by which a corner that stands still may seem to have moved
     # px by which the ground must have moved before standing still says anything
@@ -335,7 +335,7 @@ class TrackerTuning:
     chunk: int = 8  # rows of vanishing points searched in one frame
     period_first: int = 2  # frames from one share of the search to the next without a runway
     period_later: int = 4  # the same after ``first_rounds``
-    period_certain: int = 24  # the same with a runway
+    period_certain: int = 48  # the same with a runway
     first_rounds: int = 1  # through all that is searched
     max_weighed: int = 14  # of the strips that a share of the search finds
     best_period: int = 6  # frames from one weighing of the best track to the next
