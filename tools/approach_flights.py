@@ -17,9 +17,8 @@ from mvuav_ros.simulation.ground import GroundPainter, Ripmap, load_ground
 from mvuav_ros.simulation.pinhole import CameraPose
 from mvuav_ros.simulation.runway_flight import RunwayFlight, measured_attitude
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_rpy
 
 FLIGHTS: dict[str, dict[str, Any]] = {
     'approach': {},

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.corners import WARM_UP
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
+from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.probability import Report
 from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.approach.tracker import RunwayTracker
+from mvuav_ros.vision.frames import Attitude
 
 Pixels = NDArray[Any]
 MIN_CONFIDENCE = 0.5

@@ -25,8 +25,8 @@ from mvuav_ros.messages.image_files import (
 )
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.messages.untrusted import MAX_LINE, words
-from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
 IMAGE = 'sensor_msgs/msg/Image'

@@ -7,8 +7,8 @@ from collections import deque
 from functools import cache
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import Attitude
 
 if TYPE_CHECKING:  # reading needs no ROS
     from sensor_msgs.msg import CameraInfo, Imu

@@ -42,7 +42,7 @@ from mvuav_ros.messages.sensors import (
 )
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.vision.approach.attitude import Attitude
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import ImageError
 
 _DEPTH = 5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 from mvuav_ros.parameters.common_parameters import (
     autostart,
@@ -207,12 +207,12 @@ class MarkerTrackerParameters(ParameterSet):
     opencv_threads: int = opencv_threads()
     autostart: bool = autostart('Node')
 
-    @property
+    @cached_property
     def weighted(self) -> bool:
         """Whether lights are measured by intensity."""
         return self._is_ours if self.centroid == 'auto' else self.centroid == 'weighted'
 
-    @property
+    @cached_property
     def by_components(self) -> bool:
         """Whether the clusters of a whole frame are connected pixels."""
         return self._is_ours if self.grouping == 'auto' else self.grouping == 'components'

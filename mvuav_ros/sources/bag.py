@@ -38,8 +38,8 @@ from mvuav_ros.sources.source import (
     Selection,
     SourceError,
 )
-from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import ImageError
 
 _MAX_NAMES = 20
@@ -220,7 +220,8 @@ class BagImages(FrameSource):
     ) -> Iterator[EncodedFrame | Frame | BadFrame | RecordedMessage]:
         recording = self._recording
         origin_ns = 0
-        if selection.is_part:
+        is_part = selection.is_part
+        if is_part:
             paired.look_ahead(recording)
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
         images = 0
@@ -236,8 +237,9 @@ class BagImages(FrameSource):
                 wanted = images % selection.every == 0
                 yield from paired.add(_frames(message, video, wanted))
                 images += 1
-                elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
-                self.count = self._estimate(selection, images, elapsed_ns)
+                if is_part:
+                    elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
+                    self.count = self._estimate(selection, images, elapsed_ns)
             yield from paired.ready(wait=True)
         yield from paired.add(video.end())
         yield from paired.ready(wait=False)

@@ -6,6 +6,7 @@ Bodies and the world: x forward, y left, z up. A camera's optical frame: x right
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -88,6 +89,45 @@ def from_unit_quaternion(x: float, y: float, z: float, w: float) -> Matrix:
             (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
         ]
     )
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """Orientation of the body (x forward, y left, z up) in a level world with z up (REP 103).
+
+    It is a unit quaternion.
+
+    Examples:
+        >>> from mvuav_ros.vision.frames import Attitude
+        >>> Attitude.from_roll_pitch(0.0, 0.0).w
+        1.0
+    """
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+    @classmethod
+    def from_roll_pitch(cls, roll: float, pitch: float) -> Attitude:
+        """Of REP 103's angles, rad: right wing down and nose down are positive."""
+        cos_roll, sin_roll = math.cos(roll / 2), math.sin(roll / 2)
+        cos_pitch, sin_pitch = math.cos(pitch / 2), math.sin(pitch / 2)
+        return cls(
+            sin_roll * cos_pitch, cos_roll * sin_pitch, -sin_roll * sin_pitch, cos_roll * cos_pitch
+        )
+
+    @property
+    def valid(self) -> bool:
+        """It is a unit quaternion, to within rounding."""
+        length = math.hypot(self.x, self.y, self.z, self.w)
+        return math.isfinite(length) and abs(length - 1.0) < 0.02
+
+    @property
+    def up(self) -> Vector:
+        """The world's upward direction in the body's axes."""
+        x, y, z, w = self.x, self.y, self.z, self.w
+        return np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
 
 
 def east_north_up(

@@ -14,7 +14,7 @@ from support.coded_videos import (
 from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.nodes.image_input import ReceivedImage
 from mvuav_ros.nodes.publishing import FrameDecoder
-from mvuav_ros.vision.approach.attitude import Attitude
+from mvuav_ros.vision.frames import Attitude
 
 START_NS = 1_700_000_000_000_000_000
 LEVEL = Attitude(0.0, 0.0, 0.0, 1.0)

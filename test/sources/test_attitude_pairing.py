@@ -5,7 +5,7 @@ import math
 import pytest
 
 from mvuav_ros.messages.sensors import MAX_HELD, AttitudePairing
-from mvuav_ros.vision.approach.attitude import Attitude
+from mvuav_ros.vision.frames import Attitude
 
 MS = 1_000_000
 

@@ -40,7 +40,7 @@ PARTS: dict[str, tuple[str, ...]] = {
         'vision.runway.results.RunwayResult',
         'vision.runway.results.RunwayLine',
         'vision.approach.detector.ApproachDetector',
-        'vision.approach.attitude.Attitude',
+        'vision.frames.Attitude',
         'vision.approach.results.ApproachResult',
         'vision.approach.results.Guidance',
     ),

@@ -9,7 +9,6 @@ import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.attitude import (
-    Attitude,
     Derotation,
     Horizon,
     HorizonLine,
@@ -28,6 +27,7 @@ from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tracker import RunwayTracker, Sight
 from mvuav_ros.vision.approach.tuning import DETECTOR
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.correction import jumps

@@ -7,13 +7,9 @@ import pytest
 
 from mvuav_ros.simulation.runway_flight import RunwayFlight, measured_attitude
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.attitude import (
-    Attitude,
-    HorizonFinder,
-    horizon_from,
-    mount_matrix,
-)
+from mvuav_ros.vision.approach.attitude import HorizonFinder, horizon_from, mount_matrix
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import Attitude
 
 CAMERA = CameraModel(640, 480, (500.0, 0, 319.5, 0, 500.0, 239.5, 0, 0, 1.0))
 AHEAD = mount_matrix((0.0, 0.0, 0.0))

@@ -10,9 +10,10 @@ from mvuav_ros.cli.bench.vision_cases import approach_cases
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
+from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.overlay import draw_approach
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.runway.results import LineRole
 
 APPROACH = RunwayDetectorParameters(mode='approach')

@@ -10,10 +10,11 @@ from support.drawn_ground import drawn_strip
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
-from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
+from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.ground_motion import Overlaid
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image
 
 RUNWAY = {'height': 60, 'width': 30, 'speed': 2, 'ends': (400, 1500)}
