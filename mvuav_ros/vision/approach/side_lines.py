@@ -125,19 +125,24 @@ class SideLines:
         self.shoulders = 0.0
 
     def find(
-        self, frame: LevelledFrame, strip: Strip, known: Edges, *, coloured: bool = False
+        self,
+        frame: LevelledFrame,
+        strip: Strip,
+        known: Edges | None = None,
+        *,
+        coloured: bool = False,
     ) -> Edges | None:
         """Measure both edges of a narrow runway by the outer sides of the lines along a strip's.
 
         Lines are expected between the strip's edges and those known, or where colour has shown
         those. None if the lines are not clear, or the runway is too wide.
         """
-        if float(strip[3] - strip[2]) * strip[5] >= LINES.max_width:
-            return None
         rows, expected, outwards = rows_of(strip, _ALONG)
+        if outwards[1, -1] >= LINES.max_width:
+            return None
         columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
         found = _distinct(_brightness(frame, columns, rows))
-        left, right = _away(strip, known)
+        left, right = (0.0, 0.0) if known is None else _away(strip, known)
         if coloured:
             lines, shoulders = choose(*found, (left, right), LINES.away_from_colour_cost)
         else:
@@ -182,10 +187,11 @@ class SideLines:
 def _away(strip: Strip, points: Edges) -> tuple[float, float]:
     """How far outside of a strip's left and right edge points lie, in its widths."""
     away = []
-    for edge, slope in zip(points, strip[2:4], strict=True):
+    for edge, slope in zip(points, strip[2:4].tolist(), strict=True):
         depth = edge.rows - strip[1]
         offsets = (edge.columns - strip[0] - slope * depth) / ((strip[3] - strip[2]) * depth)
-        away.append(float(np.average(offsets, weights=edge.weights + 1e-6)))
+        weights = edge.weights + 1e-6
+        away.append(float((offsets * weights).sum() / weights.sum()))
     return -away[0], away[1]
 
 
@@ -261,7 +267,8 @@ def _lines(brightness: NDArray[np.float32], half: float) -> list[list[Line]]:
         lines = []
         for _ in range(3):
             best = int(clear.argmax())
-            lines.append(Line(*fan.ends[best].tolist(), float(clear[best])))
+            far, near = fan.ends[best].tolist()
+            lines.append(Line(far, near, float(clear[best])))
             clear[fan.same[best]] = 0.0
         found.append(lines)
     return found

@@ -46,22 +46,6 @@ def surrounding_box(strips: Strips) -> tuple[float, float, float, float]:
     )
 
 
-def apart(strips: Strips, odds: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Numbers of the strips that differ, best first."""
-    best = strips[int(odds.argmax())]
-    rows = best[1] + np.array([0.4, 1.0]) * best[5]
-    columns = columns_at(strips, rows)
-    width = float(columns[int(odds.argmax()), 1, 1] - columns[int(odds.argmax()), 0, 1])
-    kept: list[int] = []
-    for index in np.argsort(-odds, kind='stable'):
-        if not kept or (
-            odds[index] > odds[kept[0]] - 9.0
-            and np.abs(columns[kept] - columns[index]).max(axis=(1, 2)).min() > 0.08 * width + 0.5
-        ):
-            kept.append(int(index))
-    return np.array(kept, np.intp)
-
-
 def overlap(strip: Strip, other: Strip) -> bool:
     """Whether two strips share half of the narrower one, and meet at about the same place."""
     row = np.array([strip[1] + strip[5]])
@@ -90,15 +74,6 @@ def points_along(
 
 _SHARES = (np.arange(STRIP.points) + 0.5) / STRIP.points
 """Where the points of a mean's edge are, from its far to its near end."""
-
-
-def strip_through(
-    corners: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
-) -> Strip:
-    """The strip whose edges pass through corners at two rows."""
-    left, right = (corners[:, 1] - corners[:, 0]) / (rows[1] - rows[0])
-    depth = (corners[1, 1] - corners[0, 1]) / max(right - left, 1e-3)
-    return np.array([corners[0, 1] - left * depth, rows[1] - depth, left, right, *ends])
 
 
 def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:

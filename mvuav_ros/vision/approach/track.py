@@ -33,11 +33,9 @@ from mvuav_ros.vision.approach.side_lines import SideLines
 from mvuav_ros.vision.approach.strips import (
     FollowedStrip,
     agrees,
-    apart,
     columns_at,
     is_plausible,
     points_along,
-    strip_through,
     strips_through,
 )
 from mvuav_ros.vision.approach.tuning import LINES, SEARCH, SHOULDERS, TRACK
@@ -96,10 +94,9 @@ class Hypotheses:
         self._odds += memory * (now - self._odds)
         all_odds = np.concatenate([self._odds, odds[known:]])
         count = np.concatenate([self._count, np.ones(len(odds) - known)])
-        width = max(float((frame[3] - frame[2]) * frame[5]), 1.0)
         columns = columns_at(measured, _rows(frame))
         rank = all_odds - TRACK.new_strip_margin * (count == 1.0)
-        kept = _distinct(columns, rank, max(TRACK.same_share * width, TRACK.same_px))
+        kept = _distinct(columns, rank, _width(frame))
         self._odds, self._count, self._kept = all_odds[kept], count[kept], kept
         return Weighed(measured[kept], self._shares(columns[kept]))
 
@@ -135,19 +132,28 @@ def _rows(frame: NDArray[np.float64]) -> NDArray[np.float64]:
     return rows
 
 
+def _width(strip: Strip) -> float:
+    """At the near end, px."""
+    return float((strip[3] - strip[2]) * strip[5])
+
+
 def _distinct(
-    columns: NDArray[np.float64], odds: NDArray[np.float64], apart: float
+    columns: NDArray[np.float64], odds: NDArray[np.float64], width: float
 ) -> NDArray[np.intp]:
-    """Numbers of the strips that differ, best first, without hopeless ones."""
+    """Numbers of the strips that differ, best first, without hopeless ones.
+
+    They are known by `columns_at`; ``width`` is that of the runway, px.
+    """
+    apart = max(TRACK.same_share * width, TRACK.same_px)
+    order = np.argsort(-odds, kind='stable')
+    order = order[odds[order] >= odds.max(initial=-np.inf) + TRACK.max_odds_below]
+    differ = np.abs(columns[order, None] - columns[order]).max(axis=(2, 3)) > apart
     kept: list[int] = []
-    if not odds.size:
-        return np.array(kept, np.intp)
-    for index in np.argsort(-odds, kind='stable'):
-        if not odds[index] >= odds.max() + TRACK.max_odds_below or len(kept) == TRACK.max_strips:
-            break
-        if not kept or (np.abs(columns[kept] - columns[index]).max(axis=(1, 2)) > apart).all():
-            kept.append(int(index))
-    return np.array(kept, np.intp)
+    for place in range(len(order)):
+        if differ[place, kept].all():
+            kept.append(place)
+    first: NDArray[np.intp] = order[kept[: TRACK.max_strips]]
+    return first
 
 
 class View(NamedTuple):
@@ -169,11 +175,6 @@ class View(NamedTuple):
 def tolerance(width: float) -> float:
     """Px by which an edge may be wrong where the near end is so many px wide."""
     return max(TRACK.min_tolerance, TRACK.tolerance_share * width)
-
-
-def _width(strip: Strip) -> float:
-    """At the near end, px."""
-    return float((strip[3] - strip[2]) * strip[5])
 
 
 def support(edges: Edges) -> float:
@@ -346,9 +347,8 @@ class RunwayTrack(FollowedStrip):
         measured, features, valid = seen
         odds = np.where(valid, log_odds_of(features), -np.inf)
         best = int(odds.argmax())
-        now = float(odds[best]) + math.log(
-            float(np.exp(odds[apart(measured, odds)] - odds[best]).sum())
-        )
+        differing = _distinct(columns_at(measured, _rows(frame)), odds, _width(frame))
+        now = float(odds[best]) + math.log(float(np.exp(odds[differing] - odds[best]).sum()))
         memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
         self.log_odds += memory * (now - self.log_odds)
         strips, shares = self._hypotheses.weigh(measured, odds, share, frame)
@@ -360,7 +360,7 @@ class RunwayTrack(FollowedStrip):
         self._spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
         near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance(float(mean[1, 1] - mean[0, 1]))
         self.agreement += memory * (float(shares[near].sum()) - self.agreement)
-        through = strip_through(mean, rows, likeliest[4:6])
+        through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)
         self._ends_at(rows)
         self.open_end = bool(features[best, _OPEN] > 0.5)
@@ -381,19 +381,17 @@ class RunwayTrack(FollowedStrip):
         mean = points_along(corners, rows, self._spread)
         measured = {EdgeKind.STRIPS: mean} if weighed and not self.locked else {}
         evidence: dict[EdgeKind, float] = {}
-        narrow = width < LINES.max_width
         coloured = self._look.coloured
-        if weighed or coloured or not narrow:
+        if weighed or coloured or width >= LINES.max_width:
             self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
         steps = measured.get(EdgeKind.STEP) if coloured else None
         # Far away a line is thinner than a pixel, and colour shows the edge better.
         if steps is None or width >= TRACK.lock_width:
-            known = steps or self._predicted()
-            lines = narrow and self._lines.find(
-                view.frame, strip, known, coloured=steps is not None
-            )
-            evidence[EdgeKind.LINE] = TRACK.lines_seen[bool(lines)]
-            if lines:
+            known = steps or (self._predicted() if weighed else None)
+            coloured = steps is not None
+            lines = self._lines.find(view.frame, strip, known, coloured=coloured)
+            evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
+            if lines is not None:
                 measured[EdgeKind.LINE] = lines
             elif EdgeKind.STEP not in evidence:
                 self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
