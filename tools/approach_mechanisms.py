@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import Any
 
 from mvuav_ros.vision.approach import track, tuning
-from mvuav_ros.vision.approach.attitude import HorizonTracker
+from mvuav_ros.vision.approach.attitude import HorizonFinder
 from mvuav_ros.vision.approach.edges import EdgeLook
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.search import LevelledImage
@@ -24,7 +24,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'tracks hidden by overlays': [(LevelledImage, 'share_hidden', _returns(0.0))],
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
-    'horizon in the image': [(HorizonTracker, 'find', _returns(None))],
+    'horizon in the image': [(HorizonFinder, 'find', _returns(None))],
     'side lines': [(SideLines, 'find', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
     'lines near the mean': [
