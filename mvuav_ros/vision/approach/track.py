@@ -381,15 +381,20 @@ class RunwayTrack(FollowedStrip):
         mean = points_along(corners, rows, self._spread)
         measured = {EdgeKind.STRIPS: mean} if weighed and not self.locked else {}
         evidence: dict[EdgeKind, float] = {}
-        coloured = self._look.coloured
+        # Between weighings no other kind is looked for where one is all but certain.
+        likeliest = self.kinds.likeliest
+        sure = not weighed and self.kinds.share(likeliest) > TRACK.lock_share
+        lines_alone = sure and likeliest is EdgeKind.LINE
+        coloured = self._look.coloured and not lines_alone
         if weighed or coloured or width >= LINES.max_width:
             self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
-        steps = measured.get(EdgeKind.STEP) if coloured else None
+        steps = measured.get(EdgeKind.STEP)
         # Far away a line is thinner than a pixel, and colour shows the edge better.
-        if steps is None or width >= TRACK.lock_width:
-            known = steps or (self._predicted() if weighed else None)
-            coloured = steps is not None
-            lines = self._lines.find(view.frame, strip, known, coloured=coloured)
+        enough = (coloured and width < TRACK.lock_width) or (sure and not lines_alone)
+        if steps is None or not enough:
+            by_colour = steps if coloured else None
+            known = by_colour or (self._predicted() if weighed else None)
+            lines = self._lines.find(view.frame, strip, known, coloured=by_colour is not None)
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
             if lines is not None:
                 measured[EdgeKind.LINE] = lines
@@ -405,7 +410,7 @@ class RunwayTrack(FollowedStrip):
             self.shape.update(self.points, view.horizon if weighed else None)
         elif not self.locked:
             self.points = self._predicted()
-        if self.locked and width > SHOULDERS.min_width:
+        if weighed and self.locked and width > SHOULDERS.min_width:
             shown = shows_shoulders(view.frame, self.strip())
             if shown is not None:
                 self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)

@@ -297,8 +297,8 @@ class TrackTuning:
     # px of the near end, from which lines are so far apart that edges are the clearest steps
     wide: float = 18.0
     min_support: float = 0.25  # of the edges, 0 to 1, from which that holds
-    # share of a frame that shows shoulders, and of one that does not
-    shoulder_memory: tuple[float, float] = (0.3, 0.1)
+    # share of a weighing that shows shoulders, and of one that does not
+    shoulder_memory: tuple[float, float] = (0.8, 0.4)
     # what of it makes them possible and certain. Run 3
     shoulder_range: tuple[float, float] = (0.3, 0.6)
     strips_around: int = 8  # tried around the mean each time
