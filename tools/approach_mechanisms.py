@@ -8,11 +8,11 @@ from types import ModuleType
 from typing import Any
 
 from mvuav_ros.vision.approach import track, tuning
-from mvuav_ros.vision.approach.attitude import HorizonTracker
+from mvuav_ros.vision.approach.attitude import HorizonFinder
+from mvuav_ros.vision.approach.strip_edges import EdgeLook
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.search import LevelledImage
-from mvuav_ros.vision.approach.side_lines import LinedEdges
-from mvuav_ros.vision.approach.strip_edges import EdgeLook
+from mvuav_ros.vision.approach.side_lines import SideLines
 
 
 def _returns(value: Any) -> Callable[..., Any]:
@@ -24,10 +24,9 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'tracks hidden by overlays': [(LevelledImage, 'share_hidden', _returns(0.0))],
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
-    'horizon in the image': [(HorizonTracker, 'find', _returns(None))],
-    'side lines': [(LinedEdges, 'find', _returns(None))],
+    'horizon in the image': [(HorizonFinder, 'find', _returns(None))],
+    'side lines': [(SideLines, 'find', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
-    'lines over many frames': [(tuning.LINES, 'memory', 1.0)],
     'lines near the mean': [
         (tuning.LINES, 'away_cost', 0.0),
         (tuning.LINES, 'away_from_colour_cost', 0.0),

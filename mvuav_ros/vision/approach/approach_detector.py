@@ -12,8 +12,8 @@ from mvuav_ros.vision.approach.approach_results import ROLES, ApproachResult, Gu
 from mvuav_ros.vision.approach.attitude import (
     Derotation,
     Horizon,
+    HorizonFinder,
     HorizonLine,
-    HorizonTracker,
     horizon_from,
     is_upside_down,
     line_through,
@@ -302,7 +302,7 @@ class Finder:
     def __init__(self, target: str) -> None:
         self.tracker: RunwayTracker | RoadTracker
         self.tracker = RunwayTracker() if target == 'runway' else RoadTracker(TARGETS[target])
-        self._horizon = HorizonTracker()
+        self._horizon: HorizonFinder | None = None
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
         """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
@@ -312,6 +312,7 @@ class Finder:
         level = Derotation(width, height, factor, 0.0)
         horizon: HorizonLine | Horizon | None = None
         if self.tracker.below_horizon:
+            self._horizon = self._horizon or HorizonFinder(height, width)
             horizon = attitude or self._horizon.find(pixels)
         if horizon is not None:
             level = Derotation(width, height, factor, horizon.slope)

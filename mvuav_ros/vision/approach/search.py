@@ -147,9 +147,12 @@ def fan_jobs(first: float, last: float, level: int) -> Iterator[Job]:
     """
     for depth in SEARCH.depths if level == 0 else SEARCH.depths[2:]:
         step = 0.4 * depth
-        rows = np.arange(first, last + 0.5 * step, step)
         # The compared part of a strip must be in the image.
-        yield depth, rows[rows > 0.5 - SEARCH.first_row * depth].tolist()
+        top = max(first, 0.5 - SEARCH.first_row * depth)
+        count = round((last - top) / step) + 1 if last >= top else 0
+        # As far from the first row as from the last one.
+        rows = 0.5 * (top + last) + step * (np.arange(count) - 0.5 * (count - 1))
+        yield depth, rows.tolist()
 
 
 def distinct(found: NDArray[np.float64], most: int) -> NDArray[np.float64]:

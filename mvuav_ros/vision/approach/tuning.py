@@ -76,7 +76,7 @@ class MotionTuning:
     corner_distance: float = 5.0  # px between corners
     flow_window: tuple[int, int] = (9, 9)  # px around a corner that are compared
     flow_levels: int = 2  # levels of the pyramid above the finest
-    period: int = 3  # frames from one comparison to the next
+    period: int = 6  # frames from one comparison to the next
     max_period: int = 12  # frames after which other corners are taken
     max_still: float = 0.25  # px by which a corner that stands still may seem to have moved
     # px by which the ground must have moved before standing still says anything
@@ -101,7 +101,6 @@ class EdgesTuning:
     # widths, likewise, of a strip that was found on a coarse image: 2 px of its level
     far_reach: float = 0.12
     # a row supports an edge with a step of this share of the strip's contrast
-    min_apart: float = 0.05  # from the edge's own step: nearer ones are within the tolerance
     min_step_share: float = 0.25
     widths_per_step: float = 12.0  # width of the strip over the length of a step
     usual_rank: float = 0.15  # rank, from the worst, of the line whose votes are usual
@@ -119,10 +118,9 @@ class EdgesTuning:
 class LinesTuning:
     """Of the lines along a runway's sides, in widths of the runway. Runs 3, 5 and variants."""
 
-    memory: float = 0.1  # share of a new frame in how clear a line is on average
+    memory: float = 0.1  # share of a new frame in how often shoulders have lines
     # between places of one line in two frames, and between like gaps of both sides
     same: float = 0.1
-    choice_reach: float = 0.3  # from an expected edge to the lines that are compared
     # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
     # in run 5 0.9
     clear_share: float = 0.85
@@ -131,7 +129,6 @@ class LinesTuning:
     away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
-    min_kept: float = 0.05  # average clearness below which a line is given up
     min_clear: float = 0.01  # from 0 to 1, from which a line is compared with the other side's
     step: float = 0.02  # between samples across an edge
     reach: float = 0.5  # of the samples on both sides of an expected edge
@@ -150,7 +147,6 @@ class LinesTuning:
     min_clearness: float = 1.2  # of the fainter line, in usual ridges of the place
     min_depth: float = 2.0  # grey levels below a line that are dark
     max_ridge: float = 4.0  # usual ridges: more counts as that, so that one lamp is not a line
-    compared_depth: float = 0.7  # share of the near end's depth in which edges are compared
 
 
 @dataclass(frozen=True)
@@ -168,7 +164,8 @@ class ShouldersTuning:
     window: float = 2.0  # px of the means whose difference is a step: the blur of run 3
     min_step: float = 0.034  # share of the mean brightness
     min_apart: float = 0.05  # from the edge's own step: nearer ones are within the tolerance
-    min_step_share: float = 0.2  # of the edge's own step; run 3's shoulders have 0.24 and more
+    # of the edge's own step: run 3's shoulders have 0.19 and more, land in simulated flights 0.1
+    min_step_share: float = 0.15
     # share of the mean brightness by which it stands out from what is between
     min_clearness: float = 0.0064
 
@@ -293,6 +290,9 @@ class TrackTuning:
     new_strip_margin: float = 1.5
     same_share: float = 0.06  # widths between edges of strips that are the same
     same_px: float = 0.6  # px, likewise
+    # widths and px between edges of strips whose odds are added up, as they are not the same
+    alike_share: float = 0.08
+    alike_px: float = 0.5
     young_weighings: float = 2.0  # weighings after which a strip counts half
     # px of width, and by what log odds are divided there, as frames err alike
     hot: tuple[float, float] = (20.0, 2.5)
@@ -305,8 +305,8 @@ class TrackTuning:
     # px of the near end, from which lines are so far apart that edges are the clearest steps
     wide: float = 18.0
     min_support: float = 0.25  # of the edges, 0 to 1, from which that holds
-    # share of a frame that shows shoulders, and of one that does not
-    shoulder_memory: tuple[float, float] = (0.3, 0.1)
+    # share of a weighing that shows shoulders, and of one that does not
+    shoulder_memory: tuple[float, float] = (0.8, 0.4)
     # what of it makes them possible and certain. Run 3
     shoulder_range: tuple[float, float] = (0.3, 0.6)
     strips_around: int = 8  # tried around the mean each time
