@@ -303,6 +303,7 @@ class Finder:
         self.tracker: RunwayTracker | RoadTracker
         self.tracker = RunwayTracker() if target == 'runway' else RoadTracker(TARGETS[target])
         self._horizon: HorizonFinder | None = None
+        self._seen = 0
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
         """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
@@ -319,7 +320,8 @@ class Finder:
             if horizon is attitude:
                 row = level.row_of((horizon.row + 0.5) / factor - 0.5)
                 sight = Sight.from_attitude(row, level.slope)
-            elif self.tracker.allows(level, row := level.row_of(horizon.row)):
+            elif self.tracker.allows(level, row := level.row_of(horizon.row), self._seen):
+                self._seen += 1
                 sight = Sight.from_image(row, level.slope, height)
             else:
                 level = self.tracker.level or level
@@ -331,13 +333,17 @@ class Finder:
     def _veto(self, sight: Sight) -> str:
         """Why nothing is reported, if the picture is frozen or the best track is in the sky."""
         unchanged, best = self.tracker.unchanged, self.tracker.best
+        self.tracker.above_horizon = False
         if unchanged > (0 if best is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
-        # What looks like a horizon in the picture may be the border of a field.
-        if best is None or sight.row is None or not sight.attitude:
+        if best is None or sight.row is None:
             return ''
         _, y = best.shape.vanishing_point
-        return '' if y + best.near > sight.row else 'the likeliest lies above the horizon'
+        above = y + best.near <= sight.row
+        # What looks like a horizon in the picture may be the border of a field.
+        known = not sight.attitude and self._seen >= best.age
+        self.tracker.above_horizon = above and known
+        return 'the likeliest lies above the horizon' if above and sight.attitude else ''
 
 
 class LineFlags:

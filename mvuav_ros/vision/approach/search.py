@@ -149,9 +149,7 @@ def fan_jobs(first: float, last: float, level: int) -> Iterator[Job]:
         step = 0.4 * depth
         # The compared part of a strip must be in the image.
         top = max(first, 0.5 - SEARCH.first_row * depth)
-        count = round((last - top) / step) + 1 if last >= top else 0
-        # As far from the first row as from the last one.
-        rows = 0.5 * (top + last) + step * (np.arange(count) - 0.5 * (count - 1))
+        rows = np.arange(top, last + 0.5 * step, step)
         yield depth, rows.tolist()
 
 

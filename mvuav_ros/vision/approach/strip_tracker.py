@@ -100,9 +100,11 @@ class StripTracker(Generic[TrackT]):
         tracks: those that are followed.
         best: the one that is shown.
         below_horizon: whether the target is looked for below the horizon alone.
+        above_horizon: what is shown lies above a horizon that the image has shown for longer.
     """
 
     below_horizon = True
+    above_horizon = False
 
     def __init__(self, max_tracks: int, switch_margin: float) -> None:
         """How many are followed, and by what log odds another must be better than that shown."""
@@ -118,13 +120,14 @@ class StripTracker(Generic[TrackT]):
         """Frames before the newest that were the same."""
         return self._registration.unchanged
 
-    def allows(self, level: Derotation, row: float) -> bool:
+    def allows(self, level: Derotation, row: float, frames: int) -> bool:
         """Whether what is followed for certain may lie on a ground with its horizon there.
 
-        Elsewhere it may be the border of a field, or of the pavement.
+        Otherwise it may be the border of a field, or of the pavement. A horizon that was seen in so
+        many ``frames`` is known better than what was followed in fewer.
         """
         best = self.best
-        if best is None or self._level is None or best.log_odds <= 0:
+        if best is None or self._level is None or best.log_odds <= 0 or best.age <= frames:
             return True
         (strip,) = turn_strips(best.strip()[None], self._level, level)
         above, below = SEARCH.horizon_reach
@@ -229,7 +232,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             if track is not best
         )
         return Report(
-            best.log_odds,
+            best.log_odds - TRACKER.above_horizon_odds * self.above_horizon,
             best.agreement,
             best.moved,
             self._attitude,

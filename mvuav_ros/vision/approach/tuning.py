@@ -352,6 +352,8 @@ class TrackerTuning:
     max_hidden: float = 0.5  # share of a strip's edges: more is the edge of an overlay
     min_odds: float = -5.0  # log odds of a track
     min_start_odds: float = -3.0  # log odds of a candidate
+    # log odds lost by what lies above a horizon that the image has shown for longer. Text in run 3
+    above_horizon_odds: float = 1.0
     switch_margin: float = 0.7  # log odds by which another track must be better than the one shown
     max_taken: int = 24  # candidates of one search that are followed
     max_below_best: float = 6.0  # log odds below the best candidate
