@@ -120,6 +120,11 @@ class StripTracker(Generic[TrackT]):
         """Frames before the newest that were the same."""
         return self._registration.unchanged
 
+    @property
+    def certain(self) -> bool:
+        """What is shown is likelier what is looked for than not."""
+        return self.best is not None and self.best.log_odds > 0
+
     def allows(self, level: Derotation, row: float, frames: int) -> bool:
         """Whether what is followed for certain may lie on a ground with its horizon there.
 
@@ -127,7 +132,7 @@ class StripTracker(Generic[TrackT]):
         many ``frames`` is known better than what was followed in fewer.
         """
         best = self.best
-        if best is None or self._level is None or best.log_odds <= 0 or best.age <= frames:
+        if best is None or self._level is None or not self.certain or best.age <= frames:
             return True
         (strip,) = turn_strips(best.strip()[None], self._level, level)
         above, below = SEARCH.horizon_reach
@@ -196,7 +201,9 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         view = View(frame, working, sight.meeting, self._registration)
         for track in self.tracks:
             shown = track is self.best
-            period = TRACKER.best_period if shown else TRACKER.others_period
+            period = TRACKER.best_period
+            if not shown:
+                period = TRACKER.others_certain if self.certain else TRACKER.others_period
             track.step(view, period, shown=shown)
         self.tracks = [
             track
@@ -215,7 +222,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     def _search_period(self) -> int:
         """Frames from one share of the search to the next."""
-        if self.best is not None and self.best.log_odds > 0:
+        if self.certain:
             return TRACKER.period_certain
         first = self._rounds < TRACKER.first_rounds
         return TRACKER.period_first if first else TRACKER.period_later

@@ -444,10 +444,10 @@ class RunwayTrack(FollowedStrip):
         width = _width(strip)
         wide = width >= TRACK.wide
         steps = self._look.find(view.frame, strip, wide=wide)
-        if wide and weighed and support(steps) < TRACK.min_support:
+        if wide and weighed and support(steps) < TRACK.lock_support:
             # Strips are found on an image that is the coarser the wider they are.
             coarse = self._look.find(view.frame, strip, wide=wide, far_off=True)
-            if support(coarse) > TRACK.min_support:
+            if support(coarse) > support(steps) + TRACK.min_support:
                 steps = self._look.find(view.frame, strip_along(coarse, strip), wide=wide)
         clear = support(steps)
         odds = TRACK.support_odds * (clear - TRACK.min_support)

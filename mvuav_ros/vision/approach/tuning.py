@@ -348,6 +348,7 @@ class TrackerTuning:
     max_weighed: int = 14  # of the strips that a share of the search finds
     best_period: int = 6  # frames from one weighing of the best track to the next
     others_period: int = 12  # the same of others
+    others_certain: int = 24  # the same of others, with a runway
     scene_frames: int = 24  # for which the image as a whole is taken to stay alike
     max_hidden: float = 0.5  # share of a strip's edges: more is the edge of an overlay
     min_odds: float = -5.0  # log odds of a track
