@@ -9,10 +9,10 @@ from typing import Any
 
 from mvuav_ros.vision.approach import track, tuning
 from mvuav_ros.vision.approach.attitude import HorizonFinder
-from mvuav_ros.vision.approach.strip_edges import EdgeLook
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.search import LevelledImage
 from mvuav_ros.vision.approach.side_lines import SideLines
+from mvuav_ros.vision.approach.strip_edges import EdgeLook
 
 
 def _returns(value: Any) -> Callable[..., Any]:

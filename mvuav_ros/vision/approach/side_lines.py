@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.strip_edges import EdgePoints, Edges, LevelledFrame, Strip, rows_of
 from mvuav_ros.vision.approach.evidence import brightness_of
+from mvuav_ros.vision.approach.strip_edges import EdgePoints, Edges, LevelledFrame, Strip, rows_of
 from mvuav_ros.vision.approach.tuning import LINES
 
 

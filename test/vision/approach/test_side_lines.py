@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.side_lines import SideLines
+from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.strips import columns_at, points_along
 
 LEVEL = Derotation(320, 240, 1, 0.0)
