@@ -13,6 +13,7 @@ from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.search import LevelledImage
 from mvuav_ros.vision.approach.side_lines import SideLines
 from mvuav_ros.vision.approach.strip_edges import EdgeLook
+from mvuav_ros.vision.approach.strip_tracker import StripTracker
 
 
 def _returns(value: Any) -> Callable[..., Any]:
@@ -25,6 +26,8 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
     'horizon in the image': [(HorizonFinder, 'find', _returns(None))],
+    'horizon against what is followed': [(StripTracker, 'allows', _returns(True))],
+    'doubt above the horizon': [(tuning.TRACKER, 'above_horizon_odds', 0.0)],
     'side lines': [(SideLines, 'find', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
     'lines near the mean': [
@@ -34,6 +37,8 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     "shoulders' lines": [(tuning.LINES, 'shoulder_cost', 0.0)],
     'edges alone': [(tuning.TRACK, 'lock_width', math.inf)],
     'shoulders': [(track, 'shows_shoulders', _returns(None))],
+    'shoulders as plain': [(tuning.SHOULDERS, 'min_step_share', 0.0)],
+    'steps farther off': [(tuning.EDGES, 'far_reach', 0.0)],
     'registration': [(Registration, 'shift', _returns((0.0, 0.0)))],
     'colour': [(EdgeLook, 'coloured', property(_returns(False)))],
     'clear colours': [(tuning.EDGES, 'clear_contrast', math.inf)],
@@ -47,6 +52,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'weighed every sixth frame': [
         (tuning.TRACKER, 'best_period', 1),
         (tuning.TRACKER, 'others_period', 1),
+        (tuning.TRACKER, 'others_certain', 1),
     ],
     'coarsest level': [(tuning.SEARCH, 'levels', 3)],
 }

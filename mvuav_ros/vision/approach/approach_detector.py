@@ -303,6 +303,7 @@ class Finder:
         self.tracker: RunwayTracker | RoadTracker
         self.tracker = RunwayTracker() if target == 'runway' else RoadTracker(TARGETS[target])
         self._horizon: HorizonFinder | None = None
+        # Frames in which the image has shown a horizon.
         self._seen = 0
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
@@ -326,24 +327,27 @@ class Finder:
             else:
                 level = self.tracker.level or level
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
-        veto = self._veto(sight)
+        above = self._is_above(track, sight)
+        # What looks like a horizon in the picture may be the border of a field.
+        known = track is not None and self._seen >= track.age
+        self.tracker.above_horizon = above and known and not sight.attitude
+        veto = self._veto(track, above=above and sight.attitude)
         confidence = 0.0 if veto else self.tracker.confidence
         return Found(track, confidence, level, sight.row, veto)
 
-    def _veto(self, sight: Sight) -> str:
-        """Why nothing is reported, if the picture is frozen or the best track is in the sky."""
-        unchanged, best = self.tracker.unchanged, self.tracker.best
-        self.tracker.above_horizon = False
-        if unchanged > (0 if best is None else DETECTOR.frozen_frames):
+    def _is_above(self, track: FollowedStrip | None, sight: Sight) -> bool:
+        """Whether a track lies wholly above the horizon."""
+        if track is None or sight.row is None:
+            return False
+        _, y = track.shape.vanishing_point
+        return y + track.near <= sight.row
+
+    def _veto(self, track: FollowedStrip | None, *, above: bool) -> str:
+        """Why nothing is reported, if the picture is frozen or the track is in the sky."""
+        unchanged = self.tracker.unchanged
+        if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
-        if best is None or sight.row is None:
-            return ''
-        _, y = best.shape.vanishing_point
-        above = y + best.near <= sight.row
-        # What looks like a horizon in the picture may be the border of a field.
-        known = not sight.attitude and self._seen >= best.age
-        self.tracker.above_horizon = above and known
-        return 'the likeliest lies above the horizon' if above and sight.attitude else ''
+        return 'the likeliest lies above the horizon' if above else ''
 
 
 class LineFlags:

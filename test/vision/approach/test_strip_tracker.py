@@ -43,6 +43,13 @@ def test_what_may_be_no_runway_or_is_younger_says_nothing_of_the_horizon():
     assert RunwayTracker().allows(BANKED, 12.0, 9)
 
 
+def test_what_lies_above_a_horizon_is_likelier_something_else():
+    tracker = following(0.5)
+    known = tracker.confidence
+    tracker.above_horizon = True
+    assert tracker.confidence < known
+
+
 def test_a_strip_on_its_side_is_none():
     assert np.isnan(turn_strips(STRIP[None], LEVEL, BANKED)).all()
     (there,) = turn_strips(STRIP[None], LEVEL, Derotation(320, 240, 1, 0.1))
