@@ -453,8 +453,9 @@ class RunwayTrack(FollowedStrip):
         odds = TRACK.support_odds * (clear - TRACK.min_support)
         if self._look.coloured and width < TRACK.colour_width:
             odds += TRACK.colour_odds
-        trusted = wide and clear > TRACK.min_support and (weighed or self.locked)
-        if trusted or all(map(agrees, steps, mean)):
+        # Between weighings the strip's place is no more than a guess: plain steps are better.
+        needed = TRACK.min_support if weighed or self.locked else TRACK.lock_support
+        if (wide and clear > needed) or all(map(agrees, steps, mean)):
             measured[EdgeKind.STEP] = steps
             if weighed:
                 self._sharp += TRACK.sharp_memory * (clear - self._sharp)
