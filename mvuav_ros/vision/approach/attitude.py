@@ -183,19 +183,22 @@ class Horizon(NamedTuple):
         strength: mean step across it, grey levels of blue; 0 where nothing was found.
         texture: how much neighbouring columns differ right above it, grey levels of blue;
             infinite where too little of that is in the image.
+        contrast: how much brighter all above it is than what is right below, grey levels of blue.
     """
 
     row: float
     slope: float
     strength: float
     texture: float
+    contrast: float
 
     @property
     def trusted(self) -> bool:
-        """It looks like sky above it, not like the edge of treetops or walls."""
+        """It looks like sky above it, not like the edge of treetops or walls, or like a road."""
         return (
             self.strength > HORIZON.min_strength
             and self.texture < HORIZON.max_texture * self.strength
+            and self.contrast > HORIZON.min_contrast
         )
 
 
@@ -249,13 +252,15 @@ class HorizonFinder:
         best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
         strength = float(sums[best, row])
         if strength <= 0:
-            return Horizon(0.0, 0.0, 0.0, math.inf)
+            return Horizon(0.0, 0.0, 0.0, math.inf, 0.0)
         slope = self._slopes[best] + math.radians(HORIZON.slope_step_deg) * vertex(
             sums[:, row], int(best)
         )
         exact_row = int(row) + vertex(sums[best], int(row))
-        texture = self._texture(small, int(row) + self._shift[best])
-        return Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, texture)
+        line = int(row) + self._shift[best]
+        exact_row = (exact_row + 0.5) * self._down - 0.5
+        texture, contrast = self._texture(small, line), self._contrast(small, line)
+        return Horizon(exact_row, float(slope), strength, texture, contrast)
 
     def _texture(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
         """Mean difference of neighbouring columns in the rows above the horizon's ``horizon``."""
@@ -271,6 +276,15 @@ class HorizonFinder:
             if above.sum() > HORIZON.min_sky_rows * HORIZON.width
             else math.inf
         )
+
+    def _contrast(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
+        """How much brighter all above the ``horizon``'s rows is than the rows right below."""
+        below = np.arange(HORIZON.height)[:, None] - horizon
+        land = (below > 0) & (below <= HORIZON.sky_rows)
+        above = below < 0
+        if not (land.any() and above.any()):
+            return 0.0
+        return float(blue[above].mean()) - float(blue[land].mean())
 
     def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
         """How much brighter it is above each place than below, capped."""
