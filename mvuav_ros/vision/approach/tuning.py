@@ -50,8 +50,8 @@ class HorizonTuning:
     min_strength: float = 3.0  # grey levels of the mean step across a horizon
     max_texture: float = 0.4  # texture above a horizon per step across it
     sky_rows: int = 12  # rows above it whose texture is measured
-    # grey levels by which all above it is brighter than as many rows below: 33 and more with sky, up
-    # to 22 without, run 5 and the simulator's flights that look down
+    # grey levels by which all above it is brighter than as many rows below: 33 and more with sky,
+    # up to 22 without. Run 5 and the simulator's flights that look down
     min_contrast: float = 25.0
     min_sky_rows: int = 3  # rows of sky that must be in view
     column_step: int = 4  # px between the columns of the refinement

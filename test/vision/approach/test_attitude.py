@@ -123,3 +123,13 @@ def test_treetops_and_an_even_image_are_not_trusted():
     finder = HorizonFinder(HEIGHT, WIDTH)
     assert finder.find(view(110, 0, treetops=True)) is None
     assert finder.find(np.full((HEIGHT, WIDTH), 90, np.uint8)) is None
+
+
+@pytest.mark.parametrize('road', [180, 230])
+def test_a_bright_road_across_the_land_is_no_horizon(road):
+    """All that is above a horizon is sky."""
+    land = np.full((HEIGHT, WIDTH), 60, np.uint8)
+    land[90:102] = road
+    assert HorizonFinder(HEIGHT, WIDTH).find(land) is None
+    land[:90] = road
+    assert HorizonFinder(HEIGHT, WIDTH).find(land).row == pytest.approx(101.5, abs=1.0)

@@ -167,6 +167,7 @@ def test_beyond_the_threshold_the_distance_is_unknown_and_says_so():
             assert not near_end.found
     assert seen > 10
 
+
 def test_a_camera_that_looks_down_needs_no_horizon():
     """The near end of the runway, then the border of its pavement, which is no horizon.
 
