@@ -429,7 +429,8 @@ class Gain:
     noise: Array
     own: float
     _others: dict[tuple[int, int], Ellipse] = field(default_factory=dict)
-    _ellipses: dict[tuple[int, int, float], Ellipse] = field(default_factory=dict)
+    _distances: dict[tuple[int, int, float], Ellipse] = field(default_factory=dict)
+    _all_distances: dict[float, list[Ellipse]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -487,19 +488,32 @@ class Gain:
             found = self._others[row, index] = (*found, self.noise.item(row, first))
         return found
 
-    def ellipse(self, row: int, index: int, variance: float) -> Ellipse:
-        """What makes a marker's innovation by the others a squared distance over its variance.
+    def distance(self, row: int, index: int, variance: float) -> Ellipse:
+        """What makes a marker's weighed innovation w a squared distance from where the others put it.
 
-        It lies with a variance (px²) of both axes about where the others put it. The factors of xx,
-        xy and yy, and the determinant of the covariance, px⁴.
+        It lies about there with a variance (px²) of both axes. The factors of the squares of w, of
+        xx, xy and yy, and the determinant of the place's covariance, px⁴.
         """
-        found = self._ellipses.get((row, index, variance))
+        found = self._distances.get((row, index, variance))
         if found is None:
-            xx, xy, yy, own = self.by_others(row, index)
-            xx, yy = max(xx - own, 0.0) + variance, max(yy - own, 0.0) + variance
-            determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
-            found = yy / determinant, -2.0 * xy / determinant, xx / determinant, determinant
-            self._ellipses[row, index, variance] = found
+            a, b, c, own = self.by_others(row, index)
+            xx, yy = max(a - own, 0.0) + variance, max(c - own, 0.0) + variance
+            determinant = max(xx * yy - b * b, 1e-12 * xx * yy)
+            # B⁻¹ C⁻¹ B⁻¹, with B⁻¹ of a, b and c and C of xx, b and yy.
+            found = self._distances[row, index, variance] = (
+                (yy * a * a - 2.0 * b * a * b + xx * b * b) / determinant,
+                2.0 * (yy * a * b - b * (a * c + b * b) + xx * b * c) / determinant,
+                (yy * b * b - 2.0 * b * b * c + xx * c * c) / determinant,
+                determinant,
+            )
+        return found
+
+    def distances(self, variance: float) -> list[Ellipse]:
+        """That of each marker, of the main filter's."""
+        found = self._all_distances.get(variance)
+        if found is None:
+            found = [self.distance(0, index, variance) for index in range(len(self.markers))]
+            self._all_distances[variance] = found
         return found
 
 
@@ -587,14 +601,9 @@ class Correction:
 
     def nis_of(self, row: int, index: int) -> float:
         """How far a marker lies from where a filter's others put it (chi², two degrees)."""
-        return self._distance(row, index, self.gain.own)
-
-    def _distance(self, row: int, index: int, variance: float) -> float:
         weighed = self._weighed[row]
-        wx, wy = weighed[2 * index], weighed[2 * index + 1]
-        xx, xy, yy, _ = self.gain.by_others(row, index)
-        x, y = xx * wx + xy * wy, xy * wx + yy * wy
-        xx, xy, yy, _ = self.gain.ellipse(row, index, variance)
+        x, y = weighed[2 * index], weighed[2 * index + 1]
+        xx, xy, yy, _ = self.gain.distance(row, index, self.gain.own)
         return xx * x * x + xy * x * y + yy * y * y
 
     @cached_property
@@ -605,7 +614,15 @@ class Correction:
     @cached_property
     def nis(self) -> list[float]:
         """For each marker how far it lies from where the main filter's others put it."""
-        return [self.nis_of(0, index) for index in range(len(self.found))]
+        return self._squares(self.gain.own)
+
+    def _squares(self, variance: float) -> list[float]:
+        weighed = self._weighed[0]
+        distances = self.gain.distances(variance)
+        return [
+            xx * x * x + xy * x * y + yy * y * y
+            for (xx, xy, yy, _), x, y in zip(distances, weighed[::2], weighed[1::2], strict=True)
+        ]
 
     def deviation_by_others(self, row: int, index: int) -> float:
         """How exactly a filter's others determine a marker's place (1 sigma, px): larger axis."""
@@ -622,13 +639,15 @@ class Correction:
         the marker earlier.
         """
         redundancy = max(1.0 - unknowns / (2 * len(self.found)), 0.0)
-        gain, wide = self.gain, self.gain.own + beside * beside
-        odds = {}
-        for index, (marker, near) in enumerate(zip(self.found, self.nis, strict=True)):
-            ratio = gain.ellipse(0, index, wide)[3] / gain.ellipse(0, index, gain.own)[3]
-            far = self._distance(0, index, wide)
-            odds[marker] = 0.5 * redundancy * (far - near + math.log(ratio))
-        return odds
+        own, wide = self.gain.own, self.gain.own + beside * beside
+        squares = zip(self.nis, self._squares(wide), strict=True)
+        least, most = self.gain.distances(own), self.gain.distances(wide)
+        return {
+            marker: 0.5 * redundancy * (far - near + math.log(large[3] / small[3]))
+            for marker, (near, far), small, large in zip(
+                self.found, squares, least, most, strict=True
+            )
+        }
 
     def view(self, row: int = 0) -> ViewState:
         """What follows of a filter's view."""
