@@ -164,11 +164,11 @@ class PoseEstimator:
             self._is_mirrored |= self._is_uncertain
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
-        if not np.isfinite(pixels).all():
+        image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
+        if not math.isfinite(np.add.reduce(image, axis=None)):
             self.reason = 'the positions of the markers are not finite'
             return None
         markers = np.array(labels, np.intp)
-        image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
         chosen, solution = self._solve(camera, markers, image, time)
         if solution is None:
             return None
@@ -186,7 +186,7 @@ class PoseEstimator:
     def _remember(self, solution: Solution, time: float) -> None:
         """Take a pose that was told."""
         elapsed, self._rates = time - self._last_time, None
-        if self._last is not None and elapsed <= TUNING.holds:
+        if self._last is not None and 0.0 < elapsed <= TUNING.holds:
             (_, a, b), (c, _, d), (e, f, _) = solution.rotation.dot(self._last[0].T).tolist()
             # Small turns are the part of a rotation matrix that is not symmetric.
             turning = np.array((f - d, b - e, c - a)) * (0.5 / elapsed)
@@ -322,7 +322,7 @@ def _most_misfit(view: Reprojection) -> float:
 def _is_known(spread: Array, translation: Array, share: float) -> bool:
     """Whether turns and places are known well enough to publish, in a share of the limits."""
     variances: list[float] = spread.diagonal().tolist()
-    if not all(math.isfinite(variance) for variance in variances):
+    if not math.isfinite(sum(variances)):
         return False
     turned = math.sqrt(max(*variances[:3], 0.0))
     moved = math.sqrt(max(*variances[3:], 0.0))
@@ -445,18 +445,14 @@ class _ResidualNoise:
         self._doubt = NOISE.first_weight
         self._risen_for = 0
 
-    @property
-    def noise(self) -> float:
-        """In the newest frame, px."""
-        variance = self._variance
-        if self._recent > NOISE.rise**2 * variance:
-            variance = self._recent
-        return math.hypot(math.sqrt(variance), NOISE.steady_error)
+        self._set_noise()
 
-    @property
-    def usual(self) -> float:
-        """Where there is no sudden rise, px."""
-        return math.hypot(math.sqrt(self._variance), NOISE.steady_error)
+    def _set_noise(self) -> None:
+        variance = self._variance
+        # Where there is no sudden rise, and in the newest frame, px.
+        self.usual = math.hypot(math.sqrt(variance), NOISE.steady_error)
+        recent = self._recent if self._recent > NOISE.rise**2 * variance else variance
+        self.noise = math.hypot(math.sqrt(recent), NOISE.steady_error)
 
     @property
     def _variance(self) -> float:
@@ -477,3 +473,4 @@ class _ResidualNoise:
         self._squares = NOISE.memory * self._squares + min(squares, most)
         self._freedom = NOISE.memory * self._freedom + freedom
         self._doubt *= NOISE.first_memory
+        self._set_noise()

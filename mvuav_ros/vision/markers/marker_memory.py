@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
 from typing import NamedTuple
 
 from mvuav_ros.vision.markers.centroid import Detection, Pull
@@ -63,7 +62,8 @@ class Jumps:
         if len(away) < JUMPS.fewest:
             return None
         # What has shaken the camera has moved all of them.
-        x, y = (median(values) for values in zip(*away.values(), strict=True))
+        middle = len(away) // 2
+        x, y = (sorted(values)[middle] for values in zip(*away.values(), strict=True))
         usual = math.hypot(self._usual, JUMPS.least)
         limit = JUMPS.deviations * usual
         apart = sorted((math.hypot(dx - x, dy - y), m) for m, (dx, dy) in away.items())
