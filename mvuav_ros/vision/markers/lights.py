@@ -49,6 +49,14 @@ class Lens:
             matrix = camera.matrix
             self.focal = math.sqrt(matrix[0, 0] * matrix[1, 1])
             self.centre = matrix[:2, 2].copy()
+            if camera.is_straight and matrix[0, 0] == matrix[1, 1]:
+                # Its pixels are those of a camera without distortion.
+                self._camera = None
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the pixels are those of a camera without distortion, or taken as such."""
+        return self._camera is None
 
     def to_ideal(self, pixels: Array) -> Array:
         """(n, 2) px of the image as px without distortion."""
@@ -334,7 +342,7 @@ def _most_useful(boxes: Sequence[Blob], around: Sequence[float]) -> list[Blob]:
 
 def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Light]:
     """Detections, and where a lens without distortion would show them."""
-    if lens.focal is None or not spots:
+    if lens.is_straight or not spots:
         return [Light(spot.x, spot.y, spot) for spot in spots]
     ideal = lens.to_ideal(np.array([spot[:2] for spot in spots])).tolist()
     return [Light(x, y, spot) for spot, (x, y) in zip(spots, ideal, strict=True)]
