@@ -154,28 +154,6 @@ class CentroidMeter:
             found.append((Detection(x - pull[0], y - pull[1], area, spread), pull))
         return found
 
-    def measure_part(
-        self, cut: Cut, window: tuple[int, int, int, int], own: NDArray[np.bool_]
-    ) -> Detection:
-        """The light made of some of a window's pixels, which other lights come close to.
-
-        Args:
-            cut: gives the frame's intensity.
-            window: x0, x1, y0, y1, inclusive px, within the frame.
-            own: (height, width), true for its pixels, of which there must be some.
-        """
-        x0, x1, y0, y1 = window
-        y, x = np.nonzero(own)
-        area = len(x)
-        weights = np.ones(area)
-        if self.weighted:
-            gray = cut(x0, x1, y0, y1)
-            weights = gray[own] - FLOOR * self.level * full_scale(gray)
-        weights = weights / weights.sum()
-        mx, my = float(weights @ x), float(weights @ y)
-        spread = 2 * math.pi * float(weights @ ((x - mx) ** 2 + (y - my) ** 2)) / area
-        return Detection(x0 + mx, y0 + my, area, spread)
-
     def _find_pull(
         self, cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]
     ) -> Pull:
@@ -246,7 +224,7 @@ def measure_windows(gray: Pixels, windows: Integers, level: float, weighted: boo
     Windows (n, 4) are x0, x1, y0, y1, inclusive px, within the frame.
 
     Returns:
-        (n, 3): x and y (px; NaN where nothing is bright), area (px).
+        (n, 4): x and y (px; NaN where nothing is bright), area (px), spread (see `Detection`).
     """
     limit = level * full_scale(gray)
     owner, column, row, values = _look_into(gray, windows)
@@ -267,7 +245,7 @@ def measure_windows(gray: Pixels, windows: Integers, level: float, weighted: boo
 def measure_pixels(
     gray: Pixels, pixels: Integers, owner: Integers, count: int, level: float, weighted: bool
 ) -> Array:
-    """Measure lights by their own pixels, as `CentroidMeter.measure_part` does one.
+    """Measure lights by their own pixels, which other lights come close to.
 
     Args:
         gray: (height, width).
@@ -278,7 +256,7 @@ def measure_pixels(
         weighted: or binary.
 
     Returns:
-        (count, 3): x and y (px), area (px).
+        (count, 4): as `measure_windows`.
     """
     y, x = np.divmod(pixels, gray.shape[1])
     weights = np.ones(len(pixels))
@@ -307,19 +285,21 @@ def _look_into(gray: Pixels, windows: Integers) -> tuple[Integers, Array, Array,
 
 
 def _places(owner: Integers, x: Array, y: Array, weights: Array, area: Array) -> Array:
-    """(n, 3): every light's weighted mean place (px) and its area (px)."""
+    """(n, 4): every light's weighted mean place (px), its area (px) and its spread."""
     count = len(area)
     mass = np.bincount(owner, weights, count)
     mass[mass == 0.0] = 1.0
     mean_x = np.bincount(owner, weights * x, count) / mass
     mean_y = np.bincount(owner, weights * y, count) / mass
-    return np.stack((mean_x, mean_y, area), axis=-1)
+    second = np.bincount(owner, weights * (x * x + y * y), count) / mass
+    spread = 2 * math.pi * (second - mean_x**2 - mean_y**2) / np.maximum(area, 1.0)
+    return np.stack((mean_x, mean_y, area, spread), axis=-1)
 
 
 def _pulls(gray: Pixels, measured: Array, mass: Array) -> Array:
     """How far the background pulls each light, (n, 2) px; see `CentroidMeter`."""
     pulls = np.zeros((len(measured), 2))
-    x, y, area = measured.T
+    x, y, area, _ = measured.T
     radii = np.round(np.sqrt(area / math.pi)).astype(np.intp)
     columns = np.floor(np.nan_to_num(x) + 0.5).astype(np.intp)
     rows = np.floor(np.nan_to_num(y) + 0.5).astype(np.intp)
