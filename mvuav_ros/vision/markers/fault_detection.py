@@ -89,7 +89,7 @@ class FaultDetector:
         """By all lights, and by the filters that ignore one each."""
         key = self.untrusted, list(found.items())
         last = self._corrected
-        if last is not None and last[1].before is self.views.belief and last[0] == key:
+        if last is not None and last[1].before is self.views.means and last[0] == key:
             return last[1]
         untrusted = self.untrusted.intersection(found)
         if len(found) - len(untrusted) < TUNING.min_firm:
@@ -167,6 +167,7 @@ class FaultDetector:
             return Consensus(seen, tuple(m for m in found if m not in suspects), (), suspects)
         kept = {m: place for m, place in found.items() if m != worst}
         self.views.exclude(worst)
+        self._corrected = None
         self._evidence = {}
         return Consensus(self.views.look(kept), tuple(kept), (worst,))
 
@@ -229,6 +230,7 @@ class FaultDetector:
     def inflate(self) -> None:
         """What was seen contradicts the view as a whole."""
         self.views.inflate(TUNING.inflate)
+        self._corrected = None
 
     def commit(self, found: Mapping[int, Point]) -> dict[int, float]:
         """Take a frame's named lights, which agree; what each place says for its name.

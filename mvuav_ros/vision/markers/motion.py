@@ -79,7 +79,7 @@ class PredictionMixture:
 
     def learn(self, errors: Array) -> None:
         """Take the errors of the newest predictions, (k, m) px."""
-        new: list[float] = (np.einsum('ij,ij->i', errors, errors) / errors.shape[1]).tolist()
+        new: list[float] = (np.add.reduce(errors * errors, axis=1) / errors.shape[1]).tolist()
         memory = TUNING.memory
         losses = self._losses = [
             memory * old + loss for old, loss in zip(self._losses, new, strict=True)
@@ -355,7 +355,7 @@ class MotionPredictor:
         assert self.time is not None
         measured = np.array(positions, np.float64)
         errors = measured - self.competing
-        if self._steady and not np.isnan(measured.sum()):
+        if self._steady and math.isfinite(np.add.reduce(measured)):
             self._update_all(measured, errors)
         else:
             self._update_some(measured, errors)

@@ -117,7 +117,8 @@ class WeakPerspective:
         Returns:
             (..., n, 2), px.
         """
-        return self.linearize(parameters)[0]
+        views = np.ascontiguousarray(parameters).reshape(-1, COUNT)
+        return self.project_all(views).reshape(*parameters.shape[:-1], len(self.points), 2)
 
     def linearize(self, parameters: Array) -> tuple[Array, Array]:
         """Places (..., n, 2) and by how much they move with the parameters, (..., n, 2, 8)."""
@@ -144,30 +145,61 @@ class WeakPerspective:
         """
         m, n = len(views), len(self.points)
         turned, deeper = self._turns
-        powers = np.exp(views.dot(_EXPONENTS))
-        slopes = powers[:, :9].dot(turned).reshape(m, COUNT, n)
-        depths = powers[:, 9:].view(np.float64).dot(deeper).reshape(m, COUNT, n)
-        nearness = views.dot(_NEARNESS)
-        if is_clipped := nearness.max() > self._max_nearness:
-            # The origin comes no nearer, whatever scale and focal length say.
-            excess = np.maximum(nearness - self._max_nearness, 0.0)
-            depths *= np.exp(-excess)[:, None, None]
+        powers, nearer, is_clipped = self._powers(views)
+        slopes = powers.dot(turned).reshape(m, COUNT, n)
+        depths = nearer.dot(deeper).reshape(m, COUNT, n)
         larger = 1.0 / np.maximum(1.0 + depths[:, SCALE], _NEAREST)
-        if is_clipped:
-            depths[excess > 0.0, SCALE] = depths[excess > 0.0, FOCAL] = 0.0
-        origin = views[:, X : Y + 1].view(np.complex128) - self._middle
-        image = (slopes[:, SCALE] + origin) * larger
+        if is_clipped is not None:
+            depths[is_clipped, SCALE] = depths[is_clipped, FOCAL] = 0.0
+        image = (slopes[:, SCALE] + self._origins(views)) * larger
         slopes -= image[:, None] * depths
         slopes *= larger[:, None]
         if self.lens.focal is None:
             image, slopes = self._bend(image, slopes, views[:, BARREL:])
         if self.offsets is not None:
-            beside = self.offsets * np.exp(views[:, SCALE] + 1j * views[:, ROLL])[:, None]
+            beside = self._beside(views)
             image = image + beside
             slopes[:, ROLL] += 1j * beside
             slopes[:, SCALE] += beside
         image += self._middle
         return image.view(np.float64), slopes.view(np.float64)
+
+    def project_all(self, views: Array) -> Array:
+        """The places alone, (m, 2 n)."""
+        turned, deeper = self._points_turned
+        powers, nearer, _ = self._powers(views)
+        larger = 1.0 / np.maximum(1.0 + nearer.dot(deeper), _NEAREST)
+        image = (powers.dot(turned) + self._origins(views)) * larger
+        if self.lens.focal is None:
+            share = views[:, BARREL:] / self.lens.half_diagonal**2
+            image = image * (1.0 + share * (image.real**2 + image.imag**2))
+        if self.offsets is not None:
+            image = image + self._beside(views)
+        image += self._middle
+        return image.view(np.float64)
+
+    def _powers(self, views: Array) -> tuple[Complex, Array, NDArray[np.bool_] | None]:
+        """Of views (m, 8), what the turned points and their depths are linear in (see `_turns`).
+
+        And which views are nearer than they may be, if any.
+        """
+        powers = np.exp(views.dot(_EXPONENTS))
+        nearness = views.dot(_NEARNESS)
+        nearer = powers[:, 9:].view(np.float64)
+        if nearness.max() <= self._max_nearness:
+            return powers[:, :9], nearer, None
+        # The origin comes no nearer, whatever scale and focal length say.
+        excess = np.maximum(nearness - self._max_nearness, 0.0)
+        return powers[:, :9], nearer * np.exp(-excess)[:, None], excess > 0.0
+
+    def _origins(self, views: Array) -> Complex:
+        """(m, 1), px from the image's centre."""
+        return views[:, X : Y + 1].view(np.complex128) - self._middle
+
+    def _beside(self, views: Array) -> Complex:
+        """(m, n), by how much the markers are seen beside the rig, px."""
+        turn = np.exp(views[:, SCALE] + 1j * views[:, ROLL])
+        return np.asarray(self.offsets * turn[:, None])
 
     def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> tuple[Complex, Complex]:
         """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n).
@@ -187,6 +219,13 @@ class WeakPerspective:
     @cached_property
     def _middle(self) -> complex:
         return complex(*self.centre.tolist())
+
+    @cached_property
+    def _points_turned(self) -> tuple[Complex, Array]:
+        """The columns of `_turns` for the turned points themselves, (9, n) and (8, n)."""
+        turned, deeper = self._turns
+        own = slice(SCALE * len(self.points), (SCALE + 1) * len(self.points))
+        return np.ascontiguousarray(turned[:, own]), np.ascontiguousarray(deeper[:, own])
 
     @cached_property
     def _turns(self) -> tuple[Complex, Array]:

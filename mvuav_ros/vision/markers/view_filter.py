@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -68,6 +68,7 @@ class ViewTuning:
     max_unseen: float = 8.0
     # To which they grow, in parts of the rates' squares over their variances.
     rates_share: float = 3.0
+    max_motion_memory: float = 0.998  # per frame, of the quickest motion that was seen
     max_step: float = 25.0  # square over its variance, of a step that is learnt from
     # Of those variances, in parts of the usual ones.
     min_motion: float = 0.02
@@ -79,6 +80,17 @@ class ViewTuning:
     # drifts away from its marker bends the view instead of standing out: four lights, and five
     # without a calibration. With more it stands out in a frame, with less nothing can be checked.
     bending: tuple[int, int] = (1, 2)
+    max_kept: int = 8  # frames in which a gain serves
+    # While it does: part by which the prior variances have changed since the gain before, and the
+    # time between two frames.
+    same_variance: float = 0.3
+    same_step: float = 0.2
+    same_view: float = 0.03  # rad, and logarithms: of the view since then
+    same_place: float = 30.0  # px, the same
+    # Squared distances over variances of a marker from its place by the others, and of all
+    # coordinates from the expected ones (mean).
+    usual_nis: float = 8.0
+    usual_innovation: float = 2.5
 
 
 TUNING = ViewTuning()
@@ -93,6 +105,9 @@ _ALIKE = np.eye(COUNT)
 for _pair in ((X, Y), (PITCH, YAW)):
     _ALIKE[np.ix_(_pair, _pair)] = 0.5
 """Averages over parameters whose motions are alike."""
+_MOVED: Array = np.full(COUNT, 1.0 / TUNING.same_view)
+_MOVED[[X, Y]] = 1.0 / TUNING.same_place
+"""Times which the changes of a view that has hardly moved are below 1."""
 _NOTHING_KNOWN = 6.0, 3000.0
 """rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
 _MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
@@ -140,7 +155,16 @@ class ViewFilter:
         # Whether each marker has a filter that all but ignores it.
         self.has_bank = few
         filters = 1 + few * count
-        self.belief = Belief(np.tile(mean, (filters, 1)), np.tile(covariance, (filters, 1, 1)))
+        # (f, 16), at `time`.
+        self.means: Array = np.tile(mean, (filters, 1))
+        # Of an earlier time, so many s ago, where the means have gone on alone since then.
+        self._covariances: Array = np.tile(covariance, (filters, 1, 1))
+        self._behind = 0.0
+        self._step: tuple[float, Array] = 0.0, _UNITY  # s, and what it does to the states
+        # Prior variances by which the newest gain was found, and whether those before were alike.
+        self._variances: Array = np.zeros(COUNT)
+        self._is_steady = False
+        self._kept = _KeptGain()
         relative = view.misfit / view.scale
         self._rig_errors = (TUNING.min_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
@@ -153,6 +177,23 @@ class ViewFilter:
         self._motion: Array = before._motion if before else np.ones(COUNT)
 
     @property
+    def belief(self) -> Belief:
+        """At `time`; after `predict` the prior of that frame."""
+        if self._behind:
+            self._learn()
+            walk, rate_noise = self._motion * _WALK_NOISE, self._motion * _RATE_NOISE
+            if self._is_calibrated:
+                walk[FOCAL:] = 0.0
+            transition = self._step[1]
+            noise = _process_noise(self._behind, walk, rate_noise)
+            self._covariances = transition @ self._covariances @ transition.T + noise
+            self._behind = 0.0
+            before, now = self._variances, self._covariances[0].diagonal()[:COUNT]
+            self._is_steady = bool((abs(now - before) <= TUNING.same_variance * before).all())
+            self._variances = now
+        return Belief(self.means, self._covariances)
+
+    @property
     def view(self) -> ViewState:
         """At `time`; after `predict` the prior of that frame."""
         mean, covariance = self.belief
@@ -161,7 +202,7 @@ class ViewFilter:
     @property
     def deviation(self) -> float:
         """Of a measured marker from where the view has it (1 sigma, px)."""
-        scale = math.exp(self.belief.mean.item(0, SCALE))
+        scale = math.exp(self.means.item(0, SCALE))
         return math.hypot(TUNING.noise, self.rig_error * scale)
 
     @property
@@ -180,12 +221,17 @@ class ViewFilter:
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
-        walk, rate_noise = self._motion * _WALK_NOISE, self._motion * _RATE_NOISE
-        if self._is_calibrated:
-            walk[FOCAL:] = 0.0
-        self.belief = _predicted(self.belief, time - self.time, walk, rate_noise)
-        self.time = time
+        if self._behind:
+            # Nothing was committed in the last frame.
+            self._covariances = self.belief.covariance
+        elapsed = time - self.time
+        if elapsed != self._step[0]:
+            self._step = elapsed, _transition(elapsed)
+        self.means = self.means.dot(self._step[1].T)
+        self.means[:, :COUNT] = possible(self.means[:, :COUNT])
+        self._behind, self.time = elapsed, time
         if self._seen < _MIN_HOLDING:
+            self._covariances = self.belief.covariance
             usual = np.clip(self._max_motion, TUNING.min_unseen, TUNING.max_unseen)
             grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
             self._motion = np.maximum(self._motion, grown)
@@ -214,22 +260,44 @@ class ViewFilter:
 
         Those on probation are all but ignored.
         """
+        again = None if untrusted else self._correct_as_before(found)
+        if again is not None:
+            return again
         own, wide = self.deviation**2, self.doubted_deviation**2
-        noise = np.full((len(self.belief.mean), 2 * len(found)), own)
+        noise = np.full((len(self.means), 2 * len(found)), own)
         if untrusted or self.has_bank:
             for index, marker in enumerate(found):
                 rows = slice(None) if marker in untrusted else slice(1 + marker, 2 + marker)
                 noise[rows, 2 * index : 2 * index + 2] = wide
         return Correction.of(self.shape, self.belief, found, noise, own)
 
+    def _correct_as_before(self, found: Mapping[int, Point]) -> Correction | None:
+        """The same with the gain of the last frames; None where it may have changed."""
+        kept = self._kept
+        gain, step = kept.gain, self._step[0]
+        if gain is None or not kept.serves or not self._behind or kept.frames >= TUNING.max_kept:
+            return None
+        if abs(step - kept.step) > TUNING.same_step * kept.step or list(found) != gain.markers:
+            return None
+        views = np.ascontiguousarray(self.means[:, :COUNT])
+        moved = _MOVED * (views[0] - gain.view)
+        if moved.dot(moved) > 1.0:
+            return None
+        innovation = _flat(found) - self.shape.project_all(views)
+        correction = Correction.by(gain, self.means, found, innovation)
+        unusual = float(innovation[0].dot(correction.weighed[0])) / innovation.shape[1]
+        if unusual > TUNING.usual_innovation or max(correction.nis) > TUNING.usual_nis:
+            return None
+        return correction if limited(correction.change[:, :COUNT])[1] < SETTLED else None
+
     def exclude(self, marker: int) -> None:
         """Go on from the filter that has ignored a marker: that one was another light."""
         mean, covariance = self.belief
         filters = len(mean)
         one = slice(1 + marker, 2 + marker)
-        self.belief = Belief(
-            np.repeat(mean[one], filters, axis=0), np.repeat(covariance[one], filters, axis=0)
-        )
+        self.means = np.repeat(mean[one], filters, axis=0)
+        self._covariances = np.repeat(covariance[one], filters, axis=0)
+        self._kept = _KeptGain()
 
     def inflate(self, factor: float) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""
@@ -238,60 +306,215 @@ class ViewFilter:
         growth = np.full(_STATES, math.sqrt(factor))
         if self._is_calibrated:
             growth[[FOCAL, BARREL, COUNT + FOCAL, COUNT + BARREL]] = 1.0
-        mean, covariance = self.belief
-        self.belief = Belief(mean, growth[:, None] * growth * covariance)
+        self._covariances = growth[:, None] * growth * self.belief.covariance
+        self._kept = _KeptGain()
 
     def commit(self, correction: Correction) -> None:
         """Take what a frame's named lights, which agree, have made of the views."""
-        self._seen = len(correction.found)
-        if self._seen >= _MIN_EXACT:
-            self._learn_motion(correction)
-        self.belief = correction.after
+        gain, count = correction.gain, len(self.shape.points)
+        self._seen = len(gain.markers)
+        if gain is not self._kept.gain:
+            whole = gain.markers == list(range(count)) and gain.is_of_all
+            self._kept = _KeptGain(gain, whole and self._is_steady, self._step[0])
+        self.means, self._covariances, self._behind = correction.mean, gain.after, 0.0
+        self._kept.add(correction)
+
+    def _learn(self) -> None:
+        """Learn from the frames since this was last done how the view moves, and of the rig."""
+        kept, gain = self._kept, self._kept.gain
+        self._kept = _KeptGain()
+        if gain is None or len(gain.markers) < _MIN_EXACT:
+            return
+        self._learn_motion(kept, gain)
         # Four markers before a lens that is not known fit any rig.
-        fewest = _MIN_EXACT if self._is_calibrated else max(len(self.shape.points), _MIN_EXACT)
-        if len(correction.found) >= fewest:
-            self._learn_rig_error(correction)
+        if self._is_calibrated or len(gain.markers) == len(self.shape.points):
+            self._learn_rig_error(kept, len(gain.markers))
 
-    def _learn_motion(self, correction: Correction) -> None:
+    def _learn_motion(self, kept: _KeptGain, gain: Gain) -> None:
         """The steps from the predicted views over their variances give the process noise."""
-        before, after = correction.before, correction.after
-        step = correction.change[0, :COUNT]
-        expected = (before.covariance[0].diagonal() - after.covariance[0].diagonal())[:COUNT]
-        shown = np.minimum(_ALIKE.dot(step * step / np.maximum(expected, 1e-12)), TUNING.max_step)
-        motion = self._motion * ((1.0 - TUNING.motion_learning) + TUNING.motion_learning * shown)
+        frames = kept.frames
+        expected = frames * (gain.covariance[0].diagonal() - gain.after[0].diagonal())[:COUNT]
+        shown = np.minimum(_ALIKE.dot(kept.squares / np.maximum(expected, 1e-12)), TUNING.max_step)
+        held = (1.0 - TUNING.motion_learning) ** frames
+        motion = self._motion * (held + (1.0 - held) * shown)
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
-        rates = before.mean[0, COUNT:]
-        self._max_motion = np.maximum(0.998 * self._max_motion, rates * rates * _LIVELY)
+        faded = TUNING.max_motion_memory**frames * self._max_motion
+        self._max_motion = np.maximum(faded, kept.rates * kept.rates * _LIVELY)
 
-    def _learn_rig_error(self, correction: Correction) -> None:
+    def _learn_rig_error(self, kept: _KeptGain, seen: int) -> None:
         """How well markers that agree fit shows how exact the rig is; less exact only slowly."""
-        seen, scale = len(correction.found), math.exp(correction.after.mean.item(0, SCALE))
-        shown = correction.misfit() * math.sqrt(seen / max(2 * seen - 6, 1)) / scale
+        scale = math.exp(self.means.item(0, SCALE))
+        shown = math.sqrt(kept.misfits / kept.frames * seen / max(2 * seen - 6, 1)) / scale
         shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
         rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
-        self.rig_error += rate * (shown - self.rig_error)
+        self.rig_error += (1.0 - (1.0 - rate) ** kept.frames) * (shown - self.rig_error)
 
 
-def _predicted(belief: Belief, elapsed: float, walk: Array, rate_noise: Array) -> Belief:
-    """The same so many s later: rates that fade, driven by white noise (variances per s, (8,))."""
-    mean, covariance = belief
+def _transition(elapsed: float) -> Array:
+    """What so many s make of states (16, 16): the rates fade."""
+    last = TUNING.rates_last
+    fade = math.exp(-elapsed / last)
+    transition, step = _UNITY.copy(), _STATES + 1
+    flat = transition.ravel()
+    flat[COUNT : COUNT * step : step] = last * (1.0 - fade)
+    flat[COUNT * step :: step] = fade
+    return transition
+
+
+def _process_noise(elapsed: float, walk: Array, rate_noise: Array) -> Array:
+    """What white noise (variances per s, (8,)) adds to the covariance in so many s, (16, 16)."""
     last = TUNING.rates_last
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
     # What lies on the diagonals of the four blocks of 8 x 8.
-    transition, noise, step = _UNITY.copy(), np.zeros((_STATES, _STATES)), _STATES + 1
-    flat = transition.ravel()
-    flat[COUNT : COUNT * step : step] = reach
-    flat[COUNT * step :: step] = fade
+    noise, step = np.zeros((_STATES, _STATES)), _STATES + 1
     flat = noise.ravel()
     across = (0.5 * reach * reach) * rate_noise
     flat[: COUNT * step : step] = elapsed * walk + (elapsed**3 / 3) * rate_noise
     flat[COUNT : COUNT * step : step] = flat[COUNT * _STATES :: step] = across
     flat[COUNT * step :: step] = (0.5 * last * (1.0 - fade * fade)) * rate_noise
-    half = covariance.reshape(-1, _STATES).dot(transition.T).reshape(covariance.shape)
-    mean = mean.dot(transition.T)
-    mean[:, :COUNT] = possible(mean[:, :COUNT])
-    return Belief(mean, transition @ half + noise)
+    return noise
+
+
+def _flat(found: Mapping[int, Point]) -> Array:
+    """The places' coordinates in turn, px."""
+    return np.array(list(found.values())).ravel()
+
+
+@dataclass
+class _KeptGain:
+    """The gain of the last frames, and what was seen with it."""
+
+    gain: Gain | None = None
+    serves: bool = False  # whether it may serve in the next frame
+    step: float = 0.0  # s, from the frame before
+    frames: int = 0
+    squares: Array = field(default_factory=lambda: np.zeros(COUNT))  # sum, of steps of the view
+    misfits: float = 0.0  # sum of squares, px²
+    rates: Array = field(default_factory=lambda: np.zeros(COUNT))  # of the newest view
+
+    def add(self, correction: Correction) -> None:
+        """Take a frame."""
+        change = correction.change[0, :COUNT]
+        self.squares = self.squares + change * change
+        self.misfits += correction.misfit() ** 2
+        self.rates = correction.mean[0, COUNT:]
+        self.frames += 1
+
+
+Ellipse = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """What k named lights will make of f views wherever near they are seen.
+
+    Attributes:
+        covariance: (f, 16, 16), of the priors.
+        markers: those seen.
+        view: (8,), the main filter's, at which the slopes are.
+        slopes: (f, 8, 2 k), of the places by the parameters.
+        towards: (f, 16, 2 k), covariance of the state with the places.
+        weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
+        noise: (f, 2 k), px², variances at which the coordinates take part.
+        own: px², variance of a marker's place.
+    """
+
+    covariance: Array
+    markers: list[int]
+    view: Array
+    slopes: Array
+    towards: Array
+    weight: Array
+    noise: Array
+    own: float
+    _others: dict[tuple[int, int], Ellipse] = field(default_factory=dict)
+    _distances: dict[tuple[int, int, float], Ellipse] = field(default_factory=dict)
+    _all_distances: dict[float, list[Ellipse]] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        covariance: Array,
+        markers: list[int],
+        view: Array,
+        slopes: Array,
+        noise: Array,
+        own: float,
+    ) -> Gain:
+        """Where the places change with the views by these slopes."""
+        count = noise.shape[1]
+        towards = covariance[:, :, :COUNT] @ slopes
+        spread = slopes.transpose(0, 2, 1) @ towards[:, :COUNT]
+        spread.reshape(-1, count * count)[:, :: count + 1] += noise
+        return cls(covariance, markers, view, slopes, towards, _inverses(spread), noise, own)
+
+    @property
+    def is_of_all(self) -> bool:
+        """Whether no marker takes part in the main filter with less weight than the others."""
+        return bool((self.noise[0] == self.own).all())
+
+    @cached_property
+    def after(self) -> Array:
+        """The covariances with what has been seen, in Joseph's form: no variance gets negative.
+
+        With K the gain, H the slopes and P the prior's covariance, it is A - (A H - K R) K^T, where
+        A = (I - K H^T) P.
+        """
+        gain = self.towards @ self.weight
+        transposed = gain.transpose(0, 2, 1)
+        left = self.covariance - gain @ self.towards.transpose(0, 2, 1)
+        rest = left[:, :, :COUNT] @ self.slopes
+        rest -= gain * self.noise[:, None]
+        left -= rest @ transposed
+        return np.asarray(0.5 * (left + left.transpose(0, 2, 1)))
+
+    def by_others(self, row: int, index: int) -> Ellipse:
+        """What takes a marker's weighed innovation to that by all other markers alone.
+
+        With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
+        innovation by the others alone is B⁻¹ w with the covariance B⁻¹, of which the marker's own
+        variance is a part: xx, xy and yy of B⁻¹, and that variance.
+        """
+        found = self._others.get((row, index))
+        if found is None:
+            first, second = 2 * index, 2 * index + 1
+            xx, xy, yy = (
+                self.weight.item(row, i, j)
+                for i, j in ((first, first), (first, second), (second, second))
+            )
+            determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+            found = yy / determinant, -xy / determinant, xx / determinant
+            found = self._others[row, index] = (*found, self.noise.item(row, first))
+        return found
+
+    def distance(self, row: int, index: int, variance: float) -> Ellipse:
+        """What makes a marker's weighed innovation w a squared distance from where the others put it.
+
+        It lies about there with a variance (px²) of both axes. The factors of the squares of w, of
+        xx, xy and yy, and the determinant of the place's covariance, px⁴.
+        """
+        found = self._distances.get((row, index, variance))
+        if found is None:
+            a, b, c, own = self.by_others(row, index)
+            xx, yy = max(a - own, 0.0) + variance, max(c - own, 0.0) + variance
+            determinant = max(xx * yy - b * b, 1e-12 * xx * yy)
+            # B⁻¹ C⁻¹ B⁻¹, with B⁻¹ of a, b and c and C of xx, b and yy.
+            found = self._distances[row, index, variance] = (
+                (yy * a * a - 2.0 * b * a * b + xx * b * b) / determinant,
+                2.0 * (yy * a * b - b * (a * c + b * b) + xx * b * c) / determinant,
+                (yy * b * b - 2.0 * b * b * c + xx * c * c) / determinant,
+                determinant,
+            )
+        return found
+
+    def distances(self, variance: float) -> list[Ellipse]:
+        """That of each marker, of the main filter's."""
+        found = self._all_distances.get(variance)
+        if found is None:
+            found = [self.distance(0, index, variance) for index in range(len(self.markers))]
+            self._all_distances[variance] = found
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,26 +525,26 @@ class Correction:
     of the rig's is that which ignores it.
 
     Attributes:
-        before: the priors.
+        gain: where the places were linearized last.
+        before: (f, 16), the priors' means.
         found: the lights' places by marker, px without distortion.
         change: (f, 16), of the state.
-        towards: (f, 16, 2 k), covariance of the state with the places.
-        slopes: (f, 8, 2 k), of the places by the parameters.
-        weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
-        weighed: (f, 2 k), the innovations times that.
-        noise: (f, 2 k), px², variances at which the coordinates take part.
-        own: px², variance of a marker's place.
+        weighed: (f, 2 k), the innovations over their covariance, px^-1.
     """
 
-    before: Belief
+    gain: Gain
+    before: Array
     found: Mapping[int, Point]
     change: Array
-    towards: Array
-    slopes: Array
-    weight: Array
     weighed: Array
-    noise: Array
-    own: float
+
+    @classmethod
+    def by(
+        cls, gain: Gain, before: Array, found: Mapping[int, Point], innovation: Array
+    ) -> Correction:
+        """Correct priors by the innovations (f, 2 k), px, with a given gain."""
+        weighed = _times(gain.weight, innovation)
+        return cls(gain, before, found, _times(gain.towards, weighed), weighed)
 
     @classmethod
     def of(
@@ -334,11 +557,10 @@ class Correction:
     ) -> Correction:
         """Correct priors by lights, of whose coordinates each has a variance (f, 2 k), px²."""
         mean, covariance = before
-        count = 2 * len(found)
         markers = list(found)
         in_order = markers == list(range(len(shape.points)))
         columns = None if in_order else columns_of(np.array(markers, np.intp))
-        places = np.array(list(found.values())).ravel()
+        places = _flat(found)
         prior = parameters = np.ascontiguousarray(mean[:, :COUNT])
         for _ in range(_MAX_ITERATIONS):
             expected, slopes = shape.linearize_all(parameters)
@@ -348,89 +570,64 @@ class Correction:
             away = prior - parameters
             if parameters is not prior:
                 innovation -= _times(slopes.transpose(0, 2, 1), away)
-            towards = covariance[:, :, :COUNT] @ slopes
-            spread = slopes.transpose(0, 2, 1) @ towards[:, :COUNT]
-            spread.reshape(-1, count * count)[:, :: count + 1] += noise
-            weight = _inverses(spread)
-            weighed = _times(weight, innovation)
-            change = _times(towards, weighed)
+            gain = Gain.of(covariance, markers, parameters[0], slopes, noise, own)
+            weighed = _times(gain.weight, innovation)
+            change = _times(gain.towards, weighed)
             step, largest = limited(change[:, :COUNT] + away)
             parameters = possible(parameters + step)
             if largest < SETTLED:
                 break
         else:
             # What the last slopes predict of the residuals cannot be trusted.
-            expected = shape.linearize_all(parameters)[0]
+            expected = shape.project_all(parameters)
             weighed = (places - (expected if columns is None else expected[:, columns])) / noise
         change[:, :COUNT] = parameters - prior
-        return cls(before, found, change, towards, slopes, weight, weighed, noise, own)
+        return cls(gain, mean, found, change, weighed)
 
     @cached_property
-    def after(self) -> Belief:
-        """The states with what has been seen, in Joseph's form: no variance gets negative.
+    def mean(self) -> Array:
+        """(f, 16), the states with what has been seen."""
+        return self.before + self.change
 
-        With K the gain, H the slopes and P the prior's covariance, it is A - (A H - K R) K^T, where
-        A = (I - K H^T) P.
-        """
-        mean, covariance = self.before
-        gain = self.towards @ self.weight
-        transposed = gain.transpose(0, 2, 1)
-        left = covariance - gain @ self.towards.transpose(0, 2, 1)
-        rest = left[:, :, :COUNT] @ self.slopes
-        rest -= gain * self.noise[:, None]
-        left -= rest @ transposed
-        return Belief(mean + self.change, 0.5 * (left + left.transpose(0, 2, 1)))
+    @property
+    def after(self) -> Belief:
+        """The states with what has been seen."""
+        return Belief(self.mean, self.gain.after)
 
     def misfit(self, row: int = 0) -> float:
         """Root mean square of the markers' distances from their places in a filter's view, px."""
-        residual = self.weighed[row] * self.noise[row]
+        residual = self.weighed[row] * self.gain.noise[row]
         return math.sqrt(float(residual.dot(residual)) / max(len(self.found), 1))
-
-    def _by_others(self, row: int, index: int) -> tuple[float, float, float, float, float]:
-        """From all other markers alone: one's innovation, px, and its place's covariance.
-
-        With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
-        innovation by the others alone is B⁻¹ w with the covariance B⁻¹, of which the marker's own
-        variance is a part: x, y, and xx, xy, yy of the rest.
-        """
-        item, first, second = self.weight.item, 2 * index, 2 * index + 1
-        xx, xy, yy = (
-            item(row, first, first),
-            item(row, first, second),
-            item(row, second, second),
-        )
-        determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
-        xx, xy, yy = yy / determinant, -xy / determinant, xx / determinant
-        x, y = self.weighed.item(row, first), self.weighed.item(row, second)
-        variance = self.noise.item(row, first)
-        return xx * x + xy * y, xy * x + yy * y, xx - variance, xy, yy - variance
 
     def nis_of(self, row: int, index: int) -> float:
         """How far a marker lies from where a filter's others put it (chi², two degrees)."""
-        return _weighed_distance(*self._by_others(row, index), self.own)[0]
+        weighed = self._weighed[row]
+        x, y = weighed[2 * index], weighed[2 * index + 1]
+        xx, xy, yy, _ = self.gain.distance(row, index, self.gain.own)
+        return xx * x * x + xy * x * y + yy * y * y
 
     @cached_property
-    def _distances(self) -> list[tuple[float, float]]:
-        """For each marker from where the main filter's others put it.
-
-        The squared distance over the variance, the marker's own included, and the determinant of
-        that, px⁴.
-        """
-        return [_weighed_distance(*other, self.own) for other in self._others]
-
-    @cached_property
-    def _others(self) -> list[tuple[float, float, float, float, float]]:
-        return [self._by_others(0, index) for index in range(len(self.found))]
+    def _weighed(self) -> list[list[float]]:
+        rows: list[list[float]] = self.weighed.tolist()
+        return rows
 
     @cached_property
     def nis(self) -> list[float]:
         """For each marker how far it lies from where the main filter's others put it."""
-        return [square for square, _ in self._distances]
+        return self._squares(self.gain.own)
+
+    def _squares(self, variance: float) -> list[float]:
+        weighed = self._weighed[0]
+        distances = self.gain.distances(variance)
+        return [
+            xx * x * x + xy * x * y + yy * y * y
+            for (xx, xy, yy, _), x, y in zip(distances, weighed[::2], weighed[1::2], strict=True)
+        ]
 
     def deviation_by_others(self, row: int, index: int) -> float:
         """How exactly a filter's others determine a marker's place (1 sigma, px): larger axis."""
-        _, _, xx, xy, yy = self._by_others(row, index)
-        largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+        xx, xy, yy, own = self.gain.by_others(row, index)
+        largest = 0.5 * (xx + yy) - own + math.hypot(0.5 * (xx - yy), xy)
         return math.sqrt(max(largest, 0.0))
 
     def log_odds(self, beside: float, unknowns: int) -> dict[int, float]:
@@ -442,14 +639,15 @@ class Correction:
         the marker earlier.
         """
         redundancy = max(1.0 - unknowns / (2 * len(self.found)), 0.0)
-        wide = self.own + beside * beside
-        odds = {}
-        for marker, other, (near, least) in zip(
-            self.found, self._others, self._distances, strict=True
-        ):
-            far, most = _weighed_distance(*other, wide)
-            odds[marker] = 0.5 * redundancy * (far - near + math.log(most / least))
-        return odds
+        own, wide = self.gain.own, self.gain.own + beside * beside
+        squares = zip(self.nis, self._squares(wide), strict=True)
+        least, most = self.gain.distances(own), self.gain.distances(wide)
+        return {
+            marker: 0.5 * redundancy * (far - near + math.log(large[3] / small[3]))
+            for marker, (near, far), small, large in zip(
+                self.found, squares, least, most, strict=True
+            )
+        }
 
     def view(self, row: int = 0) -> ViewState:
         """What follows of a filter's view."""
@@ -475,12 +673,3 @@ def _inverses(matrices: Array) -> Array:
         if not cv2.invert(matrix, inverse, cv2.DECOMP_CHOLESKY)[0]:
             inverse[:] = np.linalg.pinv(matrix, hermitian=True)
     return inverses
-
-
-def _weighed_distance(
-    x: float, y: float, xx: float, xy: float, yy: float, variance: float
-) -> tuple[float, float]:
-    """A squared distance over its covariance and a variance of both axes, and the determinant."""
-    xx, yy = (xx if xx > 0.0 else 0.0) + variance, (yy if yy > 0.0 else 0.0) + variance
-    determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
-    return (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant, determinant
