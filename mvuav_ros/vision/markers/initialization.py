@@ -141,6 +141,8 @@ def _rough_guesses(
         return []
     views = _rough_views(shape, places)
     views = views[np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED]
+    if not len(views):
+        return []
     seen = shape.project(views)
     apart = np.abs((seen[..., 0] + 1j * seen[..., 1])[..., None] - places)
     beside = apart.min(axis=2) / np.exp(views[:, SCALE])[:, None]
