@@ -3,12 +3,16 @@
 import math
 from itertools import combinations
 
+import cv2
 import numpy as np
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.rig_view import WeakPerspective, views_of_three
-from mvuav_ros.vision.rig import TANKER_747
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig
 from mvuav_thesis.light_flights import random_rig
 
 FOCAL = 554.0
@@ -54,3 +58,15 @@ def test_places_that_three_markers_cannot_have_give_finite_views():
     shape = WeakPerspective.of(TANKER_747, LENS)
     places = np.array([[0j, 0j, 0j], [1j, 2j, 3j], [1 + 1j, 600 + 400j, 601 + 400j]])
     assert np.isfinite(views_of_three(shape, shape.triangle, places, FOCAL)).all()
+
+
+def test_lights_in_a_row_are_no_body_whose_markers_form_a_triangle():
+    corners = (('left', (0.0, 3.0, 0.0)), ('right', (0.0, -3.0, 0.0)), ('top', (0.0, 0.0, 4.0)))
+    tracker = MarkerTracker(rig=MarkerRig('triangle', corners, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    tracker.set_camera(CAMERA)
+    frame = np.zeros((480, 640), np.uint8)
+    for x in (200, 320, 440):
+        cv2.circle(frame, (x, 240), 4, 255, -1)
+    result = tracker.process(Image(frame, 'mono8'), 0)
+    assert all(marker.state is MarkerState.LOST for marker in result.markers)
+    assert result.status
