@@ -10,7 +10,8 @@ from itertools import combinations
 import numpy as np
 
 from mvuav_ros.vision.markers.rig_view import ViewState
-from mvuav_ros.vision.markers.view_filter import Correction, Point, ViewFilter
+from mvuav_ros.vision.markers.view_correction import Correction, Point
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,6 @@ class FaultTuning:
     # Markers not out of sight before, by which alone others' places are determined.
     min_determining: int = 2
     min_agreeing: int = 4  # markers that determine each other's places
-    # px (1 sigma): how far from a marker's place a light lies that has been taken for it.
-    beside: float = 6.0
     inflate: float = 4.0  # by which the covariance is inflated where what is seen makes no sense
 
 
@@ -120,7 +119,7 @@ class FaultDetector:
         if len(markers) < 2:
             return Consensus(self.views.view, (), markers)
         if len(markers) > 2 and most > TUNING.doubt:
-            consensus = self._without_suspects(correction, evidence)
+            consensus = self._without_suspects(found, correction, evidence)
             if consensus is not None:
                 return consensus
         if not contradicted:
@@ -138,16 +137,15 @@ class FaultDetector:
         if not self.views.has_bank:
             return {}
         evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
-        for index, marker in enumerate(correction.found):
+        for index, marker in enumerate(correction.gain.markers):
             shown = correction.nis_of(1 + marker, index) - TUNING.allowance
             evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
         return evidence
 
     def _without_suspects(
-        self, correction: Correction, evidence: dict[int, float]
+        self, found: Mapping[int, Point], correction: Correction, evidence: dict[int, float]
     ) -> Consensus | None:
         """What the others agree on, by the filter that has ignored the worst marker all along."""
-        found = correction.found
         score = {
             m: evidence[m] + TUNING.returned * (m in self.untrusted) + self.jumps.get(m, 0.0)
             for m in found
@@ -244,4 +242,4 @@ class FaultDetector:
         over = max(max(self._evidence.values(), default=0.0) - TUNING.max_evidence, 0.0)
         self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in self._evidence.items()}
         self.views.commit(correction)
-        return correction.log_odds(TUNING.beside, self.views.unknowns)
+        return correction.log_odds(self.views.unknowns)

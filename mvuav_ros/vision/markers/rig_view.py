@@ -117,8 +117,7 @@ class WeakPerspective:
         Returns:
             (..., n, 2), px.
         """
-        views = np.ascontiguousarray(parameters).reshape(-1, COUNT)
-        return self.project_all(views).reshape(*parameters.shape[:-1], len(self.points), 2)
+        return self.linearize(parameters)[0]
 
     def linearize(self, parameters: Array) -> tuple[Array, Array]:
         """Places (..., n, 2) and by how much they move with the parameters, (..., n, 2, 8)."""
@@ -145,61 +144,60 @@ class WeakPerspective:
         """
         m, n = len(views), len(self.points)
         turned, deeper = self._turns
-        powers, nearer, is_clipped = self._powers(views)
-        slopes = powers.dot(turned).reshape(m, COUNT, n)
-        depths = nearer.dot(deeper).reshape(m, COUNT, n)
+        powers = np.exp(views.dot(_EXPONENTS))
+        slopes = powers[:, :9].dot(turned).reshape(m, COUNT, n)
+        depths = powers[:, 9:].view(np.float64).dot(deeper).reshape(m, COUNT, n)
+        nearness = views.dot(_NEARNESS)
+        if is_clipped := nearness.max() > self._max_nearness:
+            # The origin comes no nearer, whatever scale and focal length say.
+            excess = np.maximum(nearness - self._max_nearness, 0.0)
+            depths *= np.exp(-excess)[:, None, None]
         larger = 1.0 / np.maximum(1.0 + depths[:, SCALE], _NEAREST)
-        if is_clipped is not None:
-            depths[is_clipped, SCALE] = depths[is_clipped, FOCAL] = 0.0
-        image = (slopes[:, SCALE] + self._origins(views)) * larger
+        if is_clipped:
+            depths[excess > 0.0, SCALE] = depths[excess > 0.0, FOCAL] = 0.0
+        origin = views[:, X : Y + 1].view(np.complex128) - self._middle
+        image = (slopes[:, SCALE] + origin) * larger
         slopes -= image[:, None] * depths
         slopes *= larger[:, None]
         if self.lens.focal is None:
             image, slopes = self._bend(image, slopes, views[:, BARREL:])
         if self.offsets is not None:
-            beside = self._beside(views)
+            beside = self.offsets * np.exp(views[:, SCALE] + 1j * views[:, ROLL])[:, None]
             image = image + beside
             slopes[:, ROLL] += 1j * beside
             slopes[:, SCALE] += beside
         image += self._middle
         return image.view(np.float64), slopes.view(np.float64)
 
-    def project_all(self, views: Array) -> Array:
-        """The places alone, (m, 2 n)."""
-        turned, deeper = self._points_turned
-        powers, nearer, _ = self._powers(views)
-        larger = 1.0 / np.maximum(1.0 + nearer.dot(deeper), _NEAREST)
-        image = (powers.dot(turned) + self._origins(views)) * larger
+    def places_in(self, view: Array) -> Array:
+        """The places (2 n,) alone in one view (8,), which takes a third of the time."""
+        roll, scale, x, y, pitch, yaw, focal, barrel = view.tolist()
+        size = math.exp(scale)
+        nearness = math.exp(min(scale - focal, self._max_nearness))
+        c, s = size * math.cos(roll), size * math.sin(roll)
+        ca, sa, cb, sb = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
+        # Columns: the turned point in px, to the right and down, and its depth.
+        turn = np.array(
+            (
+                (c * ca - s * sb * sa, s * ca + c * sb * sa, -nearness * cb * sa),
+                (-s * cb, c * cb, nearness * sb),
+                (c * sa + s * sb * ca, s * sa - c * sb * ca, nearness * cb * ca),
+                (x - self.centre.item(0), y - self.centre.item(1), 1.0),
+            )
+        )
+        turned = self._with_ones.dot(turn)
+        image = turned[:, :2] / np.maximum(turned[:, 2:], _NEAREST)
         if self.lens.focal is None:
-            share = views[:, BARREL:] / self.lens.half_diagonal**2
-            image = image * (1.0 + share * (image.real**2 + image.imag**2))
+            share = barrel / self.lens.half_diagonal**2
+            image *= 1.0 + share * (image * image).sum(axis=1, keepdims=True)
         if self.offsets is not None:
-            image = image + self._beside(views)
-        image += self._middle
-        return image.view(np.float64)
+            beside = self.offsets * complex(c, s)
+            image += beside.view(np.float64).reshape(-1, 2)
+        return np.asarray((image + self.centre).ravel())
 
-    def _powers(self, views: Array) -> tuple[Complex, Array, NDArray[np.bool_] | None]:
-        """Of views (m, 8), what the turned points and their depths are linear in (see `_turns`).
-
-        And which views are nearer than they may be, if any.
-        """
-        powers = np.exp(views.dot(_EXPONENTS))
-        nearness = views.dot(_NEARNESS)
-        nearer = powers[:, 9:].view(np.float64)
-        if nearness.max() <= self._max_nearness:
-            return powers[:, :9], nearer, None
-        # The origin comes no nearer, whatever scale and focal length say.
-        excess = np.maximum(nearness - self._max_nearness, 0.0)
-        return powers[:, :9], nearer * np.exp(-excess)[:, None], excess > 0.0
-
-    def _origins(self, views: Array) -> Complex:
-        """(m, 1), px from the image's centre."""
-        return views[:, X : Y + 1].view(np.complex128) - self._middle
-
-    def _beside(self, views: Array) -> Complex:
-        """(m, n), by how much the markers are seen beside the rig, px."""
-        turn = np.exp(views[:, SCALE] + 1j * views[:, ROLL])
-        return np.asarray(self.offsets * turn[:, None])
+    @cached_property
+    def _with_ones(self) -> Array:
+        return np.column_stack((self.points, np.ones(len(self.points))))
 
     def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> tuple[Complex, Complex]:
         """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n).
@@ -219,13 +217,6 @@ class WeakPerspective:
     @cached_property
     def _middle(self) -> complex:
         return complex(*self.centre.tolist())
-
-    @cached_property
-    def _points_turned(self) -> tuple[Complex, Array]:
-        """The columns of `_turns` for the turned points themselves, (9, n) and (8, n)."""
-        turned, deeper = self._turns
-        own = slice(SCALE * len(self.points), (SCALE + 1) * len(self.points))
-        return np.ascontiguousarray(turned[:, own]), np.ascontiguousarray(deeper[:, own])
 
     @cached_property
     def _turns(self) -> tuple[Complex, Array]:
@@ -297,8 +288,8 @@ def deviations_of(jacobian: Array, covariance: Array) -> Array:
 _MIN = np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0, -0.6))
 _MAX = np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 20.0, 0.3))
 """What parameters can become when nothing has been seen for long."""
-_SHARED: Array = np.zeros(COUNT)
-_SHARED[[ROLL, SCALE, PITCH, YAW, FOCAL]] = 1.0
+SHARED: Array = np.zeros(COUNT)
+SHARED[[ROLL, SCALE, PITCH, YAW, FOCAL]] = 1.0
 SETTLED = 5e-3
 """rad, and logarithms: after a step this small the next one would be a thousandth of it."""
 _MAX_STEP = 0.5  # rad, and logarithms
@@ -385,7 +376,7 @@ def columns_of(markers: NDArray[np.intp]) -> NDArray[np.intp]:
 
 def limited(step: Array) -> tuple[Array, float]:
     """Gauss-Newton steps (m, 8) no longer than they may be, and how long the longest was."""
-    longest = np.abs(step * _SHARED)
+    longest = np.abs(step * SHARED)
     largest = float(longest.max())
     if largest > _MAX_STEP:
         longest = longest.max(axis=1)

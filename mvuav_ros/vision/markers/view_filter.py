@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import NamedTuple
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +17,7 @@ from mvuav_ros.vision.markers.rig_view import (
     ROLL,
     SCALE,
     SETTLED,
+    SHARED,
     YAW,
     Array,
     Fits,
@@ -28,14 +26,11 @@ from mvuav_ros.vision.markers.rig_view import (
     WeakPerspective,
     X,
     Y,
-    columns_of,
     deviations_of,
     fit,
-    limited,
     possible,
 )
-
-Point = tuple[float, float]
+from mvuav_ros.vision.markers.view_correction import STATES, Belief, Correction, Point, times
 
 
 @dataclass(frozen=True)
@@ -94,9 +89,7 @@ class ViewTuning:
 
 
 TUNING = ViewTuning()
-_STATES = 2 * COUNT
-_UNITY: Array = np.eye(_STATES)
-_MAX_ITERATIONS = 6
+_UNITY: Array = np.eye(STATES)
 _RATE_NOISE: Array = np.square(TUNING.rate_noise)
 _STATIONARY: Array = 0.5 * TUNING.rates_last * _RATE_NOISE  # Of the rates in the long run
 _LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
@@ -110,15 +103,9 @@ _MOVED[[X, Y]] = 1.0 / TUNING.same_place
 """Times which the changes of a view that has hardly moved are below 1."""
 _NOTHING_KNOWN = 6.0, 3000.0
 """rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
+_SAME_TIME = 1e-9  # s, by which two steps differ only as their stamps are rounded
 _MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
 _MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exact the rig is
-
-
-class Belief(NamedTuple):
-    """Parameters of views and their rates per s (f, 16), and the covariances (f, 16, 16)."""
-
-    mean: Array
-    covariance: Array
 
 
 class ViewFilter:
@@ -160,11 +147,12 @@ class ViewFilter:
         # Of an earlier time, so many s ago, where the means have gone on alone since then.
         self._covariances: Array = np.tile(covariance, (filters, 1, 1))
         self._behind = 0.0
-        self._step: tuple[float, Array] = 0.0, _UNITY  # s, and what it does to the states
+        self._step, self._transition = 0.0, _UNITY  # s, and what it does to states (f, 16)
         # Prior variances by which the newest gain was found, and whether those before were alike.
         self._variances: Array = np.zeros(COUNT)
         self._is_steady = False
-        self._kept = _KeptGain()
+        self._newest: list[Correction] = []  # of the last frames, all with one gain
+        self._gain_step = math.inf  # s, from the frame before the first of them; inf: it goes
         relative = view.misfit / view.scale
         self._rig_errors = (TUNING.min_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
@@ -184,13 +172,14 @@ class ViewFilter:
             walk, rate_noise = self._motion * _WALK_NOISE, self._motion * _RATE_NOISE
             if self._is_calibrated:
                 walk[FOCAL:] = 0.0
-            transition = self._step[1]
+            before = self._covariances.reshape(-1, STATES).dot(self._transition)
             noise = _process_noise(self._behind, walk, rate_noise)
-            self._covariances = transition @ self._covariances @ transition.T + noise
-            self._behind = 0.0
-            before, now = self._variances, self._covariances[0].diagonal()[:COUNT]
-            self._is_steady = bool((abs(now - before) <= TUNING.same_variance * before).all())
-            self._variances = now
+            across = self._transition.T @ before.reshape(self._covariances.shape)
+            self._covariances, self._behind = across + noise, 0.0
+            self.means[:, :COUNT] = possible(self.means[:, :COUNT])
+            old, new = self._variances, self._covariances[0].diagonal()[:COUNT]
+            self._is_steady = bool((abs(new - old) <= TUNING.same_variance * old).all())
+            self._variances = new
         return Belief(self.means, self._covariances)
 
     @property
@@ -225,10 +214,9 @@ class ViewFilter:
             # Nothing was committed in the last frame.
             self._covariances = self.belief.covariance
         elapsed = time - self.time
-        if elapsed != self._step[0]:
-            self._step = elapsed, _transition(elapsed)
-        self.means = self.means.dot(self._step[1].T)
-        self.means[:, :COUNT] = possible(self.means[:, :COUNT])
+        if abs(elapsed - self._step) > _SAME_TIME:
+            self._step, self._transition = elapsed, _transition(elapsed)
+        self.means = self.means.dot(self._transition)
         self._behind, self.time = elapsed, time
         if self._seen < _MIN_HOLDING:
             self._covariances = self.belief.covariance
@@ -273,22 +261,30 @@ class ViewFilter:
 
     def _correct_as_before(self, found: Mapping[int, Point]) -> Correction | None:
         """The same with the gain of the last frames; None where it may have changed."""
-        kept = self._kept
-        gain, step = kept.gain, self._step[0]
-        if gain is None or not kept.serves or not self._behind or kept.frames >= TUNING.max_kept:
+        if not 0 < len(self._newest) < TUNING.max_kept or not self._behind:
             return None
-        if abs(step - kept.step) > TUNING.same_step * kept.step or list(found) != gain.markers:
+        gain, step = self._newest[0].gain, self._step
+        if abs(step - self._gain_step) > TUNING.same_step * step or list(found) != gain.markers:
             return None
-        views = np.ascontiguousarray(self.means[:, :COUNT])
-        moved = _MOVED * (views[0] - gain.view)
-        if moved.dot(moved) > 1.0:
+        views = self.means[:, :COUNT]
+        moved = (_MOVED * (views - gain.views)).ravel()
+        if moved.dot(moved) > len(views):
             return None
-        innovation = _flat(found) - self.shape.project_all(views)
-        correction = Correction.by(gain, self.means, found, innovation)
-        unusual = float(innovation[0].dot(correction.weighed[0])) / innovation.shape[1]
-        if unusual > TUNING.usual_innovation or max(correction.nis) > TUNING.usual_nis:
+        innovation = np.array(list(found.values())).ravel() - self.shape.places_in(views[0])
+        innovation = innovation[None]
+        if self.has_bank:
+            # The others' places, where the slopes have them beside the main filter's.
+            linear = gain.places + times(gain.slopes.swapaxes(1, 2), views - gain.views)
+            innovation = innovation + linear[0] - linear
+        both = times(gain.effect, innovation)
+        change, weighed = both[:, :STATES], both[:, STATES:]
+        if innovation[0].dot(weighed[0]) > TUNING.usual_innovation * innovation.shape[1]:
             return None
-        return correction if limited(correction.change[:, :COUNT])[1] < SETTLED else None
+        turned = (SHARED * change[:, :COUNT]).ravel()
+        if turned.dot(turned) > SETTLED**2:
+            return None
+        correction = Correction(gain, self.means, change, weighed)
+        return correction if max(correction.nis) <= TUNING.usual_nis else None
 
     def exclude(self, marker: int) -> None:
         """Go on from the filter that has ignored a marker: that one was another light."""
@@ -297,66 +293,74 @@ class ViewFilter:
         one = slice(1 + marker, 2 + marker)
         self.means = np.repeat(mean[one], filters, axis=0)
         self._covariances = np.repeat(covariance[one], filters, axis=0)
-        self._kept = _KeptGain()
+        self._newest = []
 
     def inflate(self, factor: float) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""
         if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
             return
-        growth = np.full(_STATES, math.sqrt(factor))
+        growth = np.full(STATES, math.sqrt(factor))
         if self._is_calibrated:
             growth[[FOCAL, BARREL, COUNT + FOCAL, COUNT + BARREL]] = 1.0
         self._covariances = growth[:, None] * growth * self.belief.covariance
-        self._kept = _KeptGain()
+        self._newest = []
 
     def commit(self, correction: Correction) -> None:
         """Take what a frame's named lights, which agree, have made of the views."""
-        gain, count = correction.gain, len(self.shape.points)
+        gain = correction.gain
         self._seen = len(gain.markers)
-        if gain is not self._kept.gain:
-            whole = gain.markers == list(range(count)) and gain.is_of_all
-            self._kept = _KeptGain(gain, whole and self._is_steady, self._step[0])
-        self.means, self._covariances, self._behind = correction.mean, gain.after, 0.0
-        self._kept.add(correction)
+        if not self._newest or gain is not self._newest[0].gain:
+            # With markers missing, or such that hardly take part, a gain is not used again.
+            serves = self._seen == len(self.shape.points) and (gain.noise[0] == gain.own).all()
+            self._gain_step = self._step if serves and self._is_steady else math.inf
+            self._newest = []
+        self._newest.append(correction)
+        self.means, self._covariances = correction.before + correction.change, gain.after
+        self._behind = 0.0
 
     def _learn(self) -> None:
         """Learn from the frames since this was last done how the view moves, and of the rig."""
-        kept, gain = self._kept, self._kept.gain
-        self._kept = _KeptGain()
-        if gain is None or len(gain.markers) < _MIN_EXACT:
+        newest, self._newest = self._newest, []
+        if not newest or len(newest[0].gain.markers) < _MIN_EXACT:
             return
-        self._learn_motion(kept, gain)
+        self._learn_motion(newest)
         # Four markers before a lens that is not known fit any rig.
-        if self._is_calibrated or len(gain.markers) == len(self.shape.points):
-            self._learn_rig_error(kept, len(gain.markers))
+        seen = len(newest[0].gain.markers)
+        if self._is_calibrated or seen == len(self.shape.points):
+            self._learn_rig_error(newest, seen)
 
-    def _learn_motion(self, kept: _KeptGain, gain: Gain) -> None:
+    def _learn_motion(self, newest: list[Correction]) -> None:
         """The steps from the predicted views over their variances give the process noise."""
-        frames = kept.frames
-        expected = frames * (gain.covariance[0].diagonal() - gain.after[0].diagonal())[:COUNT]
-        shown = np.minimum(_ALIKE.dot(kept.squares / np.maximum(expected, 1e-12)), TUNING.max_step)
+        gain, frames = newest[0].gain, len(newest)
+        steps = np.array([correction.change[0, :COUNT] for correction in newest])
+        expected = (gain.covariance[0].diagonal() - gain.after[0].diagonal())[:COUNT]
+        ratio = (steps * steps).mean(axis=0) / np.maximum(expected, 1e-12)
+        shown = np.minimum(_ALIKE.dot(ratio), TUNING.max_step)
         held = (1.0 - TUNING.motion_learning) ** frames
         motion = self._motion * (held + (1.0 - held) * shown)
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
+        last = newest[-1]
+        rates = (last.before + last.change)[0, COUNT:]
         faded = TUNING.max_motion_memory**frames * self._max_motion
-        self._max_motion = np.maximum(faded, kept.rates * kept.rates * _LIVELY)
+        self._max_motion = np.maximum(faded, rates * rates * _LIVELY)
 
-    def _learn_rig_error(self, kept: _KeptGain, seen: int) -> None:
+    def _learn_rig_error(self, newest: list[Correction], seen: int) -> None:
         """How well markers that agree fit shows how exact the rig is; less exact only slowly."""
         scale = math.exp(self.means.item(0, SCALE))
-        shown = math.sqrt(kept.misfits / kept.frames * seen / max(2 * seen - 6, 1)) / scale
+        misfit = math.sqrt(sum(correction.misfit() ** 2 for correction in newest) / len(newest))
+        shown = misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / scale
         shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
         rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
-        self.rig_error += (1.0 - (1.0 - rate) ** kept.frames) * (shown - self.rig_error)
+        self.rig_error += (1.0 - (1.0 - rate) ** len(newest)) * (shown - self.rig_error)
 
 
 def _transition(elapsed: float) -> Array:
-    """What so many s make of states (16, 16): the rates fade."""
+    """What so many s make of states in rows, (16, 16): the rates fade."""
     last = TUNING.rates_last
     fade = math.exp(-elapsed / last)
-    transition, step = _UNITY.copy(), _STATES + 1
+    transition, step = _UNITY.copy(), STATES + 1
     flat = transition.ravel()
-    flat[COUNT : COUNT * step : step] = last * (1.0 - fade)
+    flat[COUNT * STATES :: step] = last * (1.0 - fade)
     flat[COUNT * step :: step] = fade
     return transition
 
@@ -367,309 +371,10 @@ def _process_noise(elapsed: float, walk: Array, rate_noise: Array) -> Array:
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
     # What lies on the diagonals of the four blocks of 8 x 8.
-    noise, step = np.zeros((_STATES, _STATES)), _STATES + 1
+    noise, step = np.zeros((STATES, STATES)), STATES + 1
     flat = noise.ravel()
     across = (0.5 * reach * reach) * rate_noise
     flat[: COUNT * step : step] = elapsed * walk + (elapsed**3 / 3) * rate_noise
-    flat[COUNT : COUNT * step : step] = flat[COUNT * _STATES :: step] = across
+    flat[COUNT : COUNT * step : step] = flat[COUNT * STATES :: step] = across
     flat[COUNT * step :: step] = (0.5 * last * (1.0 - fade * fade)) * rate_noise
     return noise
-
-
-def _flat(found: Mapping[int, Point]) -> Array:
-    """The places' coordinates in turn, px."""
-    return np.array(list(found.values())).ravel()
-
-
-@dataclass
-class _KeptGain:
-    """The gain of the last frames, and what was seen with it."""
-
-    gain: Gain | None = None
-    serves: bool = False  # whether it may serve in the next frame
-    step: float = 0.0  # s, from the frame before
-    frames: int = 0
-    squares: Array = field(default_factory=lambda: np.zeros(COUNT))  # sum, of steps of the view
-    misfits: float = 0.0  # sum of squares, px²
-    rates: Array = field(default_factory=lambda: np.zeros(COUNT))  # of the newest view
-
-    def add(self, correction: Correction) -> None:
-        """Take a frame."""
-        change = correction.change[0, :COUNT]
-        self.squares = self.squares + change * change
-        self.misfits += correction.misfit() ** 2
-        self.rates = correction.mean[0, COUNT:]
-        self.frames += 1
-
-
-Ellipse = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Gain:
-    """What k named lights will make of f views wherever near they are seen.
-
-    Attributes:
-        covariance: (f, 16, 16), of the priors.
-        markers: those seen.
-        view: (8,), the main filter's, at which the slopes are.
-        slopes: (f, 8, 2 k), of the places by the parameters.
-        towards: (f, 16, 2 k), covariance of the state with the places.
-        weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
-        noise: (f, 2 k), px², variances at which the coordinates take part.
-        own: px², variance of a marker's place.
-    """
-
-    covariance: Array
-    markers: list[int]
-    view: Array
-    slopes: Array
-    towards: Array
-    weight: Array
-    noise: Array
-    own: float
-    _others: dict[tuple[int, int], Ellipse] = field(default_factory=dict)
-    _distances: dict[tuple[int, int, float], Ellipse] = field(default_factory=dict)
-    _all_distances: dict[float, list[Ellipse]] = field(default_factory=dict)
-
-    @classmethod
-    def of(
-        cls,
-        covariance: Array,
-        markers: list[int],
-        view: Array,
-        slopes: Array,
-        noise: Array,
-        own: float,
-    ) -> Gain:
-        """Where the places change with the views by these slopes."""
-        count = noise.shape[1]
-        towards = covariance[:, :, :COUNT] @ slopes
-        spread = slopes.transpose(0, 2, 1) @ towards[:, :COUNT]
-        spread.reshape(-1, count * count)[:, :: count + 1] += noise
-        return cls(covariance, markers, view, slopes, towards, _inverses(spread), noise, own)
-
-    @property
-    def is_of_all(self) -> bool:
-        """Whether no marker takes part in the main filter with less weight than the others."""
-        return bool((self.noise[0] == self.own).all())
-
-    @cached_property
-    def after(self) -> Array:
-        """The covariances with what has been seen, in Joseph's form: no variance gets negative.
-
-        With K the gain, H the slopes and P the prior's covariance, it is A - (A H - K R) K^T, where
-        A = (I - K H^T) P.
-        """
-        gain = self.towards @ self.weight
-        transposed = gain.transpose(0, 2, 1)
-        left = self.covariance - gain @ self.towards.transpose(0, 2, 1)
-        rest = left[:, :, :COUNT] @ self.slopes
-        rest -= gain * self.noise[:, None]
-        left -= rest @ transposed
-        return np.asarray(0.5 * (left + left.transpose(0, 2, 1)))
-
-    def by_others(self, row: int, index: int) -> Ellipse:
-        """What takes a marker's weighed innovation to that by all other markers alone.
-
-        With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
-        innovation by the others alone is B⁻¹ w with the covariance B⁻¹, of which the marker's own
-        variance is a part: xx, xy and yy of B⁻¹, and that variance.
-        """
-        found = self._others.get((row, index))
-        if found is None:
-            first, second = 2 * index, 2 * index + 1
-            xx, xy, yy = (
-                self.weight.item(row, i, j)
-                for i, j in ((first, first), (first, second), (second, second))
-            )
-            determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
-            found = yy / determinant, -xy / determinant, xx / determinant
-            found = self._others[row, index] = (*found, self.noise.item(row, first))
-        return found
-
-    def distance(self, row: int, index: int, variance: float) -> Ellipse:
-        """What makes a marker's weighed innovation w a squared distance from where the others put it.
-
-        It lies about there with a variance (px²) of both axes. The factors of the squares of w, of
-        xx, xy and yy, and the determinant of the place's covariance, px⁴.
-        """
-        found = self._distances.get((row, index, variance))
-        if found is None:
-            a, b, c, own = self.by_others(row, index)
-            xx, yy = max(a - own, 0.0) + variance, max(c - own, 0.0) + variance
-            determinant = max(xx * yy - b * b, 1e-12 * xx * yy)
-            # B⁻¹ C⁻¹ B⁻¹, with B⁻¹ of a, b and c and C of xx, b and yy.
-            found = self._distances[row, index, variance] = (
-                (yy * a * a - 2.0 * b * a * b + xx * b * b) / determinant,
-                2.0 * (yy * a * b - b * (a * c + b * b) + xx * b * c) / determinant,
-                (yy * b * b - 2.0 * b * b * c + xx * c * c) / determinant,
-                determinant,
-            )
-        return found
-
-    def distances(self, variance: float) -> list[Ellipse]:
-        """That of each marker, of the main filter's."""
-        found = self._all_distances.get(variance)
-        if found is None:
-            found = [self.distance(0, index, variance) for index in range(len(self.markers))]
-            self._all_distances[variance] = found
-        return found
-
-
-@dataclass(frozen=True, eq=False)
-class Correction:
-    """What k named lights of a frame make of views: an iterated extended Kalman filter's update.
-
-    It is that of f filters at once, of which the first is the main one, and the one after marker i
-    of the rig's is that which ignores it.
-
-    Attributes:
-        gain: where the places were linearized last.
-        before: (f, 16), the priors' means.
-        found: the lights' places by marker, px without distortion.
-        change: (f, 16), of the state.
-        weighed: (f, 2 k), the innovations over their covariance, px^-1.
-    """
-
-    gain: Gain
-    before: Array
-    found: Mapping[int, Point]
-    change: Array
-    weighed: Array
-
-    @classmethod
-    def by(
-        cls, gain: Gain, before: Array, found: Mapping[int, Point], innovation: Array
-    ) -> Correction:
-        """Correct priors by the innovations (f, 2 k), px, with a given gain."""
-        weighed = _times(gain.weight, innovation)
-        return cls(gain, before, found, _times(gain.towards, weighed), weighed)
-
-    @classmethod
-    def of(
-        cls,
-        shape: WeakPerspective,
-        before: Belief,
-        found: Mapping[int, Point],
-        noise: Array,
-        own: float,
-    ) -> Correction:
-        """Correct priors by lights, of whose coordinates each has a variance (f, 2 k), px²."""
-        mean, covariance = before
-        markers = list(found)
-        in_order = markers == list(range(len(shape.points)))
-        columns = None if in_order else columns_of(np.array(markers, np.intp))
-        places = _flat(found)
-        prior = parameters = np.ascontiguousarray(mean[:, :COUNT])
-        for _ in range(_MAX_ITERATIONS):
-            expected, slopes = shape.linearize_all(parameters)
-            if columns is not None:
-                expected, slopes = expected[:, columns], slopes[:, :, columns]
-            innovation = places - expected
-            away = prior - parameters
-            if parameters is not prior:
-                innovation -= _times(slopes.transpose(0, 2, 1), away)
-            gain = Gain.of(covariance, markers, parameters[0], slopes, noise, own)
-            weighed = _times(gain.weight, innovation)
-            change = _times(gain.towards, weighed)
-            step, largest = limited(change[:, :COUNT] + away)
-            parameters = possible(parameters + step)
-            if largest < SETTLED:
-                break
-        else:
-            # What the last slopes predict of the residuals cannot be trusted.
-            expected = shape.project_all(parameters)
-            weighed = (places - (expected if columns is None else expected[:, columns])) / noise
-        change[:, :COUNT] = parameters - prior
-        return cls(gain, mean, found, change, weighed)
-
-    @cached_property
-    def mean(self) -> Array:
-        """(f, 16), the states with what has been seen."""
-        return self.before + self.change
-
-    @property
-    def after(self) -> Belief:
-        """The states with what has been seen."""
-        return Belief(self.mean, self.gain.after)
-
-    def misfit(self, row: int = 0) -> float:
-        """Root mean square of the markers' distances from their places in a filter's view, px."""
-        residual = self.weighed[row] * self.gain.noise[row]
-        return math.sqrt(float(residual.dot(residual)) / max(len(self.found), 1))
-
-    def nis_of(self, row: int, index: int) -> float:
-        """How far a marker lies from where a filter's others put it (chi², two degrees)."""
-        weighed = self._weighed[row]
-        x, y = weighed[2 * index], weighed[2 * index + 1]
-        xx, xy, yy, _ = self.gain.distance(row, index, self.gain.own)
-        return xx * x * x + xy * x * y + yy * y * y
-
-    @cached_property
-    def _weighed(self) -> list[list[float]]:
-        rows: list[list[float]] = self.weighed.tolist()
-        return rows
-
-    @cached_property
-    def nis(self) -> list[float]:
-        """For each marker how far it lies from where the main filter's others put it."""
-        return self._squares(self.gain.own)
-
-    def _squares(self, variance: float) -> list[float]:
-        weighed = self._weighed[0]
-        distances = self.gain.distances(variance)
-        return [
-            xx * x * x + xy * x * y + yy * y * y
-            for (xx, xy, yy, _), x, y in zip(distances, weighed[::2], weighed[1::2], strict=True)
-        ]
-
-    def deviation_by_others(self, row: int, index: int) -> float:
-        """How exactly a filter's others determine a marker's place (1 sigma, px): larger axis."""
-        xx, xy, yy, own = self.gain.by_others(row, index)
-        largest = 0.5 * (xx + yy) - own + math.hypot(0.5 * (xx - yy), xy)
-        return math.sqrt(max(largest, 0.0))
-
-    def log_odds(self, beside: float, unknowns: int) -> dict[int, float]:
-        """What each marker's place says for its name: the log of a ratio of two likelihoods.
-
-        That of the marker where all others put it, over that of another light which lies within so
-        many px of there (1 sigma per axis). It counts by the mean redundancy of the places in a fit
-        of so many unknowns: what only goes on as before may as well be a light that was taken for
-        the marker earlier.
-        """
-        redundancy = max(1.0 - unknowns / (2 * len(self.found)), 0.0)
-        own, wide = self.gain.own, self.gain.own + beside * beside
-        squares = zip(self.nis, self._squares(wide), strict=True)
-        least, most = self.gain.distances(own), self.gain.distances(wide)
-        return {
-            marker: 0.5 * redundancy * (far - near + math.log(large[3] / small[3]))
-            for marker, (near, far), small, large in zip(
-                self.found, squares, least, most, strict=True
-            )
-        }
-
-    def view(self, row: int = 0) -> ViewState:
-        """What follows of a filter's view."""
-        mean, covariance = self.after
-        nis = [self.nis_of(row, index) for index in range(len(self.found))]
-        return ViewState(
-            mean[row, :COUNT],
-            covariance[row, :COUNT, :COUNT],
-            self.misfit(row),
-            nis=np.array(nis),
-        )
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    """Products of matrices (f, n, k) and vectors (f, k)."""
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
-
-
-def _inverses(matrices: Array) -> Array:
-    """Of positive matrices (f, n, n)."""
-    inverses = np.empty_like(matrices)
-    for matrix, inverse in zip(matrices, inverses, strict=True):
-        if not cv2.invert(matrix, inverse, cv2.DECOMP_CHOLESKY)[0]:
-            inverse[:] = np.linalg.pinv(matrix, hermitian=True)
-    return inverses

@@ -16,7 +16,8 @@ from mvuav_ros.vision.markers.rig_view import (
     WeakPerspective,
     fit,
 )
-from mvuav_ros.vision.markers.view_filter import Belief, Correction, ViewFilter
+from mvuav_ros.vision.markers.view_correction import Belief, Correction
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import TANKER_747
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
@@ -135,9 +136,9 @@ def test_no_variance_gets_negative():
 
 def test_a_place_speaks_for_a_name_or_against_it():
     found = places([0, 1, 2, 3, 4])
-    right = corrected(found).log_odds(6.0, COUNT - 2)
+    right = corrected(found).log_odds(COUNT - 2)
     assert min(right.values()) > 0.0
     found[2] = (found[2][0] + 5.0, found[2][1] + 5.0)
-    assert corrected(found).log_odds(6.0, COUNT - 2)[2] < -5.0
-    three = corrected(places([0, 2, 4])).log_odds(6.0, COUNT - 2)
+    assert corrected(found).log_odds(COUNT - 2)[2] < -5.0
+    three = corrected(places([0, 2, 4])).log_odds(COUNT - 2)
     assert set(three.values()) == {0.0}, 'three lights fit any view'
