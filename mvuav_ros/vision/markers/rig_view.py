@@ -169,36 +169,6 @@ class WeakPerspective:
         image += self._middle
         return image.view(np.float64), slopes.view(np.float64)
 
-    def places_in(self, view: Array) -> Array:
-        """The places (2 n,) alone in one view (8,), which takes a third of the time."""
-        roll, scale, x, y, pitch, yaw, focal, barrel = view.tolist()
-        size = math.exp(scale)
-        nearness = math.exp(min(scale - focal, self._max_nearness))
-        c, s = size * math.cos(roll), size * math.sin(roll)
-        ca, sa, cb, sb = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
-        # Columns: the turned point in px, to the right and down, and its depth.
-        turn = np.array(
-            (
-                (c * ca - s * sb * sa, s * ca + c * sb * sa, -nearness * cb * sa),
-                (-s * cb, c * cb, nearness * sb),
-                (c * sa + s * sb * ca, s * sa - c * sb * ca, nearness * cb * ca),
-                (x - self.centre.item(0), y - self.centre.item(1), 1.0),
-            )
-        )
-        turned = self._with_ones.dot(turn)
-        image = turned[:, :2] / np.maximum(turned[:, 2:], _NEAREST)
-        if self.lens.focal is None:
-            share = barrel / self.lens.half_diagonal**2
-            image *= 1.0 + share * (image * image).sum(axis=1, keepdims=True)
-        if self.offsets is not None:
-            beside = self.offsets * complex(c, s)
-            image += beside.view(np.float64).reshape(-1, 2)
-        return np.asarray((image + self.centre).ravel())
-
-    @cached_property
-    def _with_ones(self) -> Array:
-        return np.column_stack((self.points, np.ones(len(self.points))))
-
     def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> tuple[Complex, Complex]:
         """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n).
 

@@ -80,7 +80,8 @@ class ViewTuning:
     # time between two frames.
     same_variance: float = 0.3
     same_step: float = 0.2
-    same_view: float = 0.03  # rad, and logarithms: of the view since then
+    # rad, and logarithms: of the view since then. The slopes leave half its square, 0.02 px.
+    same_view: float = 0.015
     same_place: float = 30.0  # px, the same
     # Squared distances over variances of a marker from its place by the others, and of all
     # coordinates from the expected ones (mean).
@@ -266,22 +267,18 @@ class ViewFilter:
         gain, step = self._newest[0].gain, self._step
         if abs(step - self._gain_step) > TUNING.same_step * step or list(found) != gain.markers:
             return None
-        views = self.means[:, :COUNT]
-        moved = (_MOVED * (views - gain.views)).ravel()
-        if moved.dot(moved) > len(views):
+        away = self.means[:, :COUNT] - gain.views
+        moved = (_MOVED * away).ravel()
+        if moved.dot(moved) > len(away):
             return None
-        innovation = np.array(list(found.values())).ravel() - self.shape.places_in(views[0])
-        innovation = innovation[None]
-        if self.has_bank:
-            # The others' places, where the slopes have them beside the main filter's.
-            linear = gain.places + times(gain.slopes.swapaxes(1, 2), views - gain.views)
-            innovation = innovation + linear[0] - linear
+        innovation = np.array(list(found.values())).ravel() - gain.places
+        innovation -= times(gain.slopes.swapaxes(1, 2), away)
         both = times(gain.effect, innovation)
         change, weighed = both[:, :STATES], both[:, STATES:]
         if innovation[0].dot(weighed[0]) > TUNING.usual_innovation * innovation.shape[1]:
             return None
         turned = (SHARED * change[:, :COUNT]).ravel()
-        if turned.dot(turned) > SETTLED**2:
+        if turned.dot(turned) > SETTLED**2 * len(change):
             return None
         correction = Correction(gain, self.means, change, weighed)
         return correction if max(correction.nis) <= TUNING.usual_nis else None
