@@ -17,7 +17,6 @@ from mvuav_ros.vision.reprojection import (
     Reprojection,
     Solution,
     inverse,
-    rotation_of,
 )
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -37,8 +36,8 @@ class PoseTuning:
     # px, root mean square per axis, above which the names or the calibration must be wrong, in any
     # frame.
     max_misfit: float = 1.0
-    # rad, and parts of the distance: a Gauss-Newton step from where the last poses lead that is the
-    # last one. It leaves about its square, 1e-5 of the rig's image: a thousandth of a pixel.
+    # rad, and parts of the distance: a Gauss-Newton step from the last pose that is the last one. It
+    # leaves about its square, 1e-5 of the rig's image: a thousandth of a pixel.
     small_step: float = 3e-3
     # The same over the image's span of the markers, for large images.
     max_relative_misfit: float = 0.004
@@ -92,8 +91,8 @@ class PoseEstimator:
     """Poses of one rig, frame after frame; none where it cannot be vouched for.
 
     OpenCV's perspective-n-point solvers give the first pose, Gauss-Newton steps on the
-    reprojection error every pose; where the last two poses lead is where it starts, and the last
-    one decides where two solutions fit. A marker that the others contradict is left out where it is clear which one
+    reprojection error every pose; the last pose is where it starts, and decides where two
+    solutions fit. A marker that the others contradict is left out where it is clear which one
     that is. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative. The noise
     comes from the residuals of this and earlier frames, as one frame of five markers leaves only
     four degrees of freedom, and from a small steady error.
@@ -128,8 +127,6 @@ class PoseEstimator:
         self.reason = ''
         self._last: tuple[Array, Array] | None = None
         self._last_time = -math.inf
-        # Of the body about the optical axes (rad/s), and of its place (m/s), by the last two poses.
-        self._rates: tuple[Array, Array] | None = None
         self._vouched: frozenset[int] = frozenset()
         # Whether three lights had two poses, or one that was not certain before one of them was out
         # of sight: what they show later does not decide which is right, as another light may have
@@ -176,30 +173,12 @@ class PoseEstimator:
             return None
         pose = self._pose(camera, markers[chosen].tolist(), solution)
         if pose is not None:
-            self._remember(solution, time)
+            self._last, self._last_time = (solution.rotation, solution.translation), time
             self._is_uncertain = False
         elif len(chosen) == MIN_MARKERS:
             # Where two solutions of three lights meet, nothing says which one goes on.
             self._last, self._is_uncertain = None, True
         return pose
-
-    def _remember(self, solution: Solution, time: float) -> None:
-        """Take a pose that was told."""
-        elapsed, self._rates = time - self._last_time, None
-        if self._last is not None and 0.0 < elapsed <= TUNING.holds:
-            (_, a, b), (c, _, d), (e, f, _) = solution.rotation.dot(self._last[0].T).tolist()
-            # Small turns are the part of a rotation matrix that is not symmetric.
-            turning = np.array((f - d, b - e, c - a)) * (0.5 / elapsed)
-            self._rates = turning, (solution.translation - self._last[1]) / elapsed
-        self._last, self._last_time = (solution.rotation, solution.translation), time
-
-    def _expected(self, last: tuple[Array, Array], time: float) -> tuple[Array, Array]:
-        """Where the body should be at a time (s) by its last poses."""
-        if self._rates is None:
-            return last
-        turning, velocity = self._rates
-        elapsed = time - self._last_time
-        return rotation_of(elapsed * turning).dot(last[0]), last[1] + elapsed * velocity
 
     def _vouched_for(self, markers: NDArray[np.intp], time: float) -> bool:
         """Whether more lights than a pose needs have shown that these are the rig's.
@@ -276,7 +255,7 @@ class PoseEstimator:
         """From the last pose, if that is fresh and nothing looks odd."""
         if self._last is None or time - self._last_time > TUNING.holds:
             return None
-        solution = view.refine(*self._expected(self._last, time), TUNING.small_step)
+        solution = view.refine(*self._last, TUNING.small_step)
         count = 2 * len(view.image)
         most = TUNING.unusual * self.noise
         if most > TUNING.max_misfit:
@@ -444,7 +423,6 @@ class _ResidualNoise:
         self._squares = self._freedom = self._recent = 0.0
         self._doubt = NOISE.first_weight
         self._risen_for = 0
-
         self._set_noise()
 
     def _set_noise(self) -> None:
