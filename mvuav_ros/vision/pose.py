@@ -36,8 +36,8 @@ class PoseTuning:
     # px, root mean square per axis, above which the names or the calibration must be wrong, in any
     # frame.
     max_misfit: float = 1.0
-    # rad, and parts of the distance: a Gauss-Newton step from the last pose that is the last one. It
-    # leaves about its square, 1e-5 of the rig's image: a thousandth of a pixel.
+    # rad, and parts of the distance: a Gauss-Newton step that is the last one, from the
+    # last pose. It leaves about its square, 1e-5 of the rig's image: a thousandth of a pixel.
     small_step: float = 3e-3
     # The same over the image's span of the markers, for large images.
     max_relative_misfit: float = 0.004

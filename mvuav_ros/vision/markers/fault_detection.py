@@ -8,9 +8,10 @@ from functools import partial
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.rig_view import ViewState
-from mvuav_ros.vision.markers.view_correction import Correction, Point
+from mvuav_ros.vision.markers.view_correction import Correction, NamedPlaces, Point
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 
@@ -173,14 +174,14 @@ class FaultDetector:
         """The consensus of all but a number of markers; None where none agree."""
         markers = list(found)
         rests = list(combinations(range(len(markers)), len(markers) - number))
-        seen = np.array([[markers[i] for i in rest] for rest in rests], np.intp)
-        places = np.array(list(found.values()))
-        fits = self.views.fit(seen, places[np.array(rests)])
+        seen: NDArray[np.intp] = np.array([[markers[i] for i in rest] for rest in rests], np.intp)
+        places = np.array(list(found.values()))[np.array(rests)]
+        fits = self.views.fit(NamedPlaces(seen, places.reshape(len(rests), -1)))
         jumped = [self.jumps.get(marker, 0.0) for marker in markers]
         fitting = [
             (cost + sum(jumped[i] for i in rest), rest)
-            for cost, rest, nis in zip(fits.cost, rests, fits.nis, strict=True)
-            if nis.max() <= TUNING.gate
+            for row, (cost, rest) in enumerate(zip(fits.cost.tolist(), rests, strict=True))
+            if max(fits.nis_of(row, index) for index in range(len(rest))) <= TUNING.gate
         ]
         if not fitting:
             return None
@@ -198,13 +199,13 @@ class FaultDetector:
 
     def _greedy(self, found: Mapping[int, Point]) -> Consensus:
         rest = dict(found)
-        view = self.views.look(rest)
-        while len(rest) > 2 and view.nis.max() > TUNING.gate:
-            del rest[list(rest)[int(view.nis.argmax())]]
-            view = self.views.look(rest)
-        if view.nis.max() > TUNING.gate or 2 * len(rest) <= len(found):
+        fitted = self.views.fit(NamedPlaces.of(rest))
+        while len(rest) > 2 and max(fitted.nis) > TUNING.gate:
+            del rest[list(rest)[fitted.nis.index(max(fitted.nis))]]
+            fitted = self.views.fit(NamedPlaces.of(rest))
+        if max(fitted.nis) > TUNING.gate or 2 * len(rest) <= len(found):
             return Consensus(self.views.view, (), (), tuple(found))
-        return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
+        return Consensus(fitted.view(), tuple(rest), tuple(m for m in found if m not in rest))
 
     def unverified(self, found: Mapping[int, Point], untrusted: Set[int]) -> set[int]:
         """Which of the untrusted markers lie where the others do not determine their places.

@@ -109,7 +109,7 @@ window is placed, is not known yet."""
 SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
-RING_EVERY = 5  # Frames in one of which a light's background is looked at
+RING_EVERY = 3  # Frames in one of which a light's background is looked at
 EDGE = 4.0  # px of dark that a window shows around a light
 FORGOTTEN = 10  # Frames unseen after which a light's own motion says nothing any more
 

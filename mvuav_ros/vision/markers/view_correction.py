@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.rig_view import (
     COUNT,
@@ -23,28 +24,40 @@ from mvuav_ros.vision.markers.rig_view import (
 )
 
 Point = tuple[float, float]
-STATES = 2 * COUNT
-_MAX_ITERATIONS = 6
+_MAX_ITERATIONS = 8
 BESIDE = 6.0
 """px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
 
 
 class Belief(NamedTuple):
-    """Parameters of views and their rates per s (f, 16), and the covariances (f, 16, 16)."""
+    """States (f, s), whose first 8 numbers are views' parameters, and covariances (f, s, s)."""
 
     mean: Array
     covariance: Array
+
+
+class NamedPlaces(NamedTuple):
+    """Where k markers are seen, in f ways of naming lights or in one for all."""
+
+    markers: NDArray[np.intp]  # (f, k) or (1, k)
+    places: Array  # (f, 2 k) or (1, 2 k), px without distortion, x and y in turn
+
+    @classmethod
+    def of(cls, found: Mapping[int, Point]) -> NamedPlaces:
+        """One way of naming lights."""
+        places: Array = np.array(list(found.values()), np.float64)
+        return cls(np.array([list(found)], np.intp), places.reshape(1, -1))
 
 
 class Gain:
     """What k named lights will make of f views wherever near they are seen.
 
     Attributes:
-        covariance: (f, 16, 16), of the priors.
-        markers: those seen.
+        covariance: (f, s, s), of the priors.
+        markers: those seen, in the first of them.
         views: (f, 8), at which the places (f, 2 k), px, have their slopes.
         slopes: (f, 8, 2 k), of the places by the parameters.
-        towards: (f, 16, 2 k), covariance of the state with the places.
+        towards: (f, s, 2 k), covariance of the state with the places.
         weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
         noise: (f, 2 k), px², variances at which the coordinates take part.
         own: px², variance of a marker's place.
@@ -71,7 +84,7 @@ class Gain:
 
     @cached_property
     def effect(self) -> Array:
-        """(f, 16 + 2 k, 2 k): what makes innovations the state's change and weighed ones."""
+        """(f, s + 2 k, 2 k): what makes innovations the state's change and weighed ones."""
         return np.concatenate((self.towards @ self.weight, self.weight), axis=1)
 
     @cached_property
@@ -90,7 +103,7 @@ class Gain:
         return np.asarray(0.5 * (left + left.transpose(0, 2, 1)))
 
     @cached_property
-    def _blocks(self) -> tuple[Array, Array, Array]:
+    def blocks(self) -> tuple[Array, Array, Array]:
         """Each marker's xx, xy and yy of `weight`, (f, k)."""
         diagonal = self.weight.diagonal(axis1=1, axis2=2)
         return diagonal[:, ::2], self.weight.diagonal(1, 1, 2)[:, ::2], diagonal[:, 1::2]
@@ -105,7 +118,7 @@ class Gain:
         w (B + d B²)⁻¹ w. First for the marker itself, then for a light beside it, for each filter
         and marker: the factors of x², x y and y², and the logarithm of the determinant of B + d B².
         """
-        xx, xy, yy = self._blocks
+        xx, xy, yy = self.blocks
         variances = np.array((self.own, self.own + BESIDE * BESIDE))
         other = variances[:, None, None] - self.noise[:, ::2]
         square = xy * xy
@@ -125,12 +138,12 @@ class Correction:
     """What k named lights of a frame make of views: an iterated extended Kalman filter's update.
 
     It is that of f filters at once, of which the first is the main one, and the one after marker i
-    of the rig's is that which ignores it.
+    of the rig's is that which ignores it; or of one prior by f ways of naming lights.
 
     Attributes:
         gain: where the places were linearized last.
-        before: (f, 16), the priors' means.
-        change: (f, 16), of the state.
+        before: (f, s), the priors' means.
+        change: (f, s), of the state.
         weighed: (f, 2 k), the innovations over their covariance, px^-1.
     """
 
@@ -139,32 +152,28 @@ class Correction:
     change: Array
     weighed: Array
 
-    def __post_init__(self) -> None:
-        self._rows: list[list[float]] = self.weighed.tolist()
-        # For each marker how far it lies from where the main filter's others put it.
-        self.nis = self._squares(0)
-
     @classmethod
     def of(
         cls,
         shape: WeakPerspective,
         before: Belief,
-        found: Mapping[int, Point],
+        named: NamedPlaces,
         noise: Array,
         own: float,
+        starts: Array | None = None,
     ) -> Correction:
-        """Correct priors by lights, of whose coordinates each has a variance (f, 2 k), px²."""
+        """Correct priors by lights, of whose coordinates each has a variance (f, 2 k), px².
+
+        The steps begin at the starts (f, 8), or at the priors.
+        """
         mean, covariance = before
-        markers = list(found)
-        in_order = markers == list(range(len(shape.points)))
-        columns = None if in_order else columns_of(np.array(markers, np.intp))
-        places = np.array(list(found.values())).ravel()
-        prior = parameters = np.ascontiguousarray(mean[:, :COUNT])
+        markers: list[int] = named.markers[0].tolist()
+        columns = columns_of(named.markers)
+        prior = np.ascontiguousarray(mean[:, :COUNT])
+        parameters = prior if starts is None else starts
         for _ in range(_MAX_ITERATIONS):
-            expected, slopes = shape.linearize_all(parameters)
-            if columns is not None:
-                expected, slopes = expected[:, columns], slopes[:, :, columns]
-            innovation = places - expected
+            expected, slopes = _seen(columns, *shape.linearize_all(parameters))
+            innovation = named.places - expected
             away = prior - parameters
             if parameters is not prior:
                 innovation -= times(slopes.transpose(0, 2, 1), away)
@@ -177,8 +186,8 @@ class Correction:
                 break
         else:
             # What the last slopes predict of the residuals cannot be trusted.
-            expected, _ = shape.linearize_all(parameters)
-            weighed = (places - (expected if columns is None else expected[:, columns])) / noise
+            expected, _ = _seen(columns, *shape.linearize_all(parameters))
+            weighed = (named.places - expected) / noise
         change[:, :COUNT] = parameters - prior
         return cls(gain, mean, change, weighed)
 
@@ -192,14 +201,34 @@ class Correction:
         residual = self.weighed[row] * self.gain.noise[row]
         return math.sqrt(float(residual.dot(residual)) / max(len(self.gain.markers), 1))
 
+    @cached_property
+    def cost(self) -> Array:
+        """(f,), squared residuals and squared distance from the prior, both over their variances.
+
+        With the weighed innovations w and their covariance S it is w S w.
+        """
+        gain, weighed = self.gain, self.weighed
+        moved = times(gain.slopes.transpose(0, 2, 1), times(gain.towards[:, :COUNT], weighed))
+        return np.asarray((weighed * (gain.noise * weighed + moved)).sum(axis=1))
+
+    @cached_property
+    def _rows(self) -> list[list[float]]:
+        rows: list[list[float]] = self.weighed.tolist()
+        return rows
+
+    @cached_property
+    def nis(self) -> list[float]:
+        """For each marker how far it lies from where the main filter's others put it."""
+        return self._squares()
+
     def nis_of(self, row: int, index: int) -> float:
         """How far a marker lies from where a filter's others put it (chi², two degrees)."""
         x, y = self._rows[row][2 * index], self._rows[row][2 * index + 1]
         xx, xy, yy, _ = self.gain.distances[0][row][index]
         return (xx * x + xy * y) * x + yy * y * y
 
-    def _squares(self, row: int, beside: bool = False) -> list[float]:
-        weighed, factors = self._rows[row], self.gain.distances[beside][row]
+    def _squares(self, beside: bool = False) -> list[float]:
+        weighed, factors = self._rows[0], self.gain.distances[beside][0]
         return [
             (xx * x + xy * y) * x + yy * y * y
             for (xx, xy, yy, _), x, y in zip(factors, weighed[::2], weighed[1::2], strict=True)
@@ -207,7 +236,7 @@ class Correction:
 
     def deviation_by_others(self, row: int, index: int) -> float:
         """How exactly a filter's others determine a marker's place (1 sigma, px): larger axis."""
-        xx, xy, yy = (part.item(row, index) for part in self.gain._blocks)
+        xx, xy, yy = (part.item(row, index) for part in self.gain.blocks)
         smallest = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
         own = self.gain.noise.item(row, 2 * index)
         return math.sqrt(max(1.0 / max(smallest, 1e-12 * (xx + yy)) - own, 0.0))
@@ -216,15 +245,16 @@ class Correction:
         """What each marker's place says for its name: the log of a ratio of two likelihoods.
 
         That of the marker where all others put it, over that of another light beside there (see
-        `BESIDE`). It counts by the mean redundancy of the places in a fit of so many unknowns: what only goes on as before may as well be a light that was taken for
-        the marker earlier.
+        `BESIDE`). It counts by the mean redundancy of the places in a fit of so many unknowns: what
+        only goes on as before may as well be a light that was taken for the marker earlier.
         """
         share = 0.5 * max(1.0 - unknowns / (2 * len(self.gain.markers)), 0.0)
-        own, beside = self.gain.distances
+        (small, *_), (large, *_) = self.gain.distances
+        squares = zip(self.nis, self._squares(beside=True), strict=True)
         return {
-            marker: share * (far - near + large[3] - small[3])
-            for marker, near, far, small, large in zip(
-                self.gain.markers, self.nis, self._squares(0, True), own[0], beside[0], strict=True
+            marker: share * (far - near + wide[3] - own[3])
+            for marker, (near, far), own, wide in zip(
+                self.gain.markers, squares, small, large, strict=True
             )
         }
 
@@ -235,8 +265,18 @@ class Correction:
             mean[row, :COUNT],
             covariance[row, :COUNT, :COUNT],
             self.misfit(row),
-            nis=np.array(self._squares(row)),
+            float(self.cost[row]),
         )
+
+
+def _seen(columns: NDArray[np.intp], expected: Array, slopes: Array) -> tuple[Array, Array]:
+    """Of the places (f, 2 n) and slopes (f, 8, 2 n) those of some columns, (f, 2 k) or (1, 2 k)."""
+    if len(columns) > 1:
+        places = np.take_along_axis(expected, columns, axis=1)
+        return places, np.take_along_axis(slopes, columns[:, None], axis=2)
+    if columns.shape[1] == expected.shape[1] and (columns[0, 1:] > columns[0, :-1]).all():
+        return expected, slopes
+    return expected[:, columns[0]], slopes[:, :, columns[0]]
 
 
 def times(matrices: Array, vectors: Array) -> Array:

@@ -7,7 +7,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
@@ -20,17 +19,14 @@ from mvuav_ros.vision.markers.rig_view import (
     SHARED,
     YAW,
     Array,
-    Fits,
-    NamedPlaces,
     ViewState,
     WeakPerspective,
     X,
     Y,
     deviations_of,
-    fit,
     possible,
 )
-from mvuav_ros.vision.markers.view_correction import STATES, Belief, Correction, Point, times
+from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, Point, times
 
 
 @dataclass(frozen=True)
@@ -76,9 +72,9 @@ class ViewTuning:
     # without a calibration. With more it stands out in a frame, with less nothing can be checked.
     bending: tuple[int, int] = (1, 2)
     max_kept: int = 8  # frames in which a gain serves
-    # While it does: part by which the prior variances have changed since the gain before, and the
-    # time between two frames.
-    same_variance: float = 0.3
+    # While it does: the prior variances over those of the gain before, as a gain that still settles
+    # would settle later; and part by which the time between two frames has changed.
+    same_variance: tuple[float, float] = (0.98, 1.3)
     same_step: float = 0.2
     # rad, and logarithms: of the view since then. The slopes leave half its square, 0.02 px.
     same_view: float = 0.015
@@ -90,7 +86,8 @@ class ViewTuning:
 
 
 TUNING = ViewTuning()
-_UNITY: Array = np.eye(STATES)
+_STATES = 2 * COUNT
+_UNITY: Array = np.eye(_STATES)
 _RATE_NOISE: Array = np.square(TUNING.rate_noise)
 _STATIONARY: Array = 0.5 * TUNING.rates_last * _RATE_NOISE  # Of the rates in the long run
 _LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
@@ -173,13 +170,14 @@ class ViewFilter:
             walk, rate_noise = self._motion * _WALK_NOISE, self._motion * _RATE_NOISE
             if self._is_calibrated:
                 walk[FOCAL:] = 0.0
-            before = self._covariances.reshape(-1, STATES).dot(self._transition)
+            before = self._covariances.reshape(-1, _STATES).dot(self._transition)
             noise = _process_noise(self._behind, walk, rate_noise)
             across = self._transition.T @ before.reshape(self._covariances.shape)
             self._covariances, self._behind = across + noise, 0.0
             self.means[:, :COUNT] = possible(self.means[:, :COUNT])
             old, new = self._variances, self._covariances[0].diagonal()[:COUNT]
-            self._is_steady = bool((abs(new - old) <= TUNING.same_variance * old).all())
+            least, most = TUNING.same_variance
+            self._is_steady = bool(((new >= least * old) & (new <= most * old)).all())
             self._variances = new
         return Belief(self.means, self._covariances)
 
@@ -234,15 +232,18 @@ class ViewFilter:
 
     def look(self, found: Mapping[int, Point]) -> ViewState:
         """The view by the named lights (px without distortion), from this frame's prior."""
-        if not found:
-            return self.view
-        return self.fit(np.array([list(found)]), np.array([list(found.values())])).view()
+        return self.fit(NamedPlaces.of(found)).view() if found else self.view
 
-    def fit(self, seen: NDArray[np.intp], measured: Array) -> Fits:
-        """Views by several ways of naming markers, (m, k), from this frame's prior."""
+    def fit(self, named: NamedPlaces) -> Correction:
+        """Views by several ways of naming markers, from this frame's prior."""
         mean, covariance = self.belief
-        prior = mean[:1, :COUNT], covariance[:1, :COUNT, :COUNT]
-        return fit(self.shape, prior, NamedPlaces(seen, measured, self.deviation))
+        ways, width = named.places.shape
+        before = Belief(
+            np.repeat(mean[:1, :COUNT], ways, axis=0),
+            np.repeat(covariance[:1, :COUNT, :COUNT], ways, axis=0),
+        )
+        variance = self.deviation**2
+        return Correction.of(self.shape, before, named, np.full((ways, width), variance), variance)
 
     def correct(self, found: Mapping[int, Point], untrusted: Collection[int] = ()) -> Correction:
         """What the named lights, px without distortion, make of the view.
@@ -252,13 +253,14 @@ class ViewFilter:
         again = None if untrusted else self._correct_as_before(found)
         if again is not None:
             return again
+        before = self.belief  # Learns how exact the rig is
         own, wide = self.deviation**2, self.doubted_deviation**2
         noise = np.full((len(self.means), 2 * len(found)), own)
         if untrusted or self.has_bank:
             for index, marker in enumerate(found):
                 rows = slice(None) if marker in untrusted else slice(1 + marker, 2 + marker)
                 noise[rows, 2 * index : 2 * index + 2] = wide
-        return Correction.of(self.shape, self.belief, found, noise, own)
+        return Correction.of(self.shape, before, NamedPlaces.of(found), noise, own)
 
     def _correct_as_before(self, found: Mapping[int, Point]) -> Correction | None:
         """The same with the gain of the last frames; None where it may have changed."""
@@ -274,7 +276,7 @@ class ViewFilter:
         innovation = np.array(list(found.values())).ravel() - gain.places
         innovation -= times(gain.slopes.swapaxes(1, 2), away)
         both = times(gain.effect, innovation)
-        change, weighed = both[:, :STATES], both[:, STATES:]
+        change, weighed = both[:, :_STATES], both[:, _STATES:]
         if innovation[0].dot(weighed[0]) > TUNING.usual_innovation * innovation.shape[1]:
             return None
         turned = (SHARED * change[:, :COUNT]).ravel()
@@ -296,7 +298,7 @@ class ViewFilter:
         """Be less certain: what was seen contradicts the view as a whole."""
         if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
             return
-        growth = np.full(STATES, math.sqrt(factor))
+        growth = np.full(_STATES, math.sqrt(factor))
         if self._is_calibrated:
             growth[[FOCAL, BARREL, COUNT + FOCAL, COUNT + BARREL]] = 1.0
         self._covariances = growth[:, None] * growth * self.belief.covariance
@@ -331,33 +333,31 @@ class ViewFilter:
         gain, frames = newest[0].gain, len(newest)
         steps = np.array([correction.change[0, :COUNT] for correction in newest])
         expected = (gain.covariance[0].diagonal() - gain.after[0].diagonal())[:COUNT]
-        ratio = (steps * steps).mean(axis=0) / np.maximum(expected, 1e-12)
-        shown = np.minimum(_ALIKE.dot(ratio), TUNING.max_step)
-        held = (1.0 - TUNING.motion_learning) ** frames
-        motion = self._motion * (held + (1.0 - held) * shown)
+        ratios = (steps * steps / np.maximum(expected, 1e-12)).dot(_ALIKE)
+        shown = np.minimum(ratios, TUNING.max_step)
+        growth = (1.0 - TUNING.motion_learning) + TUNING.motion_learning * shown
+        motion = self._motion * np.multiply.reduce(growth, axis=0)
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
-        last = newest[-1]
-        rates = (last.before + last.change)[0, COUNT:]
+        rates = np.array([correction.before[0, COUNT:] for correction in newest])
         faded = TUNING.max_motion_memory**frames * self._max_motion
-        self._max_motion = np.maximum(faded, rates * rates * _LIVELY)
+        self._max_motion = np.maximum(faded, (rates * rates).max(axis=0) * _LIVELY)
 
     def _learn_rig_error(self, newest: list[Correction], seen: int) -> None:
         """How well markers that agree fit shows how exact the rig is; less exact only slowly."""
-        scale = math.exp(self.means.item(0, SCALE))
-        misfit = math.sqrt(sum(correction.misfit() ** 2 for correction in newest) / len(newest))
-        shown = misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / scale
-        shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
-        rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
-        self.rig_error += (1.0 - (1.0 - rate) ** len(newest)) * (shown - self.rig_error)
+        share = 2.0 * math.sqrt(seen / max(2 * seen - 6, 1)) / math.exp(self.means.item(0, SCALE))
+        for correction in newest:
+            shown = min(max(share * correction.misfit(), self._rig_errors[0]), self._rig_errors[1])
+            rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
+            self.rig_error += rate * (shown - self.rig_error)
 
 
 def _transition(elapsed: float) -> Array:
     """What so many s make of states in rows, (16, 16): the rates fade."""
     last = TUNING.rates_last
     fade = math.exp(-elapsed / last)
-    transition, step = _UNITY.copy(), STATES + 1
+    transition, step = _UNITY.copy(), _STATES + 1
     flat = transition.ravel()
-    flat[COUNT * STATES :: step] = last * (1.0 - fade)
+    flat[COUNT * _STATES :: step] = last * (1.0 - fade)
     flat[COUNT * step :: step] = fade
     return transition
 
@@ -368,10 +368,10 @@ def _process_noise(elapsed: float, walk: Array, rate_noise: Array) -> Array:
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
     # What lies on the diagonals of the four blocks of 8 x 8.
-    noise, step = np.zeros((STATES, STATES)), STATES + 1
+    noise, step = np.zeros((_STATES, _STATES)), _STATES + 1
     flat = noise.ravel()
     across = (0.5 * reach * reach) * rate_noise
     flat[: COUNT * step : step] = elapsed * walk + (elapsed**3 / 3) * rate_noise
-    flat[COUNT : COUNT * step : step] = flat[COUNT * STATES :: step] = across
+    flat[COUNT : COUNT * step : step] = flat[COUNT * _STATES :: step] = across
     flat[COUNT * step :: step] = (0.5 * last * (1.0 - fade * fade)) * rate_noise
     return noise
