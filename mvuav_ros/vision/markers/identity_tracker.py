@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from mvuav_ros.vision.markers.lights import (
     Frame,
     GroupingError,
     Lens,
-    Light,
     Lights,
     are_close,
     places_of,
@@ -208,9 +207,9 @@ class IdentityTracker:
             memory.tell(self._lens.to_image(places), deviations)
         spots, windows = memory.look(frame)
         found = dict(zip(spots, straightened(self._lens, list(spots.values())), strict=True))
-        for a, b in _shared_lights(found):
-            found.pop(a, None)
-            found.pop(b, None)
+        for a, b in combinations(spots, 2):
+            if a in found and b in found and are_close(found[a], found[b], SAME_SPOT):
+                del found[a], found[b]
         memory.watch({index: light.seen for index, light in found.items()})
         faults.jumps = memory.jumps.evidence
         faults.untrusted = memory.untrusted
@@ -329,11 +328,3 @@ class IdentityTracker:
             index: Expectation(x, y, e.deviation)
             for (index, e), (x, y) in zip(expected.items(), places, strict=True)
         }
-
-
-def _shared_lights(found: Mapping[int, Light]) -> list[tuple[int, int]]:
-    """The pairs of markers that have one light."""
-    columns = sorted(light.x for light in found.values())
-    if all(right - left >= SAME_SPOT for left, right in pairwise(columns)):
-        return []
-    return [(a, b) for a, b in combinations(found, 2) if are_close(found[a], found[b], SAME_SPOT)]

@@ -129,8 +129,8 @@ class Gain:
         )
         size = np.maximum(xx * yy - xy * xy, 1e-12 * xx * yy)
         factors = np.stack((yy / size, -2.0 * xy / size, xx / size, np.log(size)), axis=-1)
-        told: list[list[list[list[float]]]] = factors.tolist()
-        return told
+        distances: list[list[list[list[float]]]] = factors.tolist()
+        return distances
 
 
 @dataclass(eq=False)
