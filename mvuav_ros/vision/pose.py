@@ -36,9 +36,6 @@ class PoseTuning:
     # px, root mean square per axis, above which the names or the calibration must be wrong, in any
     # frame.
     max_misfit: float = 1.0
-    # rad, and parts of the distance: a Gauss-Newton step that is the last one, from the
-    # last pose. It leaves about its square, 1e-5 of the rig's image: a thousandth of a pixel.
-    small_step: float = 3e-3
     # The same over the image's span of the markers, for large images.
     max_relative_misfit: float = 0.004
     unusual: float = 4.0  # times the usual noise: a misfit from there on is looked into
@@ -161,11 +158,11 @@ class PoseEstimator:
             self._is_mirrored |= self._is_uncertain
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
-        image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
-        if not math.isfinite(np.add.reduce(image, axis=None)):
+        if not np.isfinite(pixels).all():
             self.reason = 'the positions of the markers are not finite'
             return None
         markers = np.array(labels, np.intp)
+        image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
         chosen, solution = self._solve(camera, markers, image, time)
         if solution is None:
             return None
@@ -255,7 +252,7 @@ class PoseEstimator:
         """From the last pose, if that is fresh and nothing looks odd."""
         if self._last is None or time - self._last_time > TUNING.holds:
             return None
-        solution = view.refine(*self._last, TUNING.small_step)
+        solution = view.refine(*self._last)
         count = 2 * len(view.image)
         most = TUNING.unusual * self.noise
         if most > TUNING.max_misfit:
@@ -423,14 +420,19 @@ class _ResidualNoise:
         self._squares = self._freedom = self._recent = 0.0
         self._doubt = NOISE.first_weight
         self._risen_for = 0
-        self._set_noise()
 
-    def _set_noise(self) -> None:
+    @property
+    def noise(self) -> float:
+        """In the newest frame, px."""
         variance = self._variance
-        # Where there is no sudden rise, and in the newest frame, px.
-        self.usual = math.hypot(math.sqrt(variance), NOISE.steady_error)
-        recent = self._recent if self._recent > NOISE.rise**2 * variance else variance
-        self.noise = math.hypot(math.sqrt(recent), NOISE.steady_error)
+        if self._recent > NOISE.rise**2 * variance:
+            variance = self._recent
+        return math.hypot(math.sqrt(variance), NOISE.steady_error)
+
+    @property
+    def usual(self) -> float:
+        """Where there is no sudden rise, px."""
+        return math.hypot(math.sqrt(self._variance), NOISE.steady_error)
 
     @property
     def _variance(self) -> float:
@@ -451,4 +453,3 @@ class _ResidualNoise:
         self._squares = NOISE.memory * self._squares + min(squares, most)
         self._freedom = NOISE.memory * self._freedom + freedom
         self._doubt *= NOISE.first_memory
-        self._set_noise()

@@ -43,22 +43,17 @@ class Reprojection:
         self._points = points
         self._camera = camera
 
-    def refine(
-        self, rotation: Array, translation: Array, small: float = _SMALL_STEP
-    ) -> Solution | None:
-        """The nearest minimum of the reprojection error; None behind the camera.
-
-        A small step (rad, and parts of the distance) is the last one.
-        """
+    def refine(self, rotation: Array, translation: Array) -> Solution | None:
+        """The nearest minimum of the reprojection error; None behind the camera."""
         try:
-            found = self._descend(rotation, translation, small)
+            found = self._descend(rotation, translation)
         except (cv2.error, np.linalg.LinAlgError):
             return None
         # What is not finite is in the squares as well.
         depths = self._points.dot(found.rotation[2]) + found.translation[2]
         return found if math.isfinite(found.squares) and min(depths.tolist()) > 0.0 else None
 
-    def _descend(self, rotation: Array, translation: Array, small: float) -> Solution:
+    def _descend(self, rotation: Array, translation: Array) -> Solution:
         """Gauss and Newton's steps on the image error, damped where they fail (Levenberg's).
 
         For any camera model: OpenCV's knows pinhole cameras alone, and goes on to differences that
@@ -80,7 +75,7 @@ class Reprojection:
                 continue
             step = step.ravel()
             turned, moved = rotation_of(step[:3]).dot(rotation), translation + step[3:]
-            if _is_small(step.tolist(), small, moved):
+            if step.dot(step) <= _SMALL_STEP**2 * (1.0 + moved.dot(moved)):
                 rotation, translation = turned, moved
                 residual = residual - slopes.dot(step)
                 squares = float(residual.dot(residual))
@@ -142,12 +137,6 @@ class Reprojection:
                 for rvec, tvec in zip(rvecs, tvecs, strict=True)
             ]
         return found
-
-
-def _is_small(step: list[float], small: float, place: Array) -> bool:
-    """Whether turns (rad) and moves (m) of a body at a place (m) are small."""
-    turned, moved = math.hypot(*step[:3]), math.hypot(*step[3:])
-    return turned <= small and moved * moved <= small * small * (1.0 + float(place.dot(place)))
 
 
 def projection_derivatives(
