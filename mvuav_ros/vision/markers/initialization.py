@@ -127,7 +127,7 @@ def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Correction:
     before = Belief(np.tile(expected, (ways, 1)), np.tile(np.diag(deviations**2), (ways, 1, 1)))
     named = NamedPlaces(np.arange(width // 2)[None], measured)
     noise = np.full((ways, width), variance)
-    return Correction.of(shape, before, named, noise, variance, starts)
+    return Correction.of(shape, before, named, noise, variance, starts, iterations=8)
 
 
 Start = tuple[tuple[int, ...], Array]

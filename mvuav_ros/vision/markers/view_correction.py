@@ -24,7 +24,6 @@ from mvuav_ros.vision.markers.rig_view import (
 )
 
 Point = tuple[float, float]
-_MAX_ITERATIONS = 8
 BESIDE = 6.0
 """px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
 
@@ -161,6 +160,7 @@ class Correction:
         noise: Array,
         own: float,
         starts: Array | None = None,
+        iterations: int = 6,
     ) -> Correction:
         """Correct priors by lights, of whose coordinates each has a variance (f, 2 k), px².
 
@@ -171,7 +171,7 @@ class Correction:
         columns = columns_of(named.markers)
         prior = np.ascontiguousarray(mean[:, :COUNT])
         parameters = prior if starts is None else starts
-        for _ in range(_MAX_ITERATIONS):
+        for _ in range(iterations):
             expected, slopes = _seen(columns, *shape.linearize_all(parameters))
             innovation = named.places - expected
             away = prior - parameters
