@@ -298,7 +298,7 @@ def _most_misfit(view: Reprojection) -> float:
 def _is_known(spread: Array, translation: Array, share: float) -> bool:
     """Whether turns and places are known well enough to publish, in a share of the limits."""
     variances: list[float] = spread.diagonal().tolist()
-    if not all(math.isfinite(variance) for variance in variances):
+    if not math.isfinite(sum(variances)):
         return False
     turned = math.sqrt(max(*variances[:3], 0.0))
     moved = math.sqrt(max(*variances[3:], 0.0))

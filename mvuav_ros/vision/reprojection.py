@@ -49,10 +49,9 @@ class Reprojection:
             found = self._descend(rotation, translation)
         except (cv2.error, np.linalg.LinAlgError):
             return None
-        if not (math.isfinite(found.squares) and np.isfinite(found.translation).all()):
-            return None
-        depths = self._points.dot(found.rotation[2])
-        return found if float(depths.min()) + float(found.translation[2]) > 0.0 else None
+        # What is not finite is in the squares as well.
+        depths = self._points.dot(found.rotation[2]) + found.translation[2]
+        return found if math.isfinite(found.squares) and min(depths.tolist()) > 0.0 else None
 
     def _descend(self, rotation: Array, translation: Array) -> Solution:
         """Gauss and Newton's steps on the image error, damped where they fail (Levenberg's).
@@ -66,7 +65,8 @@ class Reprojection:
         squares = float(residual.dot(residual))
         for _ in range(_MAX_STEPS):
             normal = slopes.T.dot(slopes)
-            normal.reshape(-1)[::7] *= 1.0 + damping
+            if damping:
+                normal.reshape(-1)[::7] *= 1.0 + damping
             regular, step = cv2.solve(
                 normal, slopes.T.dot(residual)[:, None], flags=cv2.DECOMP_CHOLESKY
             )

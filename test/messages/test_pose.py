@@ -110,8 +110,12 @@ def test_the_debug_image_shows_axes_and_reprojections():
     _, without = run(debug=('debug_image',), pose=False)
 
     def changed(index):
-        a, b = (np.array(f[index]['debug_image'].data) for f in (with_pose, without))
-        return (a.reshape(480, 640, 3) != b.reshape(480, 640, 3)).any(axis=2)
+        a, b = (
+            np.array(f[index]['debug_image'].data).reshape(480, 640, 3)
+            for f in (with_pose, without)
+        )
+        # The search windows, which the calibration may move by a pixel, are white.
+        return (a != b).any(axis=2) & (np.ptp(a, axis=2) > 50)
 
     def at_dock(index):
         truth = FLIGHT.truth(index)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -17,6 +17,11 @@ from mvuav_ros.vision.point_operations import Pixels, full_scale, threshold
 
 Cut = Callable[[int, int, int, int], Pixels]
 """Takes x0, x1, y0, y1 (inclusive px, within the frame) and gives the intensity there."""
+Bounds = tuple[int, int, int, int]
+"""x0, x1, y0, y1 of a window, inclusive px, within the frame; empty where an end is before its
+start."""
+Pull = tuple[float, float]
+"""Of the background on a light, px."""
 
 FLOOR = 0.9
 """Weights count from this part of the threshold up: above any background that the threshold
@@ -62,7 +67,7 @@ def cutter(image: Image) -> Cut:
 
 
 class CentroidMeter:
-    """Measures the light in a window; built once per frame or kept as long as nothing changes.
+    """Measures the lights in windows; built once per frame or kept as long as nothing changes.
 
     Binary: the mean of the pixels above the threshold (thesis). Weighted: the mean of all pixels
     above `FLOOR`, weighted by what they exceed it by, less the pull of an uneven background: what
@@ -72,7 +77,6 @@ class CentroidMeter:
     Attributes:
         level: threshold, fraction of full scale.
         weighted: or binary.
-        pull: of the background in the last measurement that looked for it, px.
     """
 
     def __init__(self, level: float, weighted: bool) -> None:
@@ -84,91 +88,84 @@ class CentroidMeter:
         """
         self.level = level
         self.weighted = weighted
-        self.pull = (0.0, 0.0)
 
-    def measure(
+    def measure(self, cut: Cut, window: Bounds, size: tuple[int, int]) -> Detection | None:
+        """The light in a window; None where no pixel is above the threshold.
+
+        Args:
+            cut: gives the frame's intensity.
+            window: where to look.
+            size: the frame's width and height, px.
+        """
+        found = self.measure_all(cut, [window], size, [None])[0]
+        return found[0] if found else None
+
+    def measure_all(
         self,
         cut: Cut,
-        window: tuple[int, int, int, int],
+        windows: Sequence[Bounds],
         size: tuple[int, int],
-        pull: tuple[float, float] | None = None,
-    ) -> Detection | None:
-        """The light in a window.
+        pulls: Sequence[Pull | None],
+    ) -> list[tuple[Detection, Pull] | None]:
+        """The light in each window, and the pull of its background.
 
-        Args:
-            cut: gives the frame's intensity.
-            window: x0, x1, y0, y1, inclusive px, within the frame.
-            size: the frame's width and height, px.
-            pull: of the background, as found a frame ago; looked for if None.
-
-        Returns:
-            The spot, or None where no pixel is above the threshold.
+        Each pull is as it was found some frames ago, or None where it is to be looked for. All
+        windows are measured at once, one beside the other; what they are too small for is dark.
         """
-        x0, x1, y0, y1 = window
-        if x1 < x0 or y1 < y0:
-            return None
-        gray = cut(x0, x1, y0, y1)
-        scale = full_scale(gray)
-        limit = self.level * scale
-        if scale == 255 and limit >= 0.0:
-            mask = cv2.threshold(gray, limit, 255, cv2.THRESH_BINARY)[1]
-        else:
-            mask = threshold(gray, self.level)
-        area = cv2.countNonZero(mask)
-        if area == 0:
-            return None
+        shown = {
+            row: cut(*bounds)
+            for row, bounds in enumerate(windows)
+            if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]
+        }
+        if not shown:
+            return [None] * len(windows)
+        heights, widths = zip(*(part.shape for part in shown.values()), strict=True)
+        height, width = max(heights), max(widths)
+        first = next(iter(shown.values()))
+        gray = np.zeros((len(windows), height, width), first.dtype)
+        for row, part in shown.items():
+            gray[row, : part.shape[0], : part.shape[1]] = part
+        flat = gray.reshape(-1, width)
+        mask = threshold(flat, self.level)
+        one_row = len(windows), height * width
+        areas = cv2.reduce(mask.reshape(one_row), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
         weights = mask
         if self.weighted:
-            weights = cv2.subtract(gray, _even(gray.shape, gray.dtype.char, int(FLOOR * limit)))
+            floor = int(FLOOR * self.level * full_scale(gray))
+            weights = cv2.subtract(flat, _even(flat.shape, gray.dtype.char, floor))
         # One product instead of cv2.moments, which takes twice as long for a window.
-        column, row = 0.5 * (x1 - x0), 0.5 * (y1 - y0)
-        powers = _powers(gray.shape)
-        mass, mx, my, m2 = weights.ravel().astype(np.float32).dot(powers).tolist()
-        mx, my = mx / mass, my / mass
-        spread = 2 * math.pi * (m2 / mass - mx * mx - my * my) / area
-        x, y = x0 + column + mx, y0 + row + my
-        if not self.weighted:
-            return Detection(x, y, area, spread)
-        dx, dy = pull or self._find_pull(cut, x, y, area, mass, size)
-        return Detection(x - dx, y - dy, area, spread)
-
-    def measure_part(
-        self, cut: Cut, window: tuple[int, int, int, int], own: NDArray[np.bool_]
-    ) -> Detection:
-        """The light made of some of a window's pixels, which other lights come close to.
-
-        Args:
-            cut: gives the frame's intensity.
-            window: x0, x1, y0, y1, inclusive px, within the frame.
-            own: (height, width), true for its pixels, of which there must be some.
-        """
-        x0, x1, y0, y1 = window
-        y, x = np.nonzero(own)
-        area = len(x)
-        weights = np.ones(area)
-        if self.weighted:
-            gray = cut(x0, x1, y0, y1)
-            weights = gray[own] - FLOOR * self.level * full_scale(gray)
-        weights = weights / weights.sum()
-        mx, my = float(weights @ x), float(weights @ y)
-        spread = 2 * math.pi * float(weights @ ((x - mx) ** 2 + (y - my) ** 2)) / area
-        return Detection(x0 + mx, y0 + my, area, spread)
+        powers = _powers((height, width))
+        sums = weights.reshape(one_row).astype(np.float32).dot(powers).tolist()
+        found: list[tuple[Detection, Pull] | None] = []
+        for bounds, pull, (bright,), (mass, mx, my, m2) in zip(
+            windows, pulls, areas.tolist(), sums, strict=True
+        ):
+            area = bright // 255
+            if not area:
+                found.append(None)
+                continue
+            mx, my = mx / mass, my / mass
+            spread = 2 * math.pi * (m2 / mass - mx * mx - my * my) / area
+            x, y = bounds[0] + 0.5 * (width - 1) + mx, bounds[2] + 0.5 * (height - 1) + my
+            if not self.weighted:
+                pull = 0.0, 0.0
+            elif pull is None:
+                pull = self._find_pull(cut, x, y, area, mass, size)
+            found.append((Detection(x - pull[0], y - pull[1], area, spread), pull))
+        return found
 
     def _find_pull(
         self, cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]
-    ) -> tuple[float, float]:
-        self.pull = (0.0, 0.0)
+    ) -> Pull:
         moment, half, factor = background_ring(round(math.sqrt(area / math.pi)))
         column, row = math.floor(x + 0.5), math.floor(y + 0.5)
         x0, x1, y0, y1 = column - half, column + half, row - half, row + half
         if x0 < 0 or y0 < 0 or x1 >= size[0] or y1 >= size[1]:
-            return self.pull
+            return 0.0, 0.0
         dx, dy = cut(x0, x1, y0, y1).ravel().astype(np.float32).dot(moment).tolist()
         factor *= area / mass
         dx, dy = factor * dx, factor * dy
-        if dx * dx + dy * dy < MAX_PULL * MAX_PULL:
-            self.pull = (dx, dy)
-        return self.pull
+        return (dx, dy) if dx * dx + dy * dy < MAX_PULL * MAX_PULL else (0.0, 0.0)
 
 
 @lru_cache(maxsize=256)
@@ -227,7 +224,7 @@ def measure_windows(gray: Pixels, windows: Integers, level: float, weighted: boo
     Windows (n, 4) are x0, x1, y0, y1, inclusive px, within the frame.
 
     Returns:
-        (n, 3): x and y (px; NaN where nothing is bright), area (px).
+        (n, 4): x and y (px; NaN where nothing is bright), area (px), spread (see `Detection`).
     """
     limit = level * full_scale(gray)
     owner, column, row, values = _look_into(gray, windows)
@@ -248,7 +245,7 @@ def measure_windows(gray: Pixels, windows: Integers, level: float, weighted: boo
 def measure_pixels(
     gray: Pixels, pixels: Integers, owner: Integers, count: int, level: float, weighted: bool
 ) -> Array:
-    """Measure lights by their own pixels, as `CentroidMeter.measure_part` does one.
+    """Measure lights by their own pixels, which other lights come close to.
 
     Args:
         gray: (height, width).
@@ -259,7 +256,7 @@ def measure_pixels(
         weighted: or binary.
 
     Returns:
-        (count, 3): x and y (px), area (px).
+        (count, 4): as `measure_windows`.
     """
     y, x = np.divmod(pixels, gray.shape[1])
     weights = np.ones(len(pixels))
@@ -288,19 +285,21 @@ def _look_into(gray: Pixels, windows: Integers) -> tuple[Integers, Array, Array,
 
 
 def _places(owner: Integers, x: Array, y: Array, weights: Array, area: Array) -> Array:
-    """(n, 3): every light's weighted mean place (px) and its area (px)."""
+    """(n, 4): every light's weighted mean place (px), its area (px) and its spread."""
     count = len(area)
     mass = np.bincount(owner, weights, count)
     mass[mass == 0.0] = 1.0
     mean_x = np.bincount(owner, weights * x, count) / mass
     mean_y = np.bincount(owner, weights * y, count) / mass
-    return np.stack((mean_x, mean_y, area), axis=-1)
+    second = np.bincount(owner, weights * (x * x + y * y), count) / mass
+    spread = 2 * math.pi * (second - mean_x**2 - mean_y**2) / np.maximum(area, 1.0)
+    return np.stack((mean_x, mean_y, area, spread), axis=-1)
 
 
 def _pulls(gray: Pixels, measured: Array, mass: Array) -> Array:
     """How far the background pulls each light, (n, 2) px; see `CentroidMeter`."""
     pulls = np.zeros((len(measured), 2))
-    x, y, area = measured.T
+    x, y, area, _ = measured.T
     radii = np.round(np.sqrt(area / math.pi)).astype(np.intp)
     columns = np.floor(np.nan_to_num(x) + 0.5).astype(np.intp)
     rows = np.floor(np.nan_to_num(y) + 0.5).astype(np.intp)

@@ -177,7 +177,7 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
     """The same as an array, (n, 3): x and y (px), area (px)."""
     gray = image.gray()
     if parameters.by_components:
-        lights = Blobs(gray, parameters).measure_all(parameters.threshold, parameters.weighted)
+        lights = Blobs(gray, parameters).measure(parameters.threshold, parameters.weighted)[:, :3]
         return np.asarray(lights[np.lexsort((lights[:, 1], lights[:, 0]))])
     lights = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
     lights = lights[area_fits(lights[:, 2], parameters)]
@@ -195,7 +195,7 @@ def weigh(gray: Pixels, lights: Array, level: float) -> Array:
     x, y, area = lights.T
     reach = np.sqrt(area / math.pi) + DARK_EDGE
     bounds = np.round((x - reach, x + reach, y - reach, y + reach))
-    measured = measure_windows(gray, clipped(bounds, gray), level, weighted=True)
+    measured = measure_windows(gray, clipped(bounds, gray), level, weighted=True)[:, :3]
     return np.where((measured[:, 2] == area)[:, None], measured, lights)
 
 

@@ -9,9 +9,11 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.rig_view import ViewState
-from mvuav_ros.vision.markers.view_filter import Correction, Point, ViewFilter
+from mvuav_ros.vision.markers.view_correction import Correction, NamedPlaces, Point
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,6 @@ class FaultTuning:
     # Evidence that a marker has against it that was out of sight shortly before.
     returned: float = 50.0
     min_agreeing: int = 4  # markers that determine each other's places
-    # px (1 sigma): how far from a marker's place a light lies that has been taken for it.
-    beside: float = 6.0
     inflate: float = 4.0  # by which the covariance is inflated where what is seen makes no sense
 
 
@@ -94,7 +94,7 @@ class FaultDetector:
         """By all lights, and by the filters that ignore one each."""
         key = self.untrusted, list(found.items())
         last = self._corrected
-        if last is not None and last[1].before is self.views.belief and last[0] == key:
+        if last is not None and last[1].before is self.views.means and last[0] == key:
             return last[1]
         untrusted = self.untrusted.intersection(found)
         if len(found) - len(untrusted) < TUNING.min_firm:
@@ -125,7 +125,7 @@ class FaultDetector:
         if len(markers) < 2:
             return Consensus(self.views.view, (), markers)
         if len(markers) > 2 and most > TUNING.doubt:
-            consensus = self._without_suspects(correction, evidence)
+            consensus = self._without_suspects(found, correction, evidence)
             if consensus is not None:
                 return consensus
         if not contradicted:
@@ -143,16 +143,15 @@ class FaultDetector:
         if not self.views.has_bank:
             return {}
         evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
-        for index, marker in enumerate(correction.found):
+        for index, marker in enumerate(correction.gain.markers):
             shown = correction.nis_of(1 + marker, index) - TUNING.allowance
             evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
         return evidence
 
     def _without_suspects(
-        self, correction: Correction, evidence: dict[int, float]
+        self, found: Mapping[int, Point], correction: Correction, evidence: dict[int, float]
     ) -> Consensus | None:
         """What the others agree on, by the filter that has ignored the worst marker all along."""
-        found = correction.found
         score = {
             m: evidence[m] + TUNING.returned * (m in self.untrusted) + self.jumps.get(m, 0.0)
             for m in found
@@ -172,6 +171,7 @@ class FaultDetector:
             return Consensus(seen, tuple(m for m in found if m not in suspects), (), suspects)
         kept = {m: place for m, place in found.items() if m != worst}
         self.views.exclude(worst)
+        self._corrected = None
         self._evidence = {}
         return Consensus(self.views.look(kept), tuple(kept), (worst,))
 
@@ -179,14 +179,14 @@ class FaultDetector:
         """The consensus of all but a number of markers; None where none agree."""
         markers = list(found)
         rests = list(combinations(range(len(markers)), len(markers) - number))
-        seen = np.array([[markers[i] for i in rest] for rest in rests], np.intp)
-        places = np.array(list(found.values()))
-        fits = self.views.fit(seen, places[np.array(rests)])
+        seen: NDArray[np.intp] = np.array([[markers[i] for i in rest] for rest in rests], np.intp)
+        places = np.array(list(found.values()))[np.array(rests)]
+        fits = self.views.fit(NamedPlaces(seen, places.reshape(len(rests), -1)))
         jumped = [self.jumps.get(marker, 0.0) for marker in markers]
         fitting = [
             (cost + sum(jumped[i] for i in rest), rest)
-            for cost, rest, nis in zip(fits.cost, rests, fits.nis, strict=True)
-            if nis.max() <= TUNING.gate
+            for row, (cost, rest) in enumerate(zip(fits.cost.tolist(), rests, strict=True))
+            if max(fits.nis_of(row, index) for index in range(len(rest))) <= TUNING.gate
         ]
         if not fitting:
             return None
@@ -204,17 +204,18 @@ class FaultDetector:
 
     def _greedy(self, found: Mapping[int, Point]) -> Consensus:
         rest = dict(found)
-        view = self.views.look(rest)
-        while len(rest) > 2 and view.nis.max() > TUNING.gate:
-            del rest[list(rest)[int(view.nis.argmax())]]
-            view = self.views.look(rest)
-        if view.nis.max() > TUNING.gate or 2 * len(rest) <= len(found):
+        fitted = self.views.fit(NamedPlaces.of(rest))
+        while len(rest) > 2 and max(fitted.nis) > TUNING.gate:
+            del rest[list(rest)[fitted.nis.index(max(fitted.nis))]]
+            fitted = self.views.fit(NamedPlaces.of(rest))
+        if max(fitted.nis) > TUNING.gate or 2 * len(rest) <= len(found):
             return Consensus(self.views.view, (), (), tuple(found))
-        return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
+        return Consensus(fitted.view(), tuple(rest), tuple(m for m in found if m not in rest))
 
     def inflate(self) -> None:
         """What was seen contradicts the view as a whole."""
         self.views.inflate(TUNING.inflate)
+        self._corrected = None
 
     def commit(self, found: Mapping[int, Point]) -> Evidence:
         """Take a frame's named lights, which agree; what the places say for their names."""
@@ -226,4 +227,4 @@ class FaultDetector:
         self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in self._evidence.items()}
         self.views.commit(correction)
         redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
-        return Evidence(correction.log_likelihoods(TUNING.beside), redundancy)
+        return Evidence(correction.log_likelihoods(), redundancy)

@@ -25,17 +25,17 @@ from mvuav_ros.vision.markers.rig_view import (
     YAW,
     Array,
     Complex,
-    Fits,
-    NamedPlaces,
     ViewState,
     WeakPerspective,
     X,
     Y,
-    fit,
     views_of_three,
 )
+from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
 
 ANY_ROLL = 1.6  # rad, 1 sigma: at the start an upright body is likelier than one upside down
+FREE = 30.0, 1e4
+"""rad and logarithm, and px (1 sigma): nothing is known of roll and size, and of the place."""
 TILT = 0.4  # rad, 1 sigma: the camera looks at the body from behind, give or take
 BARREL_DEVIATION = 0.1  # 1 sigma, of what a lens that is not calibrated does at half the diagonal
 MODEL_ERROR = 0.004  # By how much a body may differ from its rig, in units of its size (1 sigma)
@@ -81,7 +81,7 @@ def guess_start(
     chosen = np.array([way for way, _ in starts], np.intp)
     parameters = np.array([start for _, start in starts])
     flat = np.column_stack((places.real, places.imag))
-    fits = _fit(shape, flat[chosen], parameters)
+    fits = _fit(shape, flat[chosen].reshape(len(chosen), -1), parameters)
     guesses: dict[tuple[int, ...], Guess] = {}
     fitted = [(way, fits.view(index)) for index, (way, _) in enumerate(starts)]
     best = min(fitted, key=lambda guess: guess[1].cost)
@@ -106,28 +106,28 @@ def _variants(
     if not ways:
         return []
     starts = np.repeat(view.parameters[None], len(ways), axis=0)
-    fits = _fit(shape, flat[np.array(ways)], starts)
+    fits = _fit(shape, flat[np.array(ways)].reshape(len(ways), -1), starts)
     return [(other, fits.view(index)) for index, other in enumerate(ways)]
 
 
-def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
-    """Views of the whole body fitted to several ways of naming, from behind give or take."""
-    free = 1e4
+def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Correction:
+    """Views of the whole body fitted to several ways of naming (m, 2 n), px, from behind or so."""
     expected = np.zeros(COUNT)
     expected[[X, Y]] = shape.centre
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
     expected[SCALE] = median_high(starts[:, SCALE].tolist())
     expected[FOCAL] = math.log(shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal)
     deviations = np.empty(COUNT)
-    deviations[[ROLL, SCALE, X, Y]] = free
+    deviations[[ROLL, SCALE]], deviations[[X, Y]] = FREE
     deviations[[PITCH, YAW]] = TILT
     deviations[FOCAL] = _FOCAL_DEVIATION if shape.lens.focal is None else KNOWN_FOCAL
     deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
-    prior = expected[None], np.diag(deviations**2)[None]
-    deviation = 0.3 + MODEL_ERROR * math.exp(expected[SCALE])
-    m, n = measured.shape[:2]
-    seen = np.broadcast_to(np.arange(n), (m, n))
-    return fit(shape, prior, NamedPlaces(seen, measured, deviation), starts, iterations=8)
+    variance = (0.3 + MODEL_ERROR * math.exp(expected[SCALE])) ** 2
+    ways, width = measured.shape
+    before = Belief(np.tile(expected, (ways, 1)), np.tile(np.diag(deviations**2), (ways, 1, 1)))
+    named = NamedPlaces(np.arange(width // 2)[None], measured)
+    noise = np.full((ways, width), variance)
+    return Correction.of(shape, before, named, noise, variance, starts, iterations=8)
 
 
 Start = tuple[tuple[int, ...], Array]
@@ -265,9 +265,10 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | No
     start = np.array([roll, scale, 0.0, 0.0, 0.0, 0.0, scale - math.log(0.25), 0.0])
     start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
     deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
-    places = np.array([[(spot.x, spot.y) for spot in chosen]])
-    prior = start[None], np.diag(deviations**2)[None]
-    view = fit(shape, prior, NamedPlaces(np.arange(5)[None], places, 0.02 * span)).view()
+    before = Belief(start[None], np.diag(deviations**2)[None])
+    named = NamedPlaces.of({i: (spot.x, spot.y) for i, spot in enumerate(chosen)})
+    variance = (0.02 * span) ** 2
+    view = Correction.of(shape, before, named, np.full((1, 10), variance), variance).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
     return Named(chosen, view, True, False)

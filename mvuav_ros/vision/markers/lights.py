@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,7 +15,6 @@ from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import (
     CentroidMeter,
-    Cut,
     Detection,
     clipped,
     cutter,
@@ -49,6 +47,14 @@ class Lens:
             matrix = camera.matrix
             self.focal = math.sqrt(matrix[0, 0] * matrix[1, 1])
             self.centre = matrix[:2, 2].copy()
+            if camera.is_straight and matrix[0, 0] == matrix[1, 1]:
+                # Its pixels are those of a camera without distortion.
+                self._camera = None
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the pixels are those of a camera without distortion, or taken as such."""
+        return self._camera is None
 
     def to_ideal(self, pixels: Array) -> Array:
         """(n, 2) px of the image as px without distortion."""
@@ -99,14 +105,13 @@ MIN_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
 
 
 class Blob(NamedTuple):
-    """Where a piece lies: inclusive px, and its number in the labels image."""
+    """Where a piece lies, inclusive px."""
 
     x0: int
     x1: int
     y0: int
     y1: int
     area: int
-    number: int
 
 
 class Blobs:
@@ -124,7 +129,6 @@ class Blobs:
         """
         mask = threshold(gray, parameters.threshold)
         self._gray = gray
-        self._size = (gray.shape[1], gray.shape[0])
         self._chosen = np.empty(0, np.intp)
         self._stats: NDArray[Any] = np.empty((0, 5), np.int32)
         if not count_bright(mask):
@@ -140,58 +144,50 @@ class Blobs:
     def __len__(self) -> int:
         return len(self._chosen)
 
-    @cached_property
+    @property
     def boxes(self) -> list[Blob]:
         """The pieces, in the order of their first pixels, row by row."""
         return [
-            Blob(x, x + width - 1, y, y + height - 1, area, number)
-            for number, (x, y, width, height, area) in zip(
-                self._chosen.tolist(), self._stats.tolist(), strict=True
-            )
+            Blob(x, x + width - 1, y, y + height - 1, area)
+            for x, y, width, height, area in self._stats.tolist()
         ]
 
-    def measure_all(self, level: float, weighted: bool) -> NDArray[np.float64]:
-        """All pieces' places, as `measure` finds each of them, in less time than one by one.
+    def measure(
+        self, level: float, weighted: bool, chosen: Sequence[int] | None = None
+    ) -> NDArray[np.float64]:
+        """The places of all pieces, or of some by their numbers in `boxes`.
+
+        What belongs to other pieces does not count.
 
         Returns:
-            (n, 3): x and y (px), area (px).
+            (n, 4): x and y (px), area (px), spread (see `Detection`).
         """
-        measured = np.empty((len(self), 3))
-        x, y, width, height, area = self._stats.T.astype(np.intp)
+        chosen = range(len(self)) if chosen is None else chosen
+        stats = self._stats[chosen]
+        measured = np.empty((len(stats), 4))
+        x, y, width, height, area = stats.T.astype(np.intp)
         windows = clipped((x - 1, x + width, y - 1, y + height), self._gray)
         # The window around a thin slanting line would be far larger than the line.
         compact = np.flatnonzero((width + 2) * (height + 2) <= 4 * area + 64)
         measured[compact] = measure_windows(self._gray, windows[compact], level, weighted)
-        alone = np.zeros(len(self), np.bool_)
+        alone = np.zeros(len(stats), np.bool_)
         alone[compact] = measured[compact, 2] == area[compact]
         crowded = np.flatnonzero(~alone)
         if len(crowded):
-            pixels, owner = self._own_pixels(crowded)
+            pixels, owner = self._own_pixels(self._chosen[chosen][crowded])
             measured[crowded] = measure_pixels(
                 self._gray, pixels, owner, len(crowded), level, weighted
             )
         return measured
 
-    def _own_pixels(self, pieces: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _own_pixels(self, numbers: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """The pixels of some pieces in the flattened frame, and which piece's each is."""
         index = np.full(self._count, -1)
-        index[self._chosen[pieces]] = np.arange(len(pieces))
+        index[numbers] = np.arange(len(numbers))
         bright = np.flatnonzero(self._numbers)
         owner = index[self._numbers.ravel()[bright]]
         own = owner >= 0
         return bright[own], owner[own]
-
-    def measure(self, box: Blob, cut: Cut, meter: CentroidMeter) -> Detection:
-        """A piece's place, without what belongs to other pieces."""
-        x0, x1 = max(box.x0 - 1, 0), min(box.x1 + 1, self._size[0] - 1)
-        y0, y1 = max(box.y0 - 1, 0), min(box.y1 + 1, self._size[1] - 1)
-        numbers = self._numbers[y0 : y1 + 1, x0 : x1 + 1]
-        own = numbers == box.number
-        if np.any(~own & (numbers != 0)):
-            return meter.measure_part(cut, (x0, x1, y0, y1), own)
-        spot = meter.measure(cut, (x0, x1, y0, y1), self._size)
-        assert spot is not None
-        return spot
 
 
 def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -304,11 +300,13 @@ class Lights:
             GroupingError: it is too bright or too noisy to hold markers.
         """
         blobs = Blobs(frame.image.gray(), frame.parameters)
-        boxes = [box for box in blobs.boxes if may_be_light(box)]
-        if len(boxes) > MAX_MEASURED:
-            boxes = _most_useful(boxes, around)
+        boxes = blobs.boxes
+        chosen = [number for number, box in enumerate(boxes) if may_be_light(box)]
+        if len(chosen) > MAX_MEASURED:
+            chosen = _most_useful(chosen, boxes, around)
+        measured = blobs.measure(frame.parameters.threshold, frame.parameters.weighted, chosen)
         self.spots = straightened(
-            lens, [blobs.measure(box, frame.cut, frame.meter) for box in boxes]
+            lens, [Detection(x, y, int(area), spread) for x, y, area, spread in measured.tolist()]
         )
 
     def __len__(self) -> int:
@@ -324,18 +322,20 @@ class Lights:
         return [light for light in spots if light.seen.area >= least]
 
 
-def _most_useful(boxes: Sequence[Blob], around: Sequence[float]) -> list[Blob]:
+def _most_useful(
+    chosen: Sequence[int], boxes: Sequence[Blob], around: Sequence[float]
+) -> list[int]:
     if not len(around):
-        return sorted(boxes, key=lambda box: -box.area)[:MAX_MEASURED]
-    middles = np.array([(box.x0 + box.x1, box.y0 + box.y1) for box in boxes]) / 2
+        return sorted(chosen, key=lambda number: -boxes[number].area)[:MAX_MEASURED]
+    middles = np.array([(boxes[i].x0 + boxes[i].x1, boxes[i].y0 + boxes[i].y1) for i in chosen]) / 2
     apart = middles[:, None] - np.reshape(around, (-1, 2))
     nearest = np.abs(apart).max(axis=2).min(axis=1)
-    return [boxes[index] for index in np.argsort(nearest, kind='stable')[:MAX_MEASURED]]
+    return [chosen[index] for index in np.argsort(nearest, kind='stable')[:MAX_MEASURED]]
 
 
 def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Light]:
     """Detections, and where a lens without distortion would show them."""
-    if lens.focal is None or not spots:
+    if lens.is_straight or not spots:
         return [Light(spot.x, spot.y, spot) for spot in spots]
     ideal = lens.to_ideal(np.array([spot[:2] for spot in spots])).tolist()
     return [Light(x, y, spot) for spot, (x, y) in zip(spots, ideal, strict=True)]

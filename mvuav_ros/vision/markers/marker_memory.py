@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass
-from statistics import median
 from typing import NamedTuple
 
-from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.centroid import Detection, Pull
 from mvuav_ros.vision.markers.fault_detection import NO_EVIDENCE, Evidence
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.lights import Frame, Light, area_fits
@@ -65,7 +64,8 @@ class Jumps:
         if len(away) < JUMPS.fewest:
             return None
         # What has shaken the camera has moved all of them.
-        x, y = (median(values) for values in zip(*away.values(), strict=True))
+        middle = len(away) // 2
+        x, y = (sorted(values)[middle] for values in zip(*away.values(), strict=True))
         usual = math.hypot(self._usual, JUMPS.least)
         limit = JUMPS.deviations * usual
         apart = sorted((math.hypot(dx - x, dy - y), m) for m, (dx, dy) in away.items())
@@ -117,6 +117,7 @@ window is placed, is not known yet."""
 SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
+RING_EVERY = 3  # Frames in one of which a light's background is looked at
 EDGE = 4.0  # px of dark that a window shows around a light
 FORGOTTEN = 10  # Frames unseen after which a light's own motion says nothing any more
 
@@ -128,7 +129,7 @@ class KnownMarker:
     area: float  # of its light, usually, px
     spread: float  # the same; see `Detection`
     radius: float  # px
-    pull: tuple[float, float] | None = None  # of its background, px
+    pull: Pull | None = None  # of its background, px
     last_seen: float = -math.inf  # s
     unseen: int = 0  # frames since then
     returning: int = RETURNING  # frames until its motion is known again
@@ -226,24 +227,28 @@ class MarkerMemory:
 
     def look(self, frame: Frame) -> tuple[dict[int, Detection], list[Window]]:
         """The usual frame: the markers to which nothing has happened in their windows."""
-        windows: list[Window] = []
-        spots: dict[int, Detection] = {}
-        meter, search_radius = frame.meter, frame.parameters.search_radius
-        places = zip(self.predicted[::2], self.predicted[1::2], strict=True)
-        for index, (known, (x, y)) in enumerate(zip(self.markers, places, strict=True)):
+        windows = [NO_WINDOW] * len(self.markers)
+        looked: list[int] = []
+        pulls: list[Pull | None] = []
+        search_radius = frame.parameters.search_radius
+        for index, known in enumerate(self.markers):
             if known.unseen or known.returning:
-                windows.append(NO_WINDOW)
                 continue
+            x, y = self.predicted[2 * index], self.predicted[2 * index + 1]
             radius = max(search_radius, math.ceil(known.radius + EDGE))
-            window = Window.around(x, y, radius, frame.size)
-            windows.append(window)
-            # The background changes slowly: every third frame is enough to look at it.
-            pull = known.pull if (index + frame.number) % 3 else None
-            spot = meter.measure(frame.cut, window, frame.size, pull)
-            if pull is None:
-                known.pull = meter.pull
-            if spot is not None and _is_usual(known, spot, window, frame):
-                spots[index] = spot
+            windows[index] = Window.around(x, y, radius, frame.size)
+            looked.append(index)
+            # The background changes slowly: it is looked at in turn.
+            pulls.append(known.pull if (index + frame.number) % RING_EVERY else None)
+        bounds = [windows[index] for index in looked]
+        found = frame.meter.measure_all(frame.cut, bounds, frame.size, pulls)
+        spots: dict[int, Detection] = {}
+        for index, window, seen in zip(looked, bounds, found, strict=True):
+            if seen is not None:
+                known = self.markers[index]
+                spot, known.pull = seen
+                if _is_usual(known, spot, window, frame):
+                    spots[index] = spot
         return spots, windows
 
     def watch(self, seen: Mapping[int, Detection]) -> None:

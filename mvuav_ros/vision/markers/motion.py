@@ -79,12 +79,12 @@ class PredictionMixture:
 
     def learn(self, errors: Array) -> None:
         """Take the errors of the newest predictions, (k, m) px."""
-        new: list[float] = (np.einsum('ij,ij->i', errors, errors) / errors.shape[1]).tolist()
-        memory = TUNING.memory
+        new: list[float] = errors.dot(errors.T).diagonal().tolist()
+        memory, share = TUNING.memory, 1.0 / errors.shape[1]
         losses = self._losses = [
-            memory * old + loss for old, loss in zip(self._losses, new, strict=True)
+            memory * old + share * loss for old, loss in zip(self._losses, new, strict=True)
         ]
-        usual = sorted(new)[1]
+        usual = share * sorted(new)[1]
         self._sum = memory * self._sum + usual
         self._sum_of_squares = memory * self._sum_of_squares + usual * usual
         least = min(losses)
@@ -112,8 +112,8 @@ class Vibration:
         self.coefficients: Array = np.zeros(lags)
         # Mean square of the innovations, and of what the predictions leave of them, px².
         self.level = self.left = 0.01
-        self._normal: Array = np.zeros((lags, lags))
-        self._moment: Array = np.zeros(lags)
+        # Of an innovation and those before it, with each other: sums over markers and frames.
+        self._products: Array = np.zeros((1 + lags, 1 + lags))
 
     @property
     def helps(self) -> bool:
@@ -127,23 +127,26 @@ class Vibration:
         limit = TUNING.limit * math.sqrt(self.level)
         return np.asarray(TUNING.innovation_fading * np.clip(predicted, -limit, limit))
 
-    def learn(self, lagged: Array, innovation: Array, predicted: Array, solve: bool) -> None:
-        """Improve the coefficients by some markers' newest innovations and their predictions, (m,).
+    def learn(self, history: Array, solve: bool) -> None:
+        """Improve the coefficients by some markers' innovations, the newest first, (1 + lags, m).
 
-        They follow from the lagged ones (lags, m); solving takes time.
+        The newest one was predicted with the present coefficients. Solving takes time.
         """
         memory = TUNING.vibration_memory
-        self._normal *= memory
-        self._normal += lagged.dot(lagged.T)
-        self._moment *= memory
-        self._moment += lagged.dot(innovation)
-        error = innovation - predicted
-        share = (1 - memory) / len(innovation)
-        self.level = memory * self.level + share * float(innovation.dot(innovation))
-        self.left = memory * self.left + share * float(error.dot(error))
+        products = history.dot(history.T)
+        self._products *= memory
+        self._products += products
+        # The newest innovation less its prediction, squared.
+        moment = products[0, 1:] - 0.5 * self.coefficients.dot(products[1:, 1:])
+        square = products.item(0)
+        left = square - 2.0 * float(self.coefficients.dot(moment))
+        share = (1 - memory) / history.shape[1]
+        self.level = memory * self.level + share * square
+        self.left = memory * self.left + share * left
         if solve:
-            ridge = self._normal + TUNING.ridge * self.level * np.eye(TUNING.lags)
-            self.coefficients = np.asarray(np.linalg.solve(ridge, self._moment), np.float64)
+            ridge = self._products[1:, 1:] + TUNING.ridge * self.level * np.eye(TUNING.lags)
+            solution = np.linalg.solve(ridge, self._products[1:, 0])
+            self.coefficients = np.asarray(solution, np.float64)
 
 
 def gain_tables() -> tuple[Array, Array]:
@@ -175,16 +178,17 @@ _SAME_TIME = 1e-9
 """s, by which intervals may differ and still be the same: stamps are whole nanoseconds."""
 
 _STATE = slice(0, 3)  # Position (px), velocity (px/s) and acceleration (px/s²) by the filter
-_PLACES = slice(3, 6)  # Newest places, px; a straight line where a light was out of sight
-_LAGGED = slice(6, 6 + TUNING.lags)  # Newest innovations of the filter, px
-_LAST = _LAGGED.stop  # Where the light was last measured, px
-_LINEAR = _LAST + 1  # Rows from which the predictions follow
-_TIME, _VARIANCE = _LINEAR, _LINEAR + 1  # When that was, s; of its predictions, px²
-_SEEN, _UNSEEN = _LINEAR + 2, _LINEAR + 3  # Measurements since its first; frames since the last one
-_IN_ROW = _LINEAR + 4
+_LAST = 3  # Where the light was last measured, px
+_PLACES = slice(4, 7)  # Newest places, px; a straight line where a light was out of sight
+_LAGGED = slice(7, 7 + TUNING.lags)  # Newest innovations of the filter, px
+_LINEAR = _LAGGED.stop  # Rows from which the predictions follow
+_HISTORY = slice(_LAGGED.start, _LINEAR + 1)  # Those innovations and one more
+_TIME, _VARIANCE = _LINEAR + 1, _LINEAR + 2  # When it was last seen, s; of its predictions, px²
+_SEEN, _UNSEEN = _LINEAR + 3, _LINEAR + 4  # Measurements since its first; frames since the last one
+_IN_ROW = _LINEAR + 5
 """Measurements without a gap, less the first three, whose innovations are of the new filter and not
 of the camera."""
-_ROWS = _LINEAR + 5
+_ROWS = _LINEAR + 6
 """What is remembered of a light, in a column for its x and one for its y."""
 
 
@@ -222,7 +226,7 @@ class MotionPredictor:
     def add(self, places: Array) -> None:
         """Append lights that were first seen in the newest frame, (k, 2) px."""
         new = np.zeros((_ROWS, places.size))
-        new[[0, 3, 4, 5, _LAST]] = np.ravel(places)
+        new[[0, _LAST, 4, 5, 6]] = np.ravel(places)
         new[_TIME], new[_VARIANCE], new[_SEEN] = self._times[0], TUNING.first_deviation**2, 1.0
         self._lights = np.hstack((self._lights, new))
         self._note()
@@ -318,9 +322,9 @@ class MotionPredictor:
         return steps
 
     def _remember(self, innovation: Array) -> None:
-        lagged = self._lights[_LAGGED]
-        lagged[1:] = lagged[:-1]
-        lagged[0] = innovation
+        history = self._lights[_HISTORY]
+        history[1:] = history[:-1]
+        history[0] = innovation
 
     def deviations(self) -> Array:
         """How far off the predictions of the newest frame may be, (n,) px, 1 sigma per axis."""
@@ -355,7 +359,7 @@ class MotionPredictor:
         assert self.time is not None
         measured = np.array(positions, np.float64)
         errors = measured - self.competing
-        if self._steady and not np.isnan(measured.sum()):
+        if self._steady and math.isfinite(np.add.reduce(measured)):
             self._update_all(measured, errors)
         else:
             self._update_some(measured, errors)
@@ -370,19 +374,18 @@ class MotionPredictor:
         if self._frames % 2:
             error = measured - self._prediction
             lights[_VARIANCE] += (1 - TUNING.level_memory) * (error * error - lights[_VARIANCE])
-        if not self._frames % 2 or self._frames < TUNING.young:
-            self._learn_vibration(slice(None), errors[_FILTER])
-        lights[_STATE] += self._settled * errors[_FILTER]
-        self._remember(errors[_FILTER])
-        lights[4:6] = lights[3:5]
-        lights[3] = lights[_LAST] = measured
+        innovation = errors[_FILTER]
+        lights[_STATE] += self._settled * innovation
+        # Places and innovations move down by one.
+        lights[_PLACES.start + 1 : _HISTORY.stop] = lights[_PLACES.start : _LINEAR]
+        lights[_LAST : _PLACES.start + 1], lights[_LAGGED.start] = measured, innovation
         lights[_TIME] = self.time
+        if not self._frames % 2 or self._frames < TUNING.young:
+            self._learn_vibration(lights[_HISTORY])
 
-    def _learn_vibration(self, columns: Mask | slice, innovation: Array) -> None:
+    def _learn_vibration(self, history: Array) -> None:
         every = TUNING.solve_every if self._frames < TUNING.young else 2 * TUNING.solve_every
-        predicted = (self.competing[_VIBRATION] - self.competing[_FILTER])[columns]
-        lagged = self._lights[_LAGGED, columns]
-        self._vibration.learn(lagged, innovation, predicted, self._frames % every == 0)
+        self._vibration.learn(history, self._frames % every == 0)
 
     def _update_some(self, measured: Array, errors: Array) -> None:
         """Take a frame in which lights are missing, new, or back."""
@@ -415,7 +418,7 @@ class MotionPredictor:
                 lights[_VARIANCE, judged] += share * (square - lights[_VARIANCE, judged])
         settled = known & (lights[_IN_ROW] >= TUNING.lags)
         if settled.any():
-            self._learn_vibration(settled, errors[_FILTER, settled])
+            self._learn_vibration(np.vstack((errors[_FILTER, settled], lights[_LAGGED, settled])))
 
     def _correct(self, error: Array, visible: Mask, known: Mask) -> Array:
         """Correct the Kalman filter, and return the innovations, (2 n,) px."""

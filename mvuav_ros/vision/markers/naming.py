@@ -17,6 +17,7 @@ from mvuav_ros.vision.markers.initialization import DOUBT, Named
 from mvuav_ros.vision.markers.lights import Light, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ROLL, SCALE, Array, ViewState, X, Y
+from mvuav_ros.vision.markers.view_correction import NamedPlaces
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
@@ -128,7 +129,7 @@ def _refitted(
         same = [way for way in ways if len(way) == number][:MAX_REFITTED]
         seen = np.array([[marker for marker, _ in way] for way in same], np.intp)
         places = np.array([[(lights[i].x, lights[i].y) for _, i in way] for way in same])
-        fits = views.fit(seen, places)
+        fits = views.fit(NamedPlaces(seen, places.reshape(len(same), -1)))
         fitted += [(way, fits.view(index)) for index, way in enumerate(same)]
     return fitted
 

@@ -92,12 +92,13 @@ def test_any_place_within_a_pixel(shift, scale, encoding):
 def test_a_brighter_background_on_one_side_pulls_little():
     image = light(20.0, 20.0, 41, step=12.0)
     meter = CentroidMeter(0.7, weighted=True)
-    spot = meter.measure(cutter(Image(image, 'mono8')), (10, 30, 10, 30), (41, 41))
+    window, whole = (10, 30, 10, 30), (41, 41)
+    ((spot, pull),) = meter.measure_all(cutter(Image(image, 'mono8')), [window], whole, [None])
     weights = image[10:31, 10:31].astype(float) - 40.0
     naive = (weights * np.arange(10, 31)).sum() / weights.sum()
-    assert meter.pull[0] > 0.01
+    assert pull[0] > 0.01
     assert abs(spot.x - 20.0) < 0.1 * abs(naive - 20.0)
-    assert abs(spot.x - 20.0) < 0.7 * abs(spot.x + meter.pull[0] - 20.0)
+    assert abs(spot.x - 20.0) < 0.7 * abs(spot.x + pull[0] - 20.0)
 
 
 def test_another_light_in_the_ring_is_no_background():
@@ -138,3 +139,20 @@ def test_auto_is_the_thesiss_way_for_the_thesiss_predictions():
 def test_radius_of_a_spot():
     assert centroid(light(15.0, 15.0, 31)).radius == pytest.approx(3.8, abs=0.2)
     assert math.isfinite(centroid(light(15.0, 15.0, 31)).spread)
+
+
+def test_windows_of_any_size_are_measured_as_each_alone():
+    """Also those that the frame's edge cuts, or that show nothing."""
+    image = Image(np.vstack((light(30.0, 30.0, 60), light(3.0, 45.0, 60))), 'mono8')
+    meter, cut, size = CentroidMeter(0.7, weighted=True), cutter(image), (60, 120)
+    windows = [(20, 40, 20, 40), (0, 12, 92, 119), (0, -1, 0, -1), (40, 59, 0, 9), (25, 36, 24, 35)]
+    pulls = [None, None, None, None, (0.01, 0.02)]
+    found = meter.measure_all(cut, windows, size, pulls)
+    assert found[2:4] == [None, None]
+    for index in (0, 1):
+        alone = meter.measure(cut, windows[index], size)
+        assert found[index][0] == pytest.approx(alone, abs=1e-4)
+    spot, pull = found[4]
+    bare = meter.measure_all(cut, windows[4:], size, [(0.0, 0.0)])[0][0]
+    assert pull == (0.01, 0.02)
+    assert (spot.x, spot.y) == pytest.approx((bare.x - 0.01, bare.y - 0.02), abs=1e-4)

@@ -1,12 +1,14 @@
 """What is remembered of markers: how probable their names are."""
 
+import math
+
 import pytest
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import Evidence
 from mvuav_ros.vision.markers.lights import Light
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker, MarkerMemory
-from mvuav_ros.vision.markers.view_filter import log_density
+from mvuav_ros.vision.markers.view_correction import log_density
 
 BESIDE = 36.0  # px², of another light's place
 
@@ -14,7 +16,8 @@ BESIDE = 36.0  # px², of another light's place
 def densities(deviation, away=0.0):
     """Of a place known so well, px, with a light so far from there."""
     own, other = deviation**2, deviation**2 + BESIDE
-    return log_density(away**2 / own, own**2), log_density(away**2 / other, other**2)
+    near = log_density(away**2 / own, 2.0 * math.log(own))
+    return near, log_density(away**2 / other, 2.0 * math.log(other))
 
 
 def returned(deviation, others, away=0.0):

@@ -14,8 +14,9 @@ def run(innovations):
     for index, innovation in enumerate(innovations):
         predicted = vibration.coefficients.dot(lagged)
         errors.append(innovation - predicted)
-        vibration.learn(lagged, innovation, predicted, index % 4 == 0)
-        lagged = np.vstack((innovation, lagged[:-1]))
+        history = np.vstack((innovation, lagged))
+        vibration.learn(history, index % 4 == 0)
+        lagged = history[:-1]
     return vibration, np.array(errors)
 
 

@@ -1,111 +1,63 @@
-"""The view's Kalman filter: as a fit from the same prior, and each marker against all others."""
+"""The view's Kalman filter over time."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.markers import view_filter
 from mvuav_ros.vision.markers.lights import Lens
-from mvuav_ros.vision.markers.rig_view import (
-    COUNT,
-    FOCAL,
-    ROLL,
-    NamedPlaces,
-    ViewState,
-    WeakPerspective,
-    fit,
-)
-from mvuav_ros.vision.markers.view_filter import Belief, Correction, ViewFilter, log_density
+from mvuav_ros.vision.markers.rig_view import COUNT, FOCAL, ViewState, WeakPerspective, X
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import TANKER_747
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
-SHAPE = WeakPerspective.of(TANKER_747, Lens((640, 480), CAMERA))
 VIEW = np.array((0.1, math.log(150.0), 320.0, 240.0, 0.1, -0.1, 6.32, 0.0))
 SPREAD = np.array((0.02, 0.02, 3.0, 3.0, 0.05, 0.05, 0.01, 1e-4))
-NOISE = 0.2
+SHAPE = WeakPerspective.of(TANKER_747, Lens((640, 480), CAMERA))
 
 
-def prior():
-    """A view and its rates, correlated as after a step of the filter."""
-    step = np.eye(2 * COUNT)
-    step[:COUNT, COUNT:] = 0.04 * np.eye(COUNT)
-    rates = np.array((0.3, 0.1, 1e4, 1e4, 0.04, 0.04, 1e-9, 1e-9))
-    covariance = step @ np.diag(np.concatenate((SPREAD**2, rates))) @ step.T
-    return Belief(np.concatenate((VIEW, np.zeros(COUNT)))[None], covariance[None])
+SETTLED = 120  # Frames until the covariance has settled
 
 
-def places(markers, seed=0):
-    rng = np.random.default_rng(seed)
-    seen = SHAPE.project(VIEW + SPREAD * rng.normal(size=COUNT))[markers]
-    return dict(zip(markers, (seen + rng.normal(0.0, 0.2, seen.shape)).tolist(), strict=True))
+def fly(camera=CAMERA, frames=240, push=None):
+    """A calm flight, in which a push may move all lights by 6 px: views, gains, deviations."""
+    shape = WeakPerspective.of(TANKER_747, Lens((640, 480), camera))
+    views = ViewFilter(shape, ViewState(VIEW, np.diag(SPREAD**2)), 0.0)
+    rng, seen, gains, deviations = np.random.default_rng(0), [], [], []
+    for frame in range(1, frames):
+        wave = 0.02 * math.sin(0.05 * frame)
+        view = VIEW + np.array((wave, 0.5 * wave, frame, 0.0, wave, -wave, 0.0, 0.0))
+        view[X] += 6.0 if push is not None and frame >= push else 0.0
+        places = shape.project(view) + rng.normal(0.0, 0.1, (5, 2))
+        views.predict(frame / 30)
+        correction = views.correct(dict(enumerate(map(tuple, places.tolist()))))
+        views.commit(correction)
+        seen.append(views.means[0, :COUNT].copy())
+        deviations.append(np.sqrt(np.diag(views.view.covariance)))
+        gains.append(correction.gain)
+    return np.array(seen), gains, np.array(deviations)
 
 
-def corrected(found, before=None, variances=None):
-    before = before or prior()
-    variances = (
-        np.full((len(before.mean), 2 * len(found)), NOISE**2) if variances is None else variances
-    )
-    return Correction.of(SHAPE, before, found, variances, NOISE**2)
+@pytest.mark.parametrize('camera', [CAMERA, None], ids=['calibrated', 'not calibrated'])
+def test_a_gain_that_is_kept_gives_the_same_view(camera, monkeypatch):
+    kept, gains, deviations = fly(camera)
+    assert len({id(gain) for gain in gains[SETTLED:]}) < 0.3 * len(gains[SETTLED:])
+    monkeypatch.setattr(view_filter, 'TUNING', replace(view_filter.TUNING, max_kept=0))
+    renewed, gains, _ = fly(camera)
+    assert len({id(gain) for gain in gains}) == len(gains)
+    apart = (kept - renewed)[SETTLED:] / deviations[SETTLED:]
+    assert np.sqrt(np.mean(apart[:, : FOCAL - (camera is None)] ** 2)) < 0.3
 
 
-@pytest.mark.parametrize('markers', [[0, 1, 2, 3, 4], [4, 3, 2, 1, 0], [3, 0, 2], [1, 4]])
-def test_a_correction_finds_what_a_fit_from_its_prior_finds(markers):
-    found = places(markers)
-    mean, covariance = prior()
-    seen = NamedPlaces(np.array([markers]), np.array([list(found.values())]), NOISE)
-    fitted = fit(SHAPE, (mean[:, :COUNT], covariance[:, :COUNT, :COUNT]), seen)
-    view = corrected(found).view()
-    np.testing.assert_allclose(view.parameters, fitted.parameters[0], rtol=1e-6)
-    scale = np.sqrt(np.outer(*2 * [np.diag(fitted.covariance[0])]))
-    np.testing.assert_allclose(view.covariance / scale, fitted.covariance[0] / scale, atol=1e-6)
-    np.testing.assert_allclose(view.nis, fitted.nis[0], rtol=1e-4)
-    np.testing.assert_allclose(view.misfit, fitted.misfit[0], rtol=1e-5)
-
-
-def test_filters_of_one_rig_correct_each_by_itself():
-    """Each has its own prior, and its own variances of the lights."""
-    found, (mean, covariance) = places([0, 1, 2, 3, 4]), prior()
-    shift = np.concatenate((0.5 * SPREAD, np.zeros(COUNT)))
-    before = Belief(np.concatenate((mean, mean + shift)), np.concatenate((covariance,) * 2))
-    variances = np.full((2, 10), NOISE**2)
-    variances[1, 6:8] *= 100.0
-    both = corrected(found, before, variances)
-    for row in range(2):
-        one = Belief(*(part[row : row + 1] for part in before))
-        alone = corrected(found, one, variances[row : row + 1])
-        np.testing.assert_allclose(both.after.mean[row], alone.after.mean[0], rtol=1e-6, atol=1e-6)
-        np.testing.assert_allclose(both.view(row).nis, alone.view().nis, rtol=1e-4)
-        np.testing.assert_allclose(both.misfit(row), alone.misfit(), rtol=1e-4)
-
-
-def test_rates_follow_the_parameters():
-    moved = SHAPE.project(VIEW + np.array((0.02, 0, 0, 0, 0, 0, 0, 0)))
-    before = prior()
-    after = corrected(dict(enumerate(moved.tolist())), before).after
-    (covariance,), (mean,) = before.covariance, before.mean
-    gain = covariance[COUNT:, :COUNT] @ np.linalg.inv(covariance[:COUNT, :COUNT])
-    expected = mean[COUNT:] + gain @ (after.mean[0, :COUNT] - mean[:COUNT])
-    np.testing.assert_allclose(after.mean[0, COUNT:], expected, atol=1e-9)
-    assert after.mean[0, COUNT + ROLL] > 0.0
-
-
-@pytest.mark.parametrize('ignored', [False, True])
-def test_a_marker_is_held_against_the_others_and_not_against_itself(ignored):
-    """In closed form as by a second filter without it, also where it has less weight."""
-    found = places([0, 1, 2, 3, 4])
-    found[2] = (found[2][0] + 1.0, found[2][1])
-    variances = np.full((1, 10), NOISE**2)
-    variances[0, 4:6] *= 100.0 if ignored else 1.0
-    correction = corrected(found, variances=variances)
-    others = corrected({m: place for m, place in found.items() if m != 2}).after
-    expected, slopes = SHAPE.linearize(others.mean[0, :COUNT])
-    spread = slopes[2] @ others.covariance[0, :COUNT, :COUNT] @ slopes[2].T
-    away = found[2] - expected[2]
-    square = away @ np.linalg.solve(spread + NOISE**2 * np.eye(2), away)
-    np.testing.assert_allclose(correction.nis[2], square, rtol=0.02)
-    told = math.sqrt(np.linalg.eigvalsh(spread)[-1])
-    np.testing.assert_allclose(correction.deviation_by_others(0, 2), told, rtol=0.02)
+def test_a_push_is_met_with_a_new_gain():
+    _, gains, _ = fly(push=SETTLED + 20)
+    newest = SETTLED + 19
+    assert gains[newest] is not gains[newest - 1]
+    settled = [gains[index] is not gains[index - 1] for index in range(SETTLED, newest)]
+    assert sum(settled) < 0.5 * len(settled)
 
 
 def test_what_is_known_does_not_become_less_certain():
@@ -131,20 +83,3 @@ def test_no_variance_gets_negative():
         sizes = np.sqrt(np.diag(covariance))
         assert (sizes > 0.0).all()
         assert np.linalg.eigvalsh(covariance / np.outer(sizes, sizes))[0] > -1e-9
-
-
-def test_a_place_speaks_for_a_name_or_against_it():
-    found = places([0, 1, 2, 3, 4])
-    right = corrected(found).log_likelihoods(6.0)
-    assert min(own - other for own, other in right.values()) > 0.0
-    found[2] = (found[2][0] + 5.0, found[2][1] + 5.0)
-    own, other = corrected(found).log_likelihoods(6.0)[2]
-    assert own - other < -5.0
-
-
-def test_densities_of_a_place_add_up_to_one():
-    step = 0.25
-    x, y = np.meshgrid(*2 * [np.arange(-40.0, 40.0, step)])
-    squares = (x**2 / 4.0 + y**2).ravel().tolist()
-    total = sum(math.exp(log_density(square, 4.0)) for square in squares)
-    assert total * step * step == pytest.approx(1.0, abs=0.01)

@@ -7,7 +7,8 @@ import pytest
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.lights import Lens
-from mvuav_ros.vision.markers.rig_view import COUNT, NamedPlaces, WeakPerspective, fit
+from mvuav_ros.vision.markers.rig_view import COUNT, WeakPerspective
+from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
 from mvuav_ros.vision.rig import TANKER_747
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
@@ -17,6 +18,13 @@ VIEW = np.array((0.3, math.log(150.0), 300.0, 260.0, 0.2, -0.3, 6.3, 0.0))
 @pytest.fixture(params=[CAMERA, None], ids=['calibrated', 'not calibrated'])
 def shape(request):
     return WeakPerspective.of(TANKER_747, Lens((640, 480), request.param))
+
+
+def fit(shape, mean, variances, places, noise):
+    """A view by all markers' places, from a prior."""
+    before = Belief(mean[None], np.diag(variances)[None])
+    named = NamedPlaces.of(dict(enumerate(places)))
+    return Correction.of(shape, before, named, np.full((1, 10), noise**2), noise**2)
 
 
 def test_slopes_are_the_places_differences(shape):
@@ -35,11 +43,7 @@ def test_slopes_are_the_places_differences(shape):
 
 def test_a_body_that_is_not_its_rig_is_shown_where_it_is(shape):
     beside = shape.project(VIEW) + np.random.default_rng(1).normal(0.0, 5.0, (5, 2))
-    fitted = fit(
-        shape,
-        (VIEW[None], np.diag(np.full(COUNT, 1e-8))[None]),
-        NamedPlaces(np.arange(5)[None], beside[None], np.array(1.0)),
-    ).view()
+    fitted = fit(shape, VIEW, np.full(COUNT, 1e-8), beside, 1.0).view()
     other = shape.with_offsets(fitted, beside)
     np.testing.assert_allclose(other.project(fitted.parameters), beside, atol=1e-6)
     turned = fitted.parameters + np.array((0.2, *np.zeros(7)))
@@ -51,11 +55,11 @@ def test_a_body_that_is_not_its_rig_is_shown_where_it_is(shape):
 def test_the_fit_finds_the_view_and_the_light_that_does_not_fit(shape):
     places = shape.project(VIEW)
     away = np.array((0.05, 0.05, 20.0, 20.0, 0.05, 0.05, 0.01, 0.0))
-    prior = (VIEW + away)[None], np.diag(np.array((1, 1, 1e4, 1e4, 0.2, 0.2, 0.01, 1e-8)))[None]
-    right = fit(shape, prior, NamedPlaces(np.arange(5)[None], places[None], np.array(0.2)))
-    assert right.misfit[0] < 0.1
-    np.testing.assert_allclose(right.parameters[0, :4], VIEW[:4], atol=0.2)
+    spread = np.array((1, 1, 1e4, 1e4, 0.2, 0.2, 0.01, 1e-8))
+    right = fit(shape, VIEW + away, spread, places, 0.2)
+    assert right.misfit() < 0.1
+    np.testing.assert_allclose(right.after.mean[0, :4], VIEW[:4], atol=0.2)
     places[2] += (12.0, 5.0)
-    wrong = fit(shape, prior, NamedPlaces(np.arange(5)[None], places[None], np.array(0.2)))
-    assert wrong.nis[0].argmax() == 2
-    assert wrong.nis[0].max() > 100 > right.nis[0].max()
+    wrong = fit(shape, VIEW + away, spread, places, 0.2)
+    assert np.argmax(wrong.nis) == 2
+    assert max(wrong.nis) > 100 > max(right.nis)

@@ -1,0 +1,294 @@
+"""What named lights of a frame make of views of a rig: a Kalman filter's gain and correction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.markers.rig_view import (
+    COUNT,
+    SETTLED,
+    Array,
+    ViewState,
+    WeakPerspective,
+    columns_of,
+    limited,
+    possible,
+)
+
+Point = tuple[float, float]
+BESIDE = 6.0
+"""px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
+_FREEDOM = 4.0  # Degrees, of the distribution of a place about where the others put it
+
+
+class Belief(NamedTuple):
+    """States (f, s), whose first 8 numbers are views' parameters, and covariances (f, s, s)."""
+
+    mean: Array
+    covariance: Array
+
+
+class NamedPlaces(NamedTuple):
+    """Where k markers are seen, in f ways of naming lights or in one for all."""
+
+    markers: NDArray[np.intp]  # (f, k) or (1, k)
+    places: Array  # (f, 2 k) or (1, 2 k), px without distortion, x and y in turn
+
+    @classmethod
+    def of(cls, found: Mapping[int, Point]) -> NamedPlaces:
+        """One way of naming lights."""
+        places: Array = np.array(list(found.values()), np.float64)
+        return cls(np.array([list(found)], np.intp), places.reshape(1, -1))
+
+
+class Gain:
+    """What k named lights will make of f views wherever near they are seen.
+
+    Attributes:
+        covariance: (f, s, s), of the priors.
+        markers: those seen, in the first of them.
+        views: (f, 8), at which the places (f, 2 k), px, have their slopes.
+        slopes: (f, 8, 2 k), of the places by the parameters.
+        towards: (f, s, 2 k), covariance of the state with the places.
+        weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
+        noise: (f, 2 k), px², variances at which the coordinates take part.
+        own: px², variance of a marker's place.
+    """
+
+    def __init__(
+        self,
+        covariance: Array,
+        markers: list[int],
+        views: Array,
+        seen: tuple[Array, Array],
+        noise: Array,
+        own: float,
+    ) -> None:
+        """Where the markers are seen in the views by these places and slopes."""
+        count = noise.shape[1]
+        self.covariance, self.markers, self.views = covariance, markers, views
+        (self.places, slopes), self.noise, self.own = seen, noise, own
+        self.slopes = slopes
+        self.towards = covariance[:, :, :COUNT] @ slopes
+        spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
+        spread.reshape(-1, count * count)[:, :: count + 1] += noise
+        self.weight = _inverses(spread)
+
+    @cached_property
+    def effect(self) -> Array:
+        """(f, s + 2 k, 2 k): what makes innovations the state's change and weighed ones."""
+        return np.concatenate((self.towards @ self.weight, self.weight), axis=1)
+
+    @cached_property
+    def after(self) -> Array:
+        """The covariances with what has been seen, in Joseph's form: no variance gets negative.
+
+        With K the gain, H the slopes and P the prior's covariance, it is A - (A H - K R) K^T, where
+        A = (I - K H^T) P.
+        """
+        gain = self.towards @ self.weight
+        transposed = gain.transpose(0, 2, 1)
+        left = self.covariance - gain @ self.towards.transpose(0, 2, 1)
+        rest = left[:, :, :COUNT] @ self.slopes
+        rest -= gain * self.noise[:, None]
+        left -= rest @ transposed
+        return np.asarray(0.5 * (left + left.transpose(0, 2, 1)))
+
+    @cached_property
+    def blocks(self) -> tuple[Array, Array, Array]:
+        """Each marker's xx, xy and yy of `weight`, (f, k)."""
+        diagonal = self.weight.diagonal(axis1=1, axis2=2)
+        return diagonal[:, ::2], self.weight.diagonal(1, 1, 2)[:, ::2], diagonal[:, 1::2]
+
+    @cached_property
+    def distances(self) -> list[list[list[list[float]]]]:
+        """What makes weighed innovations squared distances from where the others put each marker.
+
+        With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
+        innovation by all other markers alone is B⁻¹ w with the covariance B⁻¹, of which the
+        marker's own variance is a part. Where it is another one by d, the squared distance is
+        w (B + d B²)⁻¹ w. First for the marker itself, then for a light beside it, for each filter
+        and marker: the factors of x², x y and y², and the logarithm of the determinant of B⁻¹ + d.
+        """
+        xx, xy, yy = self.blocks
+        variances = np.array((self.own, self.own + BESIDE * BESIDE))
+        other = variances[:, None, None] - self.noise[:, ::2]
+        square = xy * xy
+        own = np.maximum(xx * yy - square, 1e-12 * xx * yy)
+        xx, xy, yy = (
+            xx + other * (xx * xx + square),
+            xy + other * (xy * (xx + yy)),
+            yy + other * (yy * yy + square),
+        )
+        size = np.maximum(xx * yy - xy * xy, 1e-12 * xx * yy)
+        factors = np.stack((yy / size, -2.0 * xy / size, xx / size, np.log(size / own**2)), axis=-1)
+        distances: list[list[list[list[float]]]] = factors.tolist()
+        return distances
+
+
+@dataclass(eq=False)
+class Correction:
+    """What k named lights of a frame make of views: an iterated extended Kalman filter's update.
+
+    It is that of f filters at once, of which the first is the main one, and the one after marker i
+    of the rig's is that which ignores it; or of one prior by f ways of naming lights.
+
+    Attributes:
+        gain: where the places were linearized last.
+        before: (f, s), the priors' means.
+        change: (f, s), of the state.
+        weighed: (f, 2 k), the innovations over their covariance, px^-1.
+    """
+
+    gain: Gain
+    before: Array
+    change: Array
+    weighed: Array
+
+    @classmethod
+    def of(
+        cls,
+        shape: WeakPerspective,
+        before: Belief,
+        named: NamedPlaces,
+        noise: Array,
+        own: float,
+        starts: Array | None = None,
+        iterations: int = 6,
+    ) -> Correction:
+        """Correct priors by lights, of whose coordinates each has a variance (f, 2 k), px².
+
+        The steps begin at the starts (f, 8), or at the priors.
+        """
+        mean, covariance = before
+        markers: list[int] = named.markers[0].tolist()
+        columns = columns_of(named.markers)
+        prior = np.ascontiguousarray(mean[:, :COUNT])
+        parameters = prior if starts is None else starts
+        for _ in range(iterations):
+            expected, slopes = _seen(columns, *shape.linearize_all(parameters))
+            innovation = named.places - expected
+            away = prior - parameters
+            if parameters is not prior:
+                innovation -= times(slopes.transpose(0, 2, 1), away)
+            gain = Gain(covariance, markers, parameters, (expected, slopes), noise, own)
+            weighed = times(gain.weight, innovation)
+            change = times(gain.towards, weighed)
+            step, largest = limited(change[:, :COUNT] + away)
+            parameters = possible(parameters + step)
+            if largest < SETTLED:
+                break
+        else:
+            # What the last slopes predict of the residuals cannot be trusted.
+            expected, _ = _seen(columns, *shape.linearize_all(parameters))
+            weighed = (named.places - expected) / noise
+        change[:, :COUNT] = parameters - prior
+        return cls(gain, mean, change, weighed)
+
+    @property
+    def after(self) -> Belief:
+        """The states with what has been seen."""
+        return Belief(self.before + self.change, self.gain.after)
+
+    def misfit(self, row: int = 0) -> float:
+        """Root mean square of the markers' distances from their places in a filter's view, px."""
+        residual = self.weighed[row] * self.gain.noise[row]
+        return math.sqrt(float(residual.dot(residual)) / max(len(self.gain.markers), 1))
+
+    @cached_property
+    def cost(self) -> Array:
+        """(f,), squared residuals and squared distance from the prior, both over their variances.
+
+        With the weighed innovations w and their covariance S it is w S w.
+        """
+        gain, weighed = self.gain, self.weighed
+        moved = times(gain.slopes.transpose(0, 2, 1), times(gain.towards[:, :COUNT], weighed))
+        return np.asarray((weighed * (gain.noise * weighed + moved)).sum(axis=1))
+
+    @cached_property
+    def _rows(self) -> list[list[float]]:
+        rows: list[list[float]] = self.weighed.tolist()
+        return rows
+
+    @cached_property
+    def nis(self) -> list[float]:
+        """For each marker how far it lies from where the main filter's others put it."""
+        return self._squares()
+
+    def nis_of(self, row: int, index: int) -> float:
+        """How far a marker lies from where a filter's others put it (chi², two degrees)."""
+        x, y = self._rows[row][2 * index], self._rows[row][2 * index + 1]
+        xx, xy, yy, _ = self.gain.distances[0][row][index]
+        return (xx * x + xy * y) * x + yy * y * y
+
+    def _squares(self, beside: bool = False) -> list[float]:
+        weighed, factors = self._rows[0], self.gain.distances[beside][0]
+        return [
+            (xx * x + xy * y) * x + yy * y * y
+            for (xx, xy, yy, _), x, y in zip(factors, weighed[::2], weighed[1::2], strict=True)
+        ]
+
+    def log_likelihoods(self) -> dict[int, tuple[float, float]]:
+        """How probable each marker's place is by all others, logarithm per px².
+
+        First that of the marker itself, then that of another light beside there (see `BESIDE`).
+        """
+        (small, *_), (large, *_) = self.gain.distances
+        squares = zip(self.nis, self._squares(beside=True), strict=True)
+        return {
+            marker: (log_density(near, own[3]), log_density(far, wide[3]))
+            for marker, (near, far), own, wide in zip(
+                self.gain.markers, squares, small, large, strict=True
+            )
+        }
+
+    def view(self, row: int = 0) -> ViewState:
+        """What follows of a filter's view."""
+        mean, covariance = self.after
+        return ViewState(
+            mean[row, :COUNT],
+            covariance[row, :COUNT, :COUNT],
+            self.misfit(row),
+            float(self.cost[row]),
+        )
+
+
+def log_density(square: float, log_determinant: float) -> float:
+    """Of Student's t in two dimensions, at a squared distance over its covariance.
+
+    Its tails are wider than a normal distribution's: at times a motion was not foreseen.
+    """
+    tail = (0.5 * _FREEDOM + 1.0) * math.log1p(square / _FREEDOM)
+    return -tail - 0.5 * log_determinant - math.log(2.0 * math.pi)
+
+
+def _seen(columns: NDArray[np.intp], expected: Array, slopes: Array) -> tuple[Array, Array]:
+    """Of the places (f, 2 n) and slopes (f, 8, 2 n) those of some columns, (f, 2 k) or (1, 2 k)."""
+    if len(columns) > 1:
+        places = np.take_along_axis(expected, columns, axis=1)
+        return places, np.take_along_axis(slopes, columns[:, None], axis=2)
+    if columns.shape[1] == expected.shape[1] and (columns[0, 1:] > columns[0, :-1]).all():
+        return expected, slopes
+    return expected[:, columns[0]], slopes[:, :, columns[0]]
+
+
+def times(matrices: Array, vectors: Array) -> Array:
+    """Products of matrices (f, n, k) and vectors (f, k)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def _inverses(matrices: Array) -> Array:
+    """Of positive matrices (f, n, n)."""
+    inverses = np.empty_like(matrices)
+    for matrix, inverse in zip(matrices, inverses, strict=True):
+        if not cv2.invert(matrix, inverse, cv2.DECOMP_CHOLESKY)[0]:
+            inverse[:] = np.linalg.pinv(matrix, hermitian=True)
+    return inverses
