@@ -8,11 +8,12 @@ from types import ModuleType
 from typing import Any
 
 from mvuav_ros.vision.approach import track, tuning
-from mvuav_ros.vision.approach.attitude import HorizonTracker
+from mvuav_ros.vision.approach.attitude import HorizonFinder
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.search import LevelledImage
-from mvuav_ros.vision.approach.side_lines import LinedEdges
+from mvuav_ros.vision.approach.side_lines import SideLines
 from mvuav_ros.vision.approach.strip_edges import EdgeLook
+from mvuav_ros.vision.approach.strip_tracker import StripTracker
 
 
 def _returns(value: Any) -> Callable[..., Any]:
@@ -24,10 +25,11 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'tracks hidden by overlays': [(LevelledImage, 'share_hidden', _returns(0.0))],
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
-    'horizon in the image': [(HorizonTracker, 'find', _returns(None))],
-    'side lines': [(LinedEdges, 'find', _returns(None))],
+    'horizon in the image': [(HorizonFinder, 'find', _returns(None))],
+    'horizon against what is followed': [(StripTracker, 'allows', _returns(True))],
+    'doubt above the horizon': [(tuning.TRACKER, 'above_horizon_odds', 0.0)],
+    'side lines': [(SideLines, 'find', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
-    'lines over many frames': [(tuning.LINES, 'memory', 1.0)],
     'lines near the mean': [
         (tuning.LINES, 'away_cost', 0.0),
         (tuning.LINES, 'away_from_colour_cost', 0.0),
@@ -35,6 +37,8 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     "shoulders' lines": [(tuning.LINES, 'shoulder_cost', 0.0)],
     'edges alone': [(tuning.TRACK, 'lock_width', math.inf)],
     'shoulders': [(track, 'shows_shoulders', _returns(None))],
+    'shoulders as plain': [(tuning.SHOULDERS, 'min_step_share', 0.0)],
+    'steps farther off': [(tuning.EDGES, 'far_reach', 0.0)],
     'registration': [(Registration, 'shift', _returns((0.0, 0.0)))],
     'colour': [(EdgeLook, 'coloured', property(_returns(False)))],
     'clear colours': [(tuning.EDGES, 'clear_contrast', math.inf)],
@@ -48,6 +52,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'weighed every sixth frame': [
         (tuning.TRACKER, 'best_period', 1),
         (tuning.TRACKER, 'others_period', 1),
+        (tuning.TRACKER, 'others_certain', 1),
     ],
     'coarsest level': [(tuning.SEARCH, 'levels', 3)],
 }

@@ -12,8 +12,8 @@ from mvuav_ros.vision.approach.approach_results import ROLES, ApproachResult, Gu
 from mvuav_ros.vision.approach.attitude import (
     Derotation,
     Horizon,
+    HorizonFinder,
     HorizonLine,
-    HorizonTracker,
     horizon_from,
     is_upside_down,
     line_through,
@@ -302,7 +302,9 @@ class Finder:
     def __init__(self, target: str) -> None:
         self.tracker: RunwayTracker | RoadTracker
         self.tracker = RunwayTracker() if target == 'runway' else RoadTracker(TARGETS[target])
-        self._horizon = HorizonTracker()
+        self._horizon: HorizonFinder | None = None
+        # Frames in which the image has shown a horizon.
+        self._seen = 0
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
         """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
@@ -312,30 +314,40 @@ class Finder:
         level = Derotation(width, height, factor, 0.0)
         horizon: HorizonLine | Horizon | None = None
         if self.tracker.below_horizon:
+            self._horizon = self._horizon or HorizonFinder(height, width)
             horizon = attitude or self._horizon.find(pixels)
         if horizon is not None:
             level = Derotation(width, height, factor, horizon.slope)
             if horizon is attitude:
                 row = level.row_of((horizon.row + 0.5) / factor - 0.5)
                 sight = Sight.from_attitude(row, level.slope)
-            else:
-                row = level.row_of(horizon.row)
+            elif self.tracker.allows(level, row := level.row_of(horizon.row), self._seen):
+                self._seen += 1
                 sight = Sight.from_image(row, level.slope, height)
+            else:
+                level = self.tracker.level or level
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
-        veto = self._veto(sight)
+        above = self._is_above(track, sight)
+        # What looks like a horizon in the picture may be the border of a field.
+        known = track is not None and self._seen >= track.age
+        self.tracker.above_horizon = above and known and not sight.attitude
+        veto = self._veto(track, above=above and sight.attitude)
         confidence = 0.0 if veto else self.tracker.confidence
         return Found(track, confidence, level, sight.row, veto)
 
-    def _veto(self, sight: Sight) -> str:
-        """Why nothing is reported, if the picture is frozen or the best track is in the sky."""
-        unchanged, best = self.tracker.unchanged, self.tracker.best
-        if unchanged > (0 if best is None else DETECTOR.frozen_frames):
+    def _is_above(self, track: FollowedStrip | None, sight: Sight) -> bool:
+        """Whether a track lies wholly above the horizon."""
+        if track is None or sight.row is None:
+            return False
+        _, y = track.shape.vanishing_point
+        return y + track.near <= sight.row
+
+    def _veto(self, track: FollowedStrip | None, *, above: bool) -> str:
+        """Why nothing is reported, if the picture is frozen or the track is in the sky."""
+        unchanged = self.tracker.unchanged
+        if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
-        # What looks like a horizon in the picture may be the border of a field.
-        if best is None or sight.row is None or not sight.attitude:
-            return ''
-        _, y = best.shape.vanishing_point
-        return '' if y + best.near > sight.row else 'the likeliest lies above the horizon'
+        return 'the likeliest lies above the horizon' if above else ''
 
 
 class LineFlags:

@@ -149,7 +149,7 @@ def turn_edge(
 
 
 def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -> Any:
-    """Strips, (n, 6), of one derotation described on another one."""
+    """Strips, (n, 6), of one derotation described on another one; NaN where they are none there."""
     if old.slope == new.slope:
         return strips
     turned = strips.copy()
@@ -157,6 +157,7 @@ def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -
         x, y, left, right, far, near = (float(value) for value in strip)
         edges = [turn_edge(x + s * near, s, y + near, old, new) for s in (left, right)]
         (first, left), (second, right) = edges
+        strip[:] = math.nan
         if right - left > 0.02:
             depth = (second - first) / (right - left)
             apex = first - left * depth, y + near - depth
@@ -182,44 +183,63 @@ class Horizon(NamedTuple):
         strength: mean step across it, grey levels of blue; 0 where nothing was found.
         texture: how much neighbouring columns differ right above it, grey levels of blue;
             infinite where too little of that is in the image.
+        contrast: how much brighter all above it is than what is right below, grey levels of blue.
     """
 
     row: float
     slope: float
     strength: float
     texture: float
+    contrast: float
 
     @property
     def trusted(self) -> bool:
-        """It looks like sky above it, not like the edge of treetops or walls."""
+        """It looks like sky above it, not like the edge of treetops or walls, or like a road."""
         return (
             self.strength > HORIZON.min_strength
             and self.texture < HORIZON.max_texture * self.strength
+            and self.contrast > HORIZON.min_contrast
         )
 
 
 class HorizonFinder:
-    """Finds the horizon on images of one size."""
+    """Finds the horizon on images of one size, and follows it from frame to frame."""
 
     def __init__(self, height: int, width: int) -> None:
-        self._size = (height, width)
-        self._across = width / HORIZON.width
-        self._down = height / HORIZON.height
+        self._last: Horizon | None = None
+        self._frames = 0
+        across, self._down = width / HORIZON.width, height / HORIZON.height
         count = int(HORIZON.max_roll_deg / HORIZON.slope_step_deg)
         self._slopes = np.radians(np.arange(-count, count + 1) * HORIZON.slope_step_deg)
-        columns = (np.arange(HORIZON.width) - 0.5 * (HORIZON.width - 1)) * self._across
+        columns = (np.arange(HORIZON.width) - 0.5 * (HORIZON.width - 1)) * across
         # Rows by which each column is moved for each slope.
         self._shift = np.rint(np.tan(self._slopes)[:, None] * columns / self._down).astype(np.intp)
         self._pad = int(np.abs(self._shift).max())
         rows = np.arange(HORIZON.height)[None, :, None] + self._shift[:, None, :] + self._pad
         self._index = rows * HORIZON.width + np.arange(HORIZON.width)
 
-    def find(self, blue: NDArray[Any], near: Horizon | None = None) -> Horizon:
-        """Find the horizon on (height, width) grey levels; near the last one, if it is there."""
-        if near is not None and near.trusted:
-            found, agreeing = _refined(near, blue)
+    def find(self, pixels: NDArray[Any]) -> Horizon | None:
+        """In a working image of grey levels, or colours blue first; None without one."""
+        # Of land and sky, blue differs most.
+        blue = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
+        if blue.dtype != np.uint8:
+            blue = np.clip(blue, 0, 255).astype(np.uint8)
+        last = None if self._frames % HORIZON.full_period == 0 else self._last
+        self._frames += 1
+        self._last = None
+        if last is not None:
+            found, agreeing = _refined(last, blue)
             if agreeing > HORIZON.min_agreement:
-                return found
+                self._last = found
+        if self._last is None:
+            found = self._search(blue)
+            if found.trusted:
+                # The first fit is drawn towards the coarse line.
+                self._last = _refined(_refined(found, blue)[0], blue)[0]
+        return self._last
+
+    def _search(self, blue: NDArray[Any]) -> Horizon:
+        """Look at all slopes in all rows of a small image."""
         size = HORIZON.width, HORIZON.height
         small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
         steps = self._steps(small)
@@ -232,18 +252,15 @@ class HorizonFinder:
         best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
         strength = float(sums[best, row])
         if strength <= 0:
-            return Horizon(0.5 * (self._size[0] - 1), 0.0, 0.0, 0.0)
+            return Horizon(0.0, 0.0, 0.0, math.inf, 0.0)
         slope = self._slopes[best] + math.radians(HORIZON.slope_step_deg) * vertex(
             sums[:, row], int(best)
         )
         exact_row = int(row) + vertex(sums[best], int(row))
-        texture = self._texture(small, int(row) + self._shift[best])
-        found = Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, texture)
-        if not found.trusted:
-            return found
-        # The first fit is drawn towards the coarse line.
-        found, _ = _refined(found, blue)
-        return _refined(found, blue)[0]
+        line = int(row) + self._shift[best]
+        exact_row = (exact_row + 0.5) * self._down - 0.5
+        texture, contrast = self._texture(small, line), self._contrast(small, line)
+        return Horizon(exact_row, float(slope), strength, texture, contrast)
 
     def _texture(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
         """Mean difference of neighbouring columns in the rows above the horizon's ``horizon``."""
@@ -259,6 +276,15 @@ class HorizonFinder:
             if above.sum() > HORIZON.min_sky_rows * HORIZON.width
             else math.inf
         )
+
+    def _contrast(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
+        """How much brighter all above the ``horizon``'s rows is than the rows right below."""
+        below = np.arange(HORIZON.height)[:, None] - horizon
+        land = (below > 0) & (below <= HORIZON.sky_rows)
+        above = below < 0
+        if not (land.any() and above.any()):
+            return 0.0
+        return float(blue[above].mean()) - float(blue[land].mean())
 
     def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
         """How much brighter it is above each place than below, capped."""
@@ -333,26 +359,3 @@ def _refined(horizon: Horizon, blue: NDArray[Any]) -> tuple[Horizon, float]:
     on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * HORIZON.min_strength)
     found = horizon._replace(row=float(row), slope=math.atan(tangent))
     return found, float(on_line.mean())
-
-
-class HorizonTracker:
-    """The horizon as the image shows it, followed from frame to frame."""
-
-    def __init__(self) -> None:
-        self._finder: HorizonFinder | None = None
-        self._last: Horizon | None = None
-        self._frames = 0
-
-    def find(self, pixels: NDArray[Any]) -> Horizon | None:
-        """In a working image of grey levels, or colours blue first; None without one."""
-        # Of land and sky, blue differs most.
-        blue = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
-        if blue.dtype != np.uint8:
-            blue = np.clip(blue, 0, 255).astype(np.uint8)
-        if self._finder is None:
-            self._finder = HorizonFinder(*blue.shape)
-        near = None if self._frames % HORIZON.full_period == 0 else self._last
-        self._frames += 1
-        horizon = self._finder.find(blue, near)
-        self._last = horizon if horizon.trusted else None
-        return self._last

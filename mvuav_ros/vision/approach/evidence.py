@@ -64,6 +64,12 @@ def opponent_channels(pixels: Pixels) -> list[NDArray[np.float32]]:
     return [np.ascontiguousarray(channel) for channel in cv2.split(cv2.transform(levels, OPPONENT))]
 
 
+def brightness_of(pixels: Pixels) -> NDArray[np.float32]:
+    """Of `opponent_channels` the first alone."""
+    levels = grey_levels(pixels)
+    return levels if pixels.ndim == 2 else np.asarray(cv2.transform(levels, OPPONENT[:1]))
+
+
 def row_sums(
     channels: Sequence[NDArray[Any]] | NDArray[Any], first_row: int = 0, table: Table | None = None
 ) -> Table:

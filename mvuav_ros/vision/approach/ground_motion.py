@@ -62,7 +62,9 @@ class Registration:
         ]
         alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
         row, column = np.unravel_index(int(alike.argmax()), alike.shape)
-        if not alike[row, column] > MOTION.min_correlation:
+        end_of_reach = 2 * MOTION.reach
+        # What is most alike at the end of the reach is more so beyond: a torn picture.
+        if not alike[row, column] > MOTION.min_correlation or {0, end_of_reach} & {row, column}:
             return 0.0, 0.0
         right = column - MOTION.reach + vertex(alike[row], int(column))
         down = row - MOTION.reach + vertex(alike[:, column], int(row))

@@ -147,9 +147,10 @@ def fan_jobs(first: float, last: float, level: int) -> Iterator[Job]:
     """
     for depth in SEARCH.depths if level == 0 else SEARCH.depths[2:]:
         step = 0.4 * depth
-        rows = np.arange(first, last + 0.5 * step, step)
         # The compared part of a strip must be in the image.
-        yield depth, rows[rows > 0.5 - SEARCH.first_row * depth].tolist()
+        top = max(first, 0.5 - SEARCH.first_row * depth)
+        rows = np.arange(top, last + 0.5 * step, step)
+        yield depth, rows.tolist()
 
 
 def distinct(found: NDArray[np.float64], most: int) -> NDArray[np.float64]:

@@ -3,23 +3,22 @@
 Painted side stripes, and concrete beside a streak of rubber, are the clearest thing in a runway far
 away. Their inner sides look like the edges of a darker strip, and their middles like painted lines;
 the runway's edge is where the line's outer side is. Beside the side stripe there may be a
-shoulder's line outside and markings or rubber inside. One frame shows now this one clearer, now
-that one; over some frames they differ, or stay alike, and then nobody can know.
+shoulder's line outside and markings or rubber inside.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.evidence import opponent_channels
+from mvuav_ros.vision.approach.evidence import brightness_of
 from mvuav_ros.vision.approach.strip_edges import EdgePoints, Edges, LevelledFrame, Strip, rows_of
 from mvuav_ros.vision.approach.tuning import LINES
 
@@ -43,184 +42,157 @@ class Line(NamedTuple):
         return 0.5 * (self.far + self.near)
 
 
-class _Known:
-    """A line seen in earlier frames.
+class Choice(NamedTuple):
+    """The runway's lines along its left and its right edge.
 
     Attributes:
-        place: widths outside of the edge as followed.
-        clearness: of the clearest line's, on average.
-        clear: from 0 to 1, whether it is as clear as the clearest.
-        log_odds: that it is the runway's, but for a common offset.
-        number: of the line in the newest frame, if it shows it.
-    """
-
-    def __init__(self, place: float) -> None:
-        self.place, self.clearness, self.clear, self.log_odds = place, 0.0, 0.0, 0.0
-        self.number: int | None = None
-
-
-class LineChoice:
-    """The lines along both edges of a runway.
-
-    Attributes:
+        lines: of the left and of the right one.
         shoulders: from 0 to 1, whether there are two clear lines on both sides, as far apart.
     """
 
-    def __init__(self) -> None:
-        self.shoulders = 0.0
-        self._sides = _Side(), _Side()
-
-    def move(self, outwards: tuple[float, float]) -> None:
-        """Both edges have moved outwards, widths."""
-        for side, moved in zip(self._sides, outwards, strict=True):
-            side.move(moved)
-
-    def expect(self, outwards: tuple[float, float], *, colour: bool = False) -> None:
-        """Where the strips' mean, or colour, has the edges: widths outside of those followed."""
-        for side, mean in zip(self._sides, outwards, strict=True):
-            side.mean += 0.5 * (mean - side.mean)
-            side.away_less = LINES.away_from_colour_cost if colour else LINES.away_cost
-
-    def choose(
-        self,
-        lines: tuple[list[Line], list[Line]],
-        offsets: tuple[float, float] = (0.0, 0.0),
-        scale: float = 1.0,
-    ) -> tuple[Line, Line] | None:
-        """The runway's lines among those of a frame; None where it does not show both.
-
-        Args:
-            lines: along the left and along the right edge, at least one of each.
-            offsets: from the edges as followed to those as expected in `Line`, widths.
-            scale: width expected in `Line` over the width followed.
-        """
-        for side, found, offset in zip(self._sides, lines, offsets, strict=True):
-            side.take_in(found, offset, scale)
-        left, right = self._sides
-        self.shoulders = min(left.weigh(right), right.weigh(left))
-        numbers = left.chosen(), right.chosen()
-        if numbers[0] is None or numbers[1] is None:
-            return None
-        return lines[0][numbers[0]], lines[1][numbers[1]]
+    lines: tuple[Line, Line]
+    shoulders: float
 
 
-class _Side:
-    def __init__(self) -> None:
-        self.known: list[_Known] = []
-        self.mean = 0.0
-        self.away_less = LINES.away_cost
-        self._frames = 0
+def choose(
+    left: list[Line], right: list[Line], expected: tuple[float, float], away_cost: float
+) -> Choice:
+    """Which lines are the runway's, among those along its left and its right edge.
 
-    def move(self, outwards: float) -> None:
-        for line in self.known:
-            line.place -= outwards
-        self.mean -= outwards
+    Markings within the runway are fainter than its side line. Of two clear lines on both sides, as
+    far apart, the outer ones are the shoulders'.
 
-    def take_in(self, lines: list[Line], offset: float, scale: float) -> None:
-        places = [offset + scale * line.middle for line in lines]
-        clearest = max(1e-6, *(line.clearness for line in lines))
-        shares = [line.clearness / clearest for line in lines]
-        self._frames += 1
-        memory = max(LINES.memory, 1.0 / self._frames)
-        left = dict(enumerate(places))
-        for line in sorted(self.known, key=lambda line: -line.clearness):
-            line.number = None
-            if abs(line.place - offset) > LINES.choice_reach * scale:
-                continue
-            near = min(left, key=lambda number: abs(left[number] - line.place), default=None)
-            seen = 0.0
-            if near is not None and abs(left[near] - line.place) < LINES.same:
-                line.place += 0.3 * (left.pop(near) - line.place)
-                line.number, seen = near, shares[near]
-            line.clearness += memory * (seen - line.clearness)
-        for number, place in left.items():
-            line = _Known(place)
-            line.clearness, line.number = memory * shares[number], number
-            self.known.append(line)
-        most = max(line.clearness for line in self.known)
-        self.known = [line for line in self.known if line.clearness >= LINES.min_kept * most]
-        for line in self.known:
-            behind = LINES.clear_share - line.clearness / max(most, 1e-6)
-            line.clear = 1.0 / (1.0 + math.exp(behind / LINES.clear_doubt))
-
-    def weigh(self, other: _Side) -> float:
-        """How likely each line is the runway's; from 0 to 1 whether there are shoulders' lines."""
-        gaps, its_gaps = self._gaps(), other._gaps()
-        most = 0.0
-        for line in self.known:
-            shoulder = max(
-                (
-                    min(share, its_share)
-                    for outer, gap, share in gaps
-                    for _, its_gap, its_share in its_gaps
-                    if outer is line and abs(gap - its_gap) < LINES.same
-                ),
-                default=0.0,
-            )
-            most = max(most, shoulder)
-            line.log_odds = math.log(line.clear + 1e-9)
-            line.log_odds -= self.away_less * abs(line.place - self.mean)
-            line.log_odds -= LINES.shoulder_cost * shoulder
-        return most
-
-    def chosen(self) -> int | None:
-        """The number of the runway's line in the newest frame."""
-        return max(self.known, key=lambda line: line.log_odds).number
-
-    def _gaps(self) -> list[tuple[_Known, float, float]]:
-        """Of clear lines outside of others: which, how far outside, and whether both are clear."""
-        clear = [line for line in self.known if line.clear > LINES.min_clear]
-        return [
-            (outer, outer.place - inner.place, min(outer.clear, inner.clear))
-            for outer in clear
-            for inner in clear
-            if outer.place - inner.place > LINES.same
+    Args:
+        left: at least one line.
+        right: likewise.
+        expected: where the edges are expected, widths outside of where `Line` counts from.
+        away_cost: log odds lost per width from there.
+    """
+    clear = [_clear(lines) for lines in (left, right)]
+    gaps = [_gaps(lines, of) for lines, of in zip((left, right), clear, strict=True)]
+    chosen, most = [], []
+    for side, lines in enumerate((left, right)):
+        shoulders = [0.0] * len(lines)
+        for outer, gap, share in gaps[side]:
+            for _, its_gap, its_share in gaps[1 - side]:
+                if abs(gap - its_gap) < LINES.same:
+                    shoulders[outer] = max(shoulders[outer], min(share, its_share))
+        odds = [
+            math.log(is_clear + 1e-9)
+            - away_cost * abs(line.middle - expected[side])
+            - LINES.shoulder_cost * shoulder
+            for line, is_clear, shoulder in zip(lines, clear[side], shoulders, strict=True)
         ]
+        chosen.append(lines[odds.index(max(odds))])
+        most.append(max(shoulders))
+    return Choice((chosen[0], chosen[1]), min(most))
+
+
+def _clear(lines: list[Line]) -> list[float]:
+    """From 0 to 1, whether each line is as clear as the clearest."""
+    clearest = max(1e-6, *(line.clearness for line in lines), 0.0)
+    behind = (LINES.clear_share - line.clearness / clearest for line in lines)
+    return [1.0 / (1.0 + math.exp(share / LINES.clear_doubt)) for share in behind]
+
+
+def _gaps(lines: list[Line], clear: list[float]) -> list[tuple[int, float, float]]:
+    """Of clear lines outside of others: which, how far outside, and whether both are clear."""
+    known = [number for number, share in enumerate(clear) if share > LINES.min_clear]
+    return [
+        (outer, gap, min(clear[outer], clear[inner]))
+        for outer in known
+        for inner in known
+        if (gap := lines[outer].middle - lines[inner].middle) > LINES.same
+    ]
 
 
 Numbers = NDArray[np.floating[Any]]
 _ALONG = (np.arange(LINES.rows) + 0.5) / LINES.rows
 """Where the rows are between the far and the near end."""
-_HALVES = slice(None, LINES.rows // 2), slice(LINES.rows // 2, None)
 _PLACES = round(LINES.reach / LINES.step)
 _ACROSS = np.arange(-_PLACES, _PLACES + 1) * LINES.step
 """Where the samples are, from inside to outside, widths from the expected edge."""
 
 
-def edges_by_lines(
-    frame: LevelledFrame,
-    strip: Strip,
-    choose: Callable[[tuple[list[Line], list[Line]]], tuple[Line, Line] | None],
-) -> Edges | None:
-    """Measure both edges of a narrow runway by the outer sides of the lines along a strip's.
+class SideLines:
+    """The side lines of one runway that is followed; strips are (6,).
 
-    ``choose`` says which of those along the left and along the right edge are the runway's. None
-    if the lines are not clear, or the runway is too wide.
+    Attributes:
+        shoulders: from 0 to 1, how often shoulders have lines too, on both sides and as far apart.
     """
-    if float(strip[3] - strip[2]) * strip[5] >= LINES.max_width:
-        return None
-    rows, expected, outwards = rows_of(strip, _ALONG)
-    columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
-    brightness = _brightness(frame, columns, rows)
-    lines = choose(_distinct(brightness))
-    if lines is None or min(line.clearness for line in lines) <= LINES.min_clearness:
-        return None
-    middle = expected + outwards * np.array([f + _ALONG * (n - f) for f, n, _ in lines])
-    step = min(LINES.step, LINES.max_fine_step / float(outwards[1, -1]))
-    inside, beyond = round(LINES.inside / step), round(LINES.beyond / step)
-    beside = np.arange(-inside, beyond + 1) * step
-    across = middle[:, :, None] + outwards[:, :, None] * beside
-    profiles = _brightness(frame, across, rows)
-    edges = []
-    for side in (0, 1):
+
+    def __init__(self) -> None:
+        self.shoulders = 0.0
+
+    def find(
+        self,
+        frame: LevelledFrame,
+        strip: Strip,
+        known: Edges | None = None,
+        *,
+        coloured: bool = False,
+    ) -> Edges | None:
+        """Measure both edges of a narrow runway by the outer sides of the lines along a strip's.
+
+        Lines are expected between the strip's edges and those known, or where colour has shown
+        those. None if the lines are not clear, or the runway is too wide.
+        """
+        rows, expected, outwards = rows_of(strip, _ALONG)
+        if outwards[1, -1] >= LINES.max_width:
+            return None
+        columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
+        found = _distinct(_brightness(frame, columns, rows))
+        left, right = (0.0, 0.0) if known is None else _away(strip, known)
+        if coloured:
+            lines, shoulders = choose(*found, (left, right), LINES.away_from_colour_cost)
+        else:
+            lines, shoulders = choose(*found, (0.5 * left, 0.5 * right), LINES.away_cost)
+        self.shoulders += LINES.memory * (shoulders - self.shoulders)
+        if min(line.clearness for line in lines) <= LINES.min_clearness:
+            return None
+        return self._outer_sides(frame, strip, np.array(lines)[:, :2])
+
+    def _outer_sides(
+        self, frame: LevelledFrame, strip: Strip, middles: NDArray[np.float64]
+    ) -> Edges | None:
+        """Both edges from the lines with middles (2, 2) at the far and the near end, in widths.
+
+        None where there is no line.
+        """
+        rows, expected, outwards = rows_of(strip, _ALONG)
+        across = middles[:, :1] + _ALONG * (middles[:, 1:] - middles[:, :1])
+        middle = expected + outwards * across
+        step = min(LINES.step, LINES.max_fine_step / float(outwards[1, -1]))
+        inside, beyond = round(LINES.inside / step), round(LINES.beyond / step)
+        beside = np.arange(-inside, beyond + 1) * step
+        profiles = _brightness(frame, middle[:, :, None] + outwards[:, :, None] * beside, rows)
         # Blur is the same number of px everywhere, and so a larger share of the far end's width.
-        outer = [
-            step * (_outer_side(profiles[side][half].mean(axis=0), 2 * inside + 2) - inside)
-            for half in _HALVES
-        ]
-        columns = middle[side] + outwards[side] * np.interp(_ALONG, (0.25, 0.75), outer)
-        edges.append(EdgePoints(rows, columns, np.ones(rows.size), 1.0))
-    return edges[0], edges[1]
+        halves = profiles.reshape(2, 2, LINES.rows // 2, -1).mean(axis=2)
+        found = [[_outer_side(half, 2 * inside + 2) for half in side] for side in halves]
+        outer = step * (np.array(found) - inside)
+        if np.isnan(outer).any():
+            return None
+        left, right = (
+            EdgePoints(
+                rows,
+                middle[side] + outwards[side] * np.interp(_ALONG, (0.25, 0.75), outer[side]),
+                np.ones(rows.size),
+                1.0,
+            )
+            for side in (0, 1)
+        )
+        return left, right
+
+
+def _away(strip: Strip, points: Edges) -> tuple[float, float]:
+    """How far outside of a strip's left and right edge points lie, in its widths."""
+    away = []
+    for edge, slope in zip(points, strip[2:4].tolist(), strict=True):
+        depth = edge.rows - strip[1]
+        offsets = (edge.columns - strip[0] - slope * depth) / ((strip[3] - strip[2]) * depth)
+        weights = edge.weights + 1e-6
+        away.append(float((offsets * weights).sum() / weights.sum()))
+    return -away[0], away[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,14 +204,14 @@ class _LineFan:
         ends: (n, 2) middle at the far and at the near end, widths of the runway.
         at: (rows, n) samples through which they go.
         worth: (n,) factor of the clearness: those that run askew count less.
-        centre: (n,) middle half way between the ends.
+        same: (n, n) whether two are no more than half a width apart.
     """
 
     reach: int
     ends: Numbers
     at: NDArray[np.intp]
     worth: Numbers
-    centre: Numbers
+    same: NDArray[np.bool_]
 
 
 @lru_cache
@@ -255,7 +227,9 @@ def _line_fan(half: float) -> _LineFan:
     at = np.rint(far + (near - far) * (rows / (LINES.rows - 1))).astype(np.intp)
     ends = np.stack([middles[far], middles[near]], axis=1)
     worth = 1.0 - LINES.turned_cost * turned
-    return _LineFan(reach, ends, at + rows * middles.size, worth, ends.mean(axis=1))
+    centre = ends.mean(axis=1)
+    same = np.abs(centre[:, None] - centre) < half
+    return _LineFan(reach, ends, at + rows * middles.size, worth, same)
 
 
 def _brightness(
@@ -263,114 +237,59 @@ def _brightness(
 ) -> NDArray[np.float32]:
     """(2, rows, places) grey levels of the frame at places of the levelled working image."""
     pixels, _, _ = frame.at(columns, rows[:, None])
-    return opponent_channels(pixels)[0].reshape(columns.shape)
+    return brightness_of(pixels).reshape(columns.shape)
 
 
 def _distinct(brightness: NDArray[np.float32]) -> tuple[list[Line], list[Line]]:
     """Along either edge the clearest lines that are apart from one another, of any width."""
     found: tuple[list[Line], list[Line]] = [], []
-    for half in LINES.half_widths:
-        for side, lines in enumerate(_lines(brightness, half)):
-            found[side].extend(lines)
-    for lines in found:
-        lines.sort(key=lambda line: -line.clearness)
-        kept: list[Line] = []
-        for line in lines:
+    of_widths = [_lines(brightness, half) for half in LINES.half_widths]
+    for kept, *lines in zip(found, *of_widths, strict=True):
+        for line in sorted(chain(*lines), key=lambda line: -line.clearness):
             if all(abs(line.middle - other.middle) > LINES.apart for other in kept):
                 kept.append(line)
-        lines[:] = kept
     return found
 
 
-def _lines(brightness: NDArray[np.float32], half: float) -> Iterator[list[Line]]:
+def _lines(brightness: NDArray[np.float32], half: float) -> list[list[Line]]:
     """Along either edge the clearest lines of a width that are apart from one another."""
     fan = _line_fan(half)
     reach = fan.reach
     smooth = cv2.blur(brightness.reshape(2 * LINES.rows, -1), (reach | 1, 1))
     sides = np.maximum(smooth[:, : -2 * reach], smooth[:, 2 * reach :])
-    ridges = np.maximum(smooth[:, reach:-reach] - sides, 0.0).reshape(2, LINES.rows, -1)
-    for ridge in ridges:
-        ridge = np.minimum(ridge, LINES.max_ridge * cv2.mean(ridge)[0] + 1.0)
-        votes = ridge.ravel().take(fan.at).sum(axis=0)
-        usual = cv2.mean(ridge)[0] + LINES.noise
-        clear = votes * fan.worth / (usual * LINES.rows)
-        found = []
+    ridges = np.maximum(smooth[:, reach:-reach] - sides, 0.0).reshape(2, -1)
+    usual = ridges.mean(axis=1, keepdims=True)
+    np.minimum(ridges, LINES.max_ridge * usual + 1.0, out=ridges)
+    votes = ridges.take(fan.at, axis=1).sum(axis=1)
+    usual = ridges.mean(axis=1, keepdims=True) + LINES.noise
+    found = []
+    for clear in votes * fan.worth / (usual * LINES.rows):
+        lines = []
         for _ in range(3):
             best = int(clear.argmax())
             far, near = fan.ends[best].tolist()
-            found.append(Line(far, near, float(clear[best])))
-            clear[np.abs(fan.centre - fan.centre[best]) < half] = 0.0
-        yield found
+            lines.append(Line(far, near, float(clear[best])))
+            clear[fan.same[best]] = 0.0
+        found.append(lines)
+    return found
 
 
 def _outer_side(profile: NDArray[np.float32], within: int) -> float:
-    """Where a line, brightest within the first samples, has become half as bright outwards."""
-    peak = int(profile[:within].argmax())
-    beyond = profile[peak:]
-    # The first minimum after the peak: there may be another line farther outside.
-    rising = (np.diff(beyond) >= 0) & (beyond[:-1] < beyond[0] - LINES.min_depth)
-    lowest = int(rising.argmax()) if rising.any() else int(beyond.argmin())
-    half = 0.5 * (beyond[0] + beyond[lowest])
-    last = int(np.count_nonzero(beyond[: lowest + 1] > half)) - 1
-    if last < 0 or last + 1 > lowest:
-        return float(peak)
-    part = (beyond[last] - half) / max(float(beyond[last] - beyond[last + 1]), 1e-6)
-    return float(peak + last + part)
+    """Where a line, brightest within the first samples, has become half as bright outwards.
 
-
-class LinedEdges:
-    """The side lines of one runway that is followed; strips are (6,).
-
-    Attributes:
-        shoulders: from 0 to 1, whether shoulders have lines too, on both sides and as far apart.
+    NaN where nothing beyond is darker.
     """
-
-    def __init__(self) -> None:
-        self.shoulders = 0.0
-        self._choice = LineChoice()
-
-    def move(self, before: Strip, after: Strip) -> None:
-        """The runway's edges have moved."""
-        self._choice.move(_outwards(before, after))
-
-    def expect(self, strip: Strip, other: Strip) -> None:
-        """The edges may be where another strip has them."""
-        self._choice.expect(_outwards(strip, other))
-
-    def expect_colour(self, strip: Strip, points: Edges) -> None:
-        """The edges are where colour has shown them."""
-        away = []
-        for edge, slope in zip(points, strip[2:4], strict=True):
-            depth = edge.rows - strip[1]
-            offsets = (edge.columns - strip[0] - slope * depth) / ((strip[3] - strip[2]) * depth)
-            away.append(float(np.average(offsets, weights=edge.weights + 1e-6)))
-        self._choice.expect((-away[0], away[1]), colour=True)
-
-    def find(self, frame: LevelledFrame, strip: Strip, about: Strip) -> Edges | None:
-        """Both edges in the next frame, if it shows the lines of the runway followed as ``strip``.
-
-        They are looked for ``about`` another strip.
-        """
-        offsets = _outwards(strip, about)
-        depth = LINES.compared_depth * float(strip[5])
-        expected = float(about[3] - about[2]) * float(strip[1] + depth - about[1])
-        scale = expected / (float(strip[3] - strip[2]) * depth)
-
-        def choose(lines: tuple[list[Line], list[Line]]) -> tuple[Line, Line] | None:
-            return self._choice.choose(lines, offsets, scale)
-
-        found = edges_by_lines(frame, about, choose)
-        self.shoulders = self._choice.shoulders
-        return found
-
-
-def _outwards(strip: Strip, other: Strip) -> tuple[float, float]:
-    """How far the other's left and right edge lie outside of a strip's, in its widths."""
-    depth = LINES.compared_depth * float(strip[5])
-    row = float(strip[1]) + depth
-    width = float(strip[3] - strip[2]) * depth
-    left, right = (
-        float(other[0] + other[side] * (row - other[1]) - strip[0] - strip[side] * depth)
-        for side in (2, 3)
-    )
-    return -left / width, right / width
+    peak = int(profile[:within].argmax())
+    beyond: list[float] = profile[peak:].tolist()
+    # The first minimum after the peak: there may be another line farther outside.
+    dark, lowest = beyond[0] - LINES.min_depth, 0
+    for place in range(1, len(beyond)):
+        if beyond[place] < beyond[lowest]:
+            lowest = place
+        elif beyond[place - 1] < dark:
+            break
+    half = 0.5 * (beyond[0] + beyond[lowest])
+    if beyond[lowest] > dark:
+        return math.nan
+    last = next(place for place, value in enumerate(beyond) if value <= half) - 1
+    return float(peak + last) + (beyond[last] - half) / (beyond[last] - beyond[last + 1])

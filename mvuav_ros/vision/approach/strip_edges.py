@@ -166,20 +166,21 @@ def _straight_lines(count: int, places: int) -> _Lines:
     return _Lines(at, at + np.arange(count) * places, 1.0 - 0.3 * away)
 
 
-def sample_edges(frame: LevelledFrame, strip: Strip) -> EdgeSamples:
-    """Take the pixels across both edges of a strip from the frame."""
+def sample_edges(frame: LevelledFrame, strip: Strip, far_off: bool = False) -> EdgeSamples:
+    """Take the pixels across both edges of a strip from the frame; farther from it, and apart."""
     x, y, left, right, far, near = (float(v) for v in strip)
     count = int(np.clip((near - far) * frame.level.factor, 6, EDGES.max_rows))
     depth = far + (np.arange(count) + 0.5) * ((near - far) / count)
     width = (right - left) * near
-    steps = round(
-        float(np.clip(EDGES.reach * width, EDGES.min_reach, EDGES.max_reach)) / EDGES.sample
-    )
-    across = np.arange(-steps, steps + 1) * EDGES.sample
+    reach = float(np.clip(EDGES.reach * width, EDGES.min_reach, EDGES.max_reach))
+    steps, sample = round(reach / EDGES.sample), EDGES.sample
+    if far_off:
+        sample *= max(1.0, EDGES.far_reach * width / reach)
+    across = np.arange(-steps, steps + 1) * sample
     expected = x + np.array([[left], [right]]) * depth
     pixels, on_x, on_y = frame.at(expected[:, :, None] + across, (y + depth)[:, None])
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
-    base = int(np.clip(width / EDGES.widths_per_step, 2, 4) / EDGES.sample)
+    base = max(2, int(np.clip(width / EDGES.widths_per_step, 2, 4) / sample))
     height, columns = frame.image.shape[:2]
     inside = (on_x > 0) & (on_x < columns - 1) & (on_y > 0) & (on_y < height - 1)
     return EdgeSamples(pixels, expected, y + depth, across, inside, 2 * (base // 2))
@@ -223,12 +224,15 @@ class EdgeLook:
         """Their colours alone distinguish them: the edge is the pavement's, not a line's."""
         return float(np.linalg.norm(self._contrast[1:])) > EDGES.colour_contrast
 
-    def find(self, frame: LevelledFrame, strip: Strip, *, wide: bool) -> Edges:
+    def find(
+        self, frame: LevelledFrame, strip: Strip, *, wide: bool, far_off: bool = False
+    ) -> Edges:
         """Measure both edges of a strip, and learn what they look like.
 
-        Those of a wide one may be farther from the strip's than its lines are apart.
+        Those of a wide one may be farther from the strip's than its lines are apart, and far off
+        if it was found on a coarse image.
         """
-        samples = sample_edges(frame, strip)
+        samples = sample_edges(frame, strip, far_off)
         channels = np.stack(opponent_channels(samples.pixels))
         steps = samples.steps(channels)
         self._learn(steps, samples, channels, wide)
@@ -338,7 +342,11 @@ def _steps(
 
 def _clearness(size: NDArray[np.floating[Any]], place: NDArray[np.float64], first: float) -> float:
     """By how much a step beyond the edge's own stands out from what is between the two."""
-    own = np.nonzero(np.abs(place) <= first)[0]
-    beyond = size[int(own[size[own].argmax()]) :]
+    near = np.nonzero(np.abs(place) <= first)[0]
+    own = int(near[size[near].argmax()])
+    beyond = size[own:]
     clear = beyond - np.minimum.accumulate(beyond)
-    return float(np.where(beyond >= SHOULDERS.min_step, clear, 0.0).max())
+    # Texture of the land beside a step that is plain to see is no other place for the edge.
+    least = max(SHOULDERS.min_step, SHOULDERS.min_step_share * float(beyond[0]))
+    elsewhere = (place[own:] - place[own] > SHOULDERS.min_apart) & (beyond >= least)
+    return float(np.where(elsewhere, clear, 0.0).max())

@@ -22,7 +22,7 @@ from mvuav_ros.vision.approach.search import (
     find_candidates,
 )
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
-from mvuav_ros.vision.approach.strips import FollowedStrip
+from mvuav_ros.vision.approach.strips import FollowedStrip, is_plausible
 from mvuav_ros.vision.approach.track import RunwayTrack, View
 from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH, TRACKER
 
@@ -57,7 +57,8 @@ class Sight(NamedTuple):
 
     Attributes:
         row: of the horizon, px, if it is known.
-        ranges: hypotheses of where it is; the first has the frame's slope.
+        ranges: hypotheses of where it is; the first has the frame's slope, as have all without
+            a horizon.
         meeting: row of the vanishing point and its standard deviation, if known, px.
         attitude: whether that comes from an attitude sensor.
     """
@@ -99,9 +100,11 @@ class StripTracker(Generic[TrackT]):
         tracks: those that are followed.
         best: the one that is shown.
         below_horizon: whether the target is looked for below the horizon alone.
+        above_horizon: what is shown lies above a horizon that the image has shown for longer.
     """
 
     below_horizon = True
+    above_horizon = False
 
     def __init__(self, max_tracks: int, switch_margin: float) -> None:
         """How many are followed, and by what log odds another must be better than that shown."""
@@ -116,6 +119,30 @@ class StripTracker(Generic[TrackT]):
     def unchanged(self) -> int:
         """Frames before the newest that were the same."""
         return self._registration.unchanged
+
+    @property
+    def certain(self) -> bool:
+        """What is shown is likelier what is looked for than not."""
+        return self.best is not None and self.best.log_odds > 0
+
+    def allows(self, level: Derotation, row: float, frames: int) -> bool:
+        """Whether what is followed for certain may lie on a ground with its horizon there.
+
+        Otherwise it may be the border of a field, or of the pavement. A horizon that was seen in so
+        many ``frames`` is known better than what was followed in fewer.
+        """
+        best = self.best
+        if best is None or self._level is None or not self.certain or best.age <= frames:
+            return True
+        (strip,) = turn_strips(best.strip()[None], self._level, level)
+        above, below = SEARCH.horizon_reach
+        size = level.height, level.width
+        return is_plausible(strip, size) and -above < strip[1] - row < below
+
+    @property
+    def level(self) -> Derotation | None:
+        """The last frame's derotation."""
+        return self._level
 
     def _turn(self, level: Derotation) -> None:
         """Go over to the next frame's derotation."""
@@ -174,7 +201,9 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         view = View(frame, working, sight.meeting, self._registration)
         for track in self.tracks:
             shown = track is self.best
-            period = TRACKER.best_period if shown else TRACKER.others_period
+            period = TRACKER.best_period
+            if not shown:
+                period = TRACKER.others_certain if self.certain else TRACKER.others_period
             track.step(view, period, shown=shown)
         self.tracks = [
             track
@@ -185,7 +214,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         ]
         self._merge()
         if self._frame % self._search_period() == 0:
-            self._start(self._search(view, sight.ranges), view)
+            self._start(self._search(view, sight), view)
         self._frame += 1
         self._scene = working.whole_scene
         self._choose()
@@ -193,7 +222,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     def _search_period(self) -> int:
         """Frames from one share of the search to the next."""
-        if self.best is not None and self.best.log_odds > 0:
+        if self.certain:
             return TRACKER.period_certain
         first = self._rounds < TRACKER.first_rounds
         return TRACKER.period_first if first else TRACKER.period_later
@@ -210,7 +239,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             if track is not best
         )
         return Report(
-            best.log_odds,
+            best.log_odds - TRACKER.above_horizon_odds * self.above_horizon,
             best.agreement,
             best.moved,
             self._attitude,
@@ -226,21 +255,21 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         report = self.report
         return 0.0 if report is None else confidence_weights().confidence(report)
 
-    def _search(self, view: View, ranges: list[SearchRange]) -> Candidates:
-        """The likeliest range at once; after that the next few rows on one level at one depth."""
+    def _search(self, view: View, sight: Sight) -> Candidates:
+        """What is likeliest at once; after that the next few rows on one level at one depth."""
         if self._frame == 0:
-            where = ranges[0]
-            image = view.working.at_slope(where.slope)
-            found = find_candidates(image, where.first, where.last)
-        else:
-            chunks = list(_by_turns([list(_chunks(where)) for where in ranges]))
-            if not chunks:
-                return NO_CANDIDATES
-            self._rounds, number = divmod(self._job, len(chunks))
-            where, level, depth, rows = chunks[number]
-            self._job += 1
-            image = view.working.at_slope(where.slope)
-            found = image.search(level, [(depth, rows)], TRACKER.max_weighed)
+            # Without a horizon no range is likelier than the others.
+            ranges = sight.ranges if sight.row is None else sight.ranges[:1]
+            parts = [find_candidates(view.working, where.first, where.last) for where in ranges]
+            return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+        chunks = list(_by_turns([list(_chunks(where)) for where in sight.ranges]))
+        if not chunks:
+            return NO_CANDIDATES
+        self._rounds, number = divmod(self._job, len(chunks))
+        where, level, depth, rows = chunks[number]
+        self._job += 1
+        image = view.working.at_slope(where.slope)
+        found = image.search(level, [(depth, rows)], TRACKER.max_weighed)
         turned = turn_strips(found.strips, image.level, view.working.level)
         return found._replace(strips=turned)
 

@@ -15,9 +15,9 @@ from mvuav_ros.vision.approach.tuning import STRIP
 
 def columns_at(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 2, 2) columns of the left and the right edge at two rows, px."""
-    depth = rows - strips[:, 1:2]
-    edges = [strips[:, 0:1] + strips[:, column : column + 1] * depth for column in (2, 3)]
-    return np.stack(edges, axis=1)
+    depth = (rows - strips[:, 1:2])[:, None]
+    columns: NDArray[np.float64] = strips[:, 0, None, None] + strips[:, 2:4, None] * depth
+    return columns
 
 
 def strips_through(
@@ -46,22 +46,6 @@ def surrounding_box(strips: Strips) -> tuple[float, float, float, float]:
     )
 
 
-def apart(strips: Strips, odds: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Numbers of the strips that differ, best first."""
-    best = strips[int(odds.argmax())]
-    rows = best[1] + np.array([0.4, 1.0]) * best[5]
-    columns = columns_at(strips, rows)
-    width = float(columns[int(odds.argmax()), 1, 1] - columns[int(odds.argmax()), 0, 1])
-    kept: list[int] = []
-    for index in np.argsort(-odds, kind='stable'):
-        if not kept or (
-            odds[index] > odds[kept[0]] - 9.0
-            and np.abs(columns[kept] - columns[index]).max(axis=(1, 2)).min() > 0.08 * width + 0.5
-        ):
-            kept.append(int(index))
-    return np.array(kept, np.intp)
-
-
 def overlap(strip: Strip, other: Strip) -> bool:
     """Whether two strips share half of the narrower one, and meet at about the same place."""
     row = np.array([strip[1] + strip[5]])
@@ -78,24 +62,27 @@ def points_along(
     mean: NDArray[np.float64], rows: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> Edges:
     """The mean's edges as points, the fewer the less they are known."""
-    share = (np.arange(STRIP.points) + 0.5) / STRIP.points
-    at = rows[0] + share * (rows[1] - rows[0])
-    edges = []
-    for side in (0, 1):
-        columns = mean[side, 0] + share * (mean[side, 1] - mean[side, 0])
-        weight = 1.0 / (1.0 + float(spread[side].max()) ** 2)
-        edges.append(EdgePoints(at, columns, np.full(STRIP.points, weight), 1.0))
-    left, right = edges
+    at = rows[0] + _SHARES * (rows[1] - rows[0])
+    columns = mean[:, :1] + _SHARES * (mean[:, 1:] - mean[:, :1])
+    weights = 1.0 / (1.0 + spread.max(axis=1) ** 2)
+    left, right = (
+        EdgePoints(at, edge, np.full(STRIP.points, weight), 1.0)
+        for edge, weight in zip(columns, weights, strict=True)
+    )
     return left, right
 
 
-def strip_through(
-    corners: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
-) -> Strip:
-    """The strip whose edges pass through corners at two rows."""
-    left, right = (corners[:, 1] - corners[:, 0]) / (rows[1] - rows[0])
-    depth = (corners[1, 1] - corners[0, 1]) / max(right - left, 1e-3)
-    return np.array([corners[0, 1] - left * depth, rows[1] - depth, left, right, *ends])
+_SHARES = (np.arange(STRIP.points) + 0.5) / STRIP.points
+"""Where the points of a mean's edge are, from its far to its near end."""
+
+
+def strip_along(edges: Edges, strip: Strip) -> Strip:
+    """The strip along points of both edges, between the ends of another one."""
+    lines = [np.polyfit(edge.rows, edge.columns, 1, w=edge.weights + 1e-3) for edge in edges]
+    ends = strip[1] + strip[4:6]
+    corners = np.array([np.polyval(line, ends) for line in lines])
+    through: Strip = strips_through(corners[None], ends, ends[None])[0]
+    return through
 
 
 def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
@@ -127,6 +114,9 @@ def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
         and near > far
         and (y > STRIP.top_row or y + near > STRIP.min_below_top)
     )
+
+
+_DIAGONAL = np.arange(4)
 
 
 class Shape:
@@ -166,15 +156,12 @@ class Shape:
         left, right = self.slopes
         self.state[[0, 2]] += rightwards
         self.reference += downwards
-        sideways = np.array([1.0, 0.0, 1.0, 0.0])
-        upwards = np.array([left, 0.0, right, 0.0])
         change = (STRIP.slope_sigma + STRIP.slope_share_sigma * abs(right - left)) ** 2
-        self.covariance = (
-            self.covariance
-            + STRIP.yaw_sigma**2 * np.outer(sideways, sideways)
-            + STRIP.pitch_sigma**2 * np.outer(upwards, upwards)
-            + np.diag([0.04, change, 0.04, change])
-        )
+        # A turn to the side moves both edges alike, one up or down each by its slope.
+        upwards = np.array([left, right])
+        moved = STRIP.yaw_sigma**2 + STRIP.pitch_sigma**2 * np.multiply.outer(upwards, upwards)
+        self.covariance[::2, ::2] += moved
+        self.covariance[_DIAGONAL, _DIAGONAL] += (0.04, change, 0.04, change)
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Describe the same edges on another derotation."""

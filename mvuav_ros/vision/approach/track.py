@@ -21,7 +21,7 @@ from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.probability import log_odds_of
 from mvuav_ros.vision.approach.search import LevelledImage, describe_around, ends_of
-from mvuav_ros.vision.approach.side_lines import LinedEdges
+from mvuav_ros.vision.approach.side_lines import SideLines
 from mvuav_ros.vision.approach.strip_edges import (
     EdgeLook,
     Edges,
@@ -33,11 +33,10 @@ from mvuav_ros.vision.approach.strip_edges import (
 from mvuav_ros.vision.approach.strips import (
     FollowedStrip,
     agrees,
-    apart,
     columns_at,
     is_plausible,
     points_along,
-    strip_through,
+    strip_along,
     strips_through,
 )
 from mvuav_ros.vision.approach.tuning import LINES, SEARCH, SHOULDERS, TRACK
@@ -96,10 +95,9 @@ class Hypotheses:
         self._odds += memory * (now - self._odds)
         all_odds = np.concatenate([self._odds, odds[known:]])
         count = np.concatenate([self._count, np.ones(len(odds) - known)])
-        width = max(float((frame[3] - frame[2]) * frame[5]), 1.0)
         columns = columns_at(measured, _rows(frame))
         rank = all_odds - TRACK.new_strip_margin * (count == 1.0)
-        kept = _distinct(columns, rank, max(TRACK.same_share * width, TRACK.same_px))
+        kept = _distinct(columns, rank, max(TRACK.same_share * _width(frame), TRACK.same_px))
         self._odds, self._count, self._kept = all_odds[kept], count[kept], kept
         return Weighed(measured[kept], self._shares(columns[kept]))
 
@@ -135,19 +133,27 @@ def _rows(frame: NDArray[np.float64]) -> NDArray[np.float64]:
     return rows
 
 
+def _width(strip: Strip) -> float:
+    """At the near end, px."""
+    return float((strip[3] - strip[2]) * strip[5])
+
+
 def _distinct(
     columns: NDArray[np.float64], odds: NDArray[np.float64], apart: float
 ) -> NDArray[np.intp]:
-    """Numbers of the strips that differ, best first, without hopeless ones."""
+    """Numbers of the strips that are so many px apart, best first, without hopeless ones.
+
+    They are known by `columns_at`.
+    """
+    order = np.argsort(-odds, kind='stable')
+    order = order[odds[order] >= odds.max(initial=-np.inf) + TRACK.max_odds_below]
+    differ = np.abs(columns[order, None] - columns[order]).max(axis=(2, 3)) > apart
     kept: list[int] = []
-    if not odds.size:
-        return np.array(kept, np.intp)
-    for index in np.argsort(-odds, kind='stable'):
-        if not odds[index] >= odds.max() + TRACK.max_odds_below or len(kept) == TRACK.max_strips:
-            break
-        if not kept or (np.abs(columns[kept] - columns[index]).max(axis=(1, 2)) > apart).all():
-            kept.append(int(index))
-    return np.array(kept, np.intp)
+    for place in range(len(order)):
+        if differ[place, kept].all():
+            kept.append(place)
+    first: NDArray[np.intp] = order[kept[: TRACK.max_strips]]
+    return first
 
 
 class View(NamedTuple):
@@ -241,7 +247,7 @@ class RunwayTrack(FollowedStrip):
         self.agreement = 1.0
         self._found = [strip]
         self._hypotheses = Hypotheses()
-        self._look, self._lines, self.kinds = EdgeLook(), LinedEdges(), EdgeKinds()
+        self._look, self._lines, self.kinds = EdgeLook(), SideLines(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested = 0
         self._sharp = 0.0
@@ -266,7 +272,8 @@ class RunwayTrack(FollowedStrip):
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""
-        self._found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
+        found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
+        self._found = [strip for strip in found if np.isfinite(strip).all()]
         super().turn(old, new)
 
     def step(self, view: View, period: int, *, shown: bool = False) -> None:
@@ -276,12 +283,9 @@ class RunwayTrack(FollowedStrip):
         """
         if self.age:
             self.shape.predict(*view.registration.shift(self.strip(), view.frame.level))
-        before = self.strip()
-        if is_plausible(before, view.working.size):
-            self._follow(view, period, shown)
         if is_plausible(self.strip(), view.working.size):
-            self._lines.move(before, self.strip())
-        else:
+            self._follow(view, period, shown)
+        if not is_plausible(self.strip(), view.working.size):
             self.give_up()
 
     def _follow(self, view: View, period: int, shown: bool) -> None:
@@ -294,11 +298,16 @@ class RunwayTrack(FollowedStrip):
         elif dim:
             period *= 2
         if self._rested < period and self.age > 1:
-            if self.locked or self.points is not None:
+            if shown and not dim and (self.locked or self.points is not None):
                 strip = self.strip()
-                self._measure(
-                    view, strip, strip[1] + strip[4:6], weighed=False, rest=dim or not shown
-                )
+                wide = _width(strip) >= LINES.max_width
+                if wide and self.kinds.likeliest is EdgeKind.STRIPS:
+                    # About a mean of strips, steps that are not there say nothing of their kind.
+                    self.points = self._predicted()
+                else:
+                    self._measure(view, strip, strip[1] + strip[4:6], weighed=False)
+            elif self.points is not None:
+                self.points = self._predicted()
             return
         share, self._rested = float(self._rested), 0
         self._lock()
@@ -327,7 +336,7 @@ class RunwayTrack(FollowedStrip):
             return
         strip = self.strip()
         self.locked = (
-            float((strip[3] - strip[2]) * strip[5]) > TRACK.lock_width
+            _width(strip) > TRACK.lock_width
             and self.age > TRACK.lock_age
             and self.log_odds > TRACK.lock_odds
             and exact > TRACK.lock_share
@@ -344,9 +353,10 @@ class RunwayTrack(FollowedStrip):
         measured, features, valid = seen
         odds = np.where(valid, log_odds_of(features), -np.inf)
         best = int(odds.argmax())
-        now = float(odds[best]) + math.log(
-            float(np.exp(odds[apart(measured, odds)] - odds[best]).sum())
-        )
+        columns = columns_at(measured, _rows(measured[best]))
+        apart = TRACK.alike_share * _width(measured[best]) + TRACK.alike_px
+        differing = _distinct(columns, odds, apart)
+        now = float(odds[best]) + math.log(float(np.exp(odds[differing] - odds[best]).sum()))
         memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
         self.log_odds += memory * (now - self.log_odds)
         strips, shares = self._hypotheses.weigh(measured, odds, share, frame)
@@ -358,8 +368,7 @@ class RunwayTrack(FollowedStrip):
         self._spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
         near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance(float(mean[1, 1] - mean[0, 1]))
         self.agreement += memory * (float(shares[near].sum()) - self.agreement)
-        through = strip_through(mean, rows, likeliest[4:6])
-        self._lines.expect(self.strip(), through)
+        through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)
         self._ends_at(rows)
         self.open_end = bool(features[best, _OPEN] > 0.5)
@@ -373,28 +382,27 @@ class RunwayTrack(FollowedStrip):
         rows: NDArray[np.float64],
         *,
         weighed: bool,
-        rest: bool = False,
     ) -> None:
         """Find the edges about a strip between two rows, by the likeliest kind that is seen."""
         corners = columns_at(strip[None], rows)[0]
         width = float(corners[1, 1] - corners[0, 1])
         mean = points_along(corners, rows, self._spread)
-        if rest:
-            self.points = mean
-            return
         measured = {EdgeKind.STRIPS: mean} if weighed and not self.locked else {}
         evidence: dict[EdgeKind, float] = {}
-        coloured = self._look.coloured
+        # Between weighings no other kind is looked for where one is all but certain.
+        likeliest = self.kinds.likeliest
+        sure = not weighed and self.kinds.share(likeliest) > TRACK.lock_share
+        lines_alone = sure and likeliest is EdgeKind.LINE
+        coloured = self._look.coloured and not lines_alone
         if weighed or coloured or width >= LINES.max_width:
             self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
-        by_colour = coloured and EdgeKind.STEP in measured
-        if by_colour:
-            self._lines.expect_colour(self.strip(), measured[EdgeKind.STEP])
+        steps = measured.get(EdgeKind.STEP)
         # Far away a line is thinner than a pixel, and colour shows the edge better.
-        if width >= LINES.max_width:
-            evidence[EdgeKind.LINE] = TRACK.lines_seen[False]
-        elif not (by_colour and width < TRACK.lock_width):
-            lines = self._lines.find(view.frame, self.strip(), strip)
+        enough = (coloured and width < TRACK.lock_width) or (sure and not lines_alone)
+        if steps is None or not enough:
+            by_colour = steps if coloured else None
+            known = by_colour or (self._predicted() if weighed else None)
+            lines = self._lines.find(view.frame, strip, known, coloured=by_colour is not None)
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
             if lines is not None:
                 measured[EdgeKind.LINE] = lines
@@ -409,12 +417,18 @@ class RunwayTrack(FollowedStrip):
             self.shape.update(self.points, view.horizon if weighed else None)
         elif not self.locked:
             # Not replaced by another kind's, which would be elsewhere.
-            own = columns_at(self.strip()[None], rows)[0]
-            self.points = points_along(own, rows, self._spread)
-        if self.locked and width > SHOULDERS.min_width:
+            self.points = self._predicted()
+        exact = self.kinds.likeliest is not EdgeKind.STRIPS
+        if weighed and exact and width > SHOULDERS.min_width:
             shown = shows_shoulders(view.frame, self.strip())
             if shown is not None:
                 self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)
+
+    def _predicted(self) -> Edges:
+        """Points along the edges as followed."""
+        strip = self.strip()
+        rows = strip[1] + strip[4:6]
+        return points_along(columns_at(strip[None], rows)[0], rows, self._spread)
 
     def _find_steps(
         self,
@@ -427,15 +441,21 @@ class RunwayTrack(FollowedStrip):
         weighed: bool,
     ) -> None:
         """Find the steps along both edges."""
-        width = float(strip[3] - strip[2]) * strip[5]
+        width = _width(strip)
         wide = width >= TRACK.wide
         steps = self._look.find(view.frame, strip, wide=wide)
+        if wide and weighed and support(steps) < TRACK.lock_support:
+            # Strips are found on an image that is the coarser the wider they are.
+            coarse = self._look.find(view.frame, strip, wide=wide, far_off=True)
+            if support(coarse) > support(steps) + TRACK.min_support:
+                steps = self._look.find(view.frame, strip_along(coarse, strip), wide=wide)
         clear = support(steps)
         odds = TRACK.support_odds * (clear - TRACK.min_support)
         if self._look.coloured and width < TRACK.colour_width:
             odds += TRACK.colour_odds
-        trusted = wide and clear > TRACK.min_support and (weighed or self.locked)
-        if trusted or all(map(agrees, steps, mean)):
+        # Between weighings the strip's place is no more than a guess: plain steps are better.
+        needed = TRACK.min_support if weighed or self.locked else TRACK.lock_support
+        if (wide and clear > needed) or all(map(agrees, steps, mean)):
             measured[EdgeKind.STEP] = steps
             if weighed:
                 self._sharp += TRACK.sharp_memory * (clear - self._sharp)

@@ -50,6 +50,9 @@ class HorizonTuning:
     min_strength: float = 3.0  # grey levels of the mean step across a horizon
     max_texture: float = 0.4  # texture above a horizon per step across it
     sky_rows: int = 12  # rows above it whose texture is measured
+    # grey levels by which all above it is brighter than as many rows below: 33 and more with sky,
+    # up to 22 without. Run 5 and the simulator's flights that look down
+    min_contrast: float = 25.0
     min_sky_rows: int = 3  # rows of sky that must be in view
     column_step: int = 4  # px between the columns of the refinement
     reach: int = 5  # px above and below the expected line
@@ -76,7 +79,7 @@ class MotionTuning:
     corner_distance: float = 5.0  # px between corners
     flow_window: tuple[int, int] = (9, 9)  # px around a corner that are compared
     flow_levels: int = 2  # levels of the pyramid above the finest
-    period: int = 3  # frames from one comparison to the next
+    period: int = 6  # frames from one comparison to the next
     max_period: int = 12  # frames after which other corners are taken
     max_still: float = 0.25  # px by which a corner that stands still may seem to have moved
     # px by which the ground must have moved before standing still says anything
@@ -98,6 +101,8 @@ class EdgesTuning:
     reach: float = 0.35  # widths searched on both sides of the expected edge
     min_reach: float = 3.0  # px, likewise
     max_reach: float = 8.0  # px, likewise
+    # widths, likewise, of a strip that was found on a coarse image: 2 px of its level
+    far_reach: float = 0.12
     # a row supports an edge with a step of this share of the strip's contrast
     min_step_share: float = 0.25
     widths_per_step: float = 12.0  # width of the strip over the length of a step
@@ -116,10 +121,9 @@ class EdgesTuning:
 class LinesTuning:
     """Of the lines along a runway's sides, in widths of the runway. Runs 3, 5 and variants."""
 
-    memory: float = 0.1  # share of a new frame in how clear a line is on average
+    memory: float = 0.1  # share of a new frame in how often shoulders have lines
     # between places of one line in two frames, and between like gaps of both sides
     same: float = 0.1
-    choice_reach: float = 0.3  # from an expected edge to the lines that are compared
     # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
     # in run 5 0.9
     clear_share: float = 0.85
@@ -128,7 +132,6 @@ class LinesTuning:
     away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
-    min_kept: float = 0.05  # average clearness below which a line is given up
     min_clear: float = 0.01  # from 0 to 1, from which a line is compared with the other side's
     step: float = 0.02  # between samples across an edge
     reach: float = 0.5  # of the samples on both sides of an expected edge
@@ -147,7 +150,6 @@ class LinesTuning:
     min_clearness: float = 1.2  # of the fainter line, in usual ridges of the place
     min_depth: float = 2.0  # grey levels below a line that are dark
     max_ridge: float = 4.0  # usual ridges: more counts as that, so that one lamp is not a line
-    compared_depth: float = 0.7  # share of the near end's depth in which edges are compared
 
 
 @dataclass(frozen=True)
@@ -164,6 +166,9 @@ class ShouldersTuning:
     beyond: float = 0.3  # sampled outside of the edge
     window: float = 2.0  # px of the means whose difference is a step: the blur of run 3
     min_step: float = 0.034  # share of the mean brightness
+    min_apart: float = 0.05  # from the edge's own step: nearer ones are within the tolerance
+    # of the edge's own step: run 3's shoulders have 0.19 and more, land in simulated flights 0.1
+    min_step_share: float = 0.15
     # share of the mean brightness by which it stands out from what is between
     min_clearness: float = 0.0064
 
@@ -288,6 +293,9 @@ class TrackTuning:
     new_strip_margin: float = 1.5
     same_share: float = 0.06  # widths between edges of strips that are the same
     same_px: float = 0.6  # px, likewise
+    # widths and px between edges of strips whose odds are added up, as they are not the same
+    alike_share: float = 0.08
+    alike_px: float = 0.5
     young_weighings: float = 2.0  # weighings after which a strip counts half
     # px of width, and by what log odds are divided there, as frames err alike
     hot: tuple[float, float] = (20.0, 2.5)
@@ -300,8 +308,8 @@ class TrackTuning:
     # px of the near end, from which lines are so far apart that edges are the clearest steps
     wide: float = 18.0
     min_support: float = 0.25  # of the edges, 0 to 1, from which that holds
-    # share of a frame that shows shoulders, and of one that does not
-    shoulder_memory: tuple[float, float] = (0.3, 0.1)
+    # share of a weighing that shows shoulders, and of one that does not
+    shoulder_memory: tuple[float, float] = (0.8, 0.4)
     # what of it makes them possible and certain. Run 3
     shoulder_range: tuple[float, float] = (0.3, 0.6)
     strips_around: int = 8  # tried around the mean each time
@@ -343,10 +351,13 @@ class TrackerTuning:
     max_weighed: int = 14  # of the strips that a share of the search finds
     best_period: int = 6  # frames from one weighing of the best track to the next
     others_period: int = 12  # the same of others
+    others_certain: int = 24  # the same of others, with a runway
     scene_frames: int = 24  # for which the image as a whole is taken to stay alike
     max_hidden: float = 0.5  # share of a strip's edges: more is the edge of an overlay
     min_odds: float = -5.0  # log odds of a track
     min_start_odds: float = -3.0  # log odds of a candidate
+    # log odds lost by what lies above a horizon that the image has shown for longer. Text in run 3
+    above_horizon_odds: float = 1.0
     switch_margin: float = 0.7  # log odds by which another track must be better than the one shown
     max_taken: int = 24  # candidates of one search that are followed
     max_below_best: float = 6.0  # log odds below the best candidate

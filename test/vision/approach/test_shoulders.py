@@ -13,7 +13,7 @@ STRIP = np.array([X, Y, -SLOPE, SLOPE, *SPAN])
 LAND, PAVEMENT, LINE = 150, 180, 230
 
 
-def runway(left=1.0, right=1.0, land=LAND, shift=0.0):
+def runway(left=1.0, right=1.0, land=LAND, shift=0.0, line=LINE):
     """Pavement with side lines, which goes on to so many half widths on either side."""
     fine = 4
     rows = (np.arange(240 * fine)[:, None] + 0.5) / fine - 0.5
@@ -23,7 +23,7 @@ def runway(left=1.0, right=1.0, land=LAND, shift=0.0):
     image = np.full(aside.shape, land, np.float32)
     within = (depth > SPAN[0]) & (depth < SPAN[1])
     image[within & (aside > -left) & (aside < right)] = PAVEMENT
-    image[within & (np.abs(aside) > 0.94) & (np.abs(aside) < 1.0)] = LINE
+    image[within & (np.abs(aside) > 0.94) & (np.abs(aside) < 1.0)] = line
     return cv2.resize(image, (320, 240), interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
@@ -58,3 +58,13 @@ def test_noise_is_no_shoulder():
 def test_nothing_is_known_where_the_frame_ends_beside_the_runway():
     aside = STRIP + np.array([140.0, 0, 0, 0, 0, 0])
     assert shoulders(runway(1.2, 1.2, shift=140.0), aside) is None
+
+
+def test_beside_an_edge_that_is_plain_to_see_a_faint_step_is_none():
+    """Here land whose brightness changes by 7 grey levels beside a step of 80 and more."""
+    assert shoulders(runway(1.2, 1.2, land=PAVEMENT - 7, line=90)) is False
+    assert shoulders(runway(1.2, 1.2, land=PAVEMENT - 30, line=90))
+
+
+def test_a_step_within_the_tolerance_is_none():
+    assert shoulders(runway(1.06, 1.06)) is False

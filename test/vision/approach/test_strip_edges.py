@@ -1,0 +1,36 @@
+"""Steps along a strip's edges, against where they were drawn."""
+
+import numpy as np
+import pytest
+
+from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.strip_edges import EdgeLook, LevelledFrame
+from mvuav_ros.vision.approach.strips import strip_along
+from mvuav_ros.vision.approach.tuning import TRACK
+
+STRIP = np.array([160.0, -30.0, -0.8, 0.8, 40.0, 180.0])
+"""Of 288 px."""
+
+
+def frame():
+    rows, columns = np.mgrid[:240, :320]
+    depth = rows - STRIP[1]
+    within = np.abs(columns - STRIP[0]) < STRIP[3] * depth
+    image = np.where(within, 90, 140).astype(np.uint8)
+    return LevelledFrame(image, Derotation(320, 240, 1, 0.0))
+
+
+def test_wide_edges_are_found_where_a_coarse_image_did_not_show_them_exactly():
+    """20 px outside of where they are expected."""
+    expected = STRIP.copy()
+    expected[2:4] *= 0.86
+    near = EdgeLook().find(frame(), expected, wide=True)
+    assert min(edge.support for edge in near) < TRACK.min_support
+    far = EdgeLook().find(frame(), expected, wide=True, far_off=True)
+    assert min(edge.support for edge in far) > 0.5
+    exact = EdgeLook().find(frame(), strip_along(far, expected), wide=True)
+    assert min(edge.support for edge in exact) > 0.9
+    for edge, slope in zip(exact, STRIP[2:4], strict=True):
+        true = STRIP[0] + slope * (edge.rows - STRIP[1])
+        seen = (true > 4) & (true < 315)
+        assert edge.columns[seen] == pytest.approx(true[seen], abs=1.0)

@@ -1,0 +1,67 @@
+"""What is followed against what the picture shows of a horizon, and where strips are searched."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
+from mvuav_ros.vision.approach.search import fan_jobs
+from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
+from mvuav_ros.vision.approach.track import RunwayTrack
+from mvuav_ros.vision.approach.tuning import SEARCH
+
+LEVEL = Derotation(320, 240, 1, 0.0)
+BANKED = Derotation(320, 240, 1, math.radians(33.0))
+STRIP = np.array([152.0, -14.0, -1.2, 1.6, 16.0, 100.0])
+"""Seen from near by; its edges meet above the picture."""
+
+
+def following(log_odds):
+    """A tracker that has followed the strip in one frame."""
+    tracker = RunwayTracker()
+    tracker._level = LEVEL
+    tracker.best = RunwayTrack(STRIP, log_odds)
+    tracker.best.age = 10
+    tracker.tracks = [tracker.best]
+    return tracker
+
+
+def test_a_horizon_under_which_the_runway_would_lie_on_its_side_is_none():
+    assert following(3.0).allows(LEVEL, -10.0, 9)
+    assert not following(3.0).allows(BANKED, 12.0, 9)
+
+
+@pytest.mark.parametrize('row', [-90.0, 40.0])
+def test_a_horizon_far_from_where_the_runways_edges_meet_is_none(row):
+    assert not following(3.0).allows(LEVEL, row, 9)
+
+
+def test_what_may_be_no_runway_or_is_younger_says_nothing_of_the_horizon():
+    assert following(-1.0).allows(BANKED, 12.0, 9)
+    assert following(3.0).allows(BANKED, 12.0, 10)
+    assert RunwayTracker().allows(BANKED, 12.0, 9)
+
+
+def test_what_lies_above_a_horizon_is_likelier_something_else():
+    tracker = following(0.5)
+    known = tracker.confidence
+    tracker.above_horizon = True
+    assert tracker.confidence < known
+
+
+def test_a_strip_on_its_side_is_none():
+    assert np.isnan(turn_strips(STRIP[None], LEVEL, BANKED)).all()
+    (there,) = turn_strips(STRIP[None], LEVEL, Derotation(320, 240, 1, 0.1))
+    (back,) = turn_strips(there[None], Derotation(320, 240, 1, 0.1), LEVEL)
+    assert back[:4] == pytest.approx(STRIP[:4])
+
+
+@pytest.mark.parametrize('level', range(4))
+def test_the_search_begins_where_the_compared_part_of_a_strip_does(level):
+    """However far above the picture vanishing points are looked for."""
+    for first in (-96.0, -80.0):
+        for depth, rows in fan_jobs(first, 7.0, level):
+            top = 0.5 - SEARCH.first_row * depth
+            assert rows[0] == pytest.approx(max(first, top))
+            assert max(rows) >= 7.0 - 0.2 * depth
