@@ -74,7 +74,7 @@ class ViewTuning:
     max_kept: int = 8  # frames in which a gain serves
     # While it does: the prior variances over those of the gain before, as a gain that still settles
     # would settle later; and part by which the time between two frames has changed.
-    same_variance: tuple[float, float] = (0.98, 1.3)
+    same_variance: tuple[float, float] = (0.95, 1.3)
     same_step: float = 0.2
     # rad, and logarithms: of the view since then. The slopes leave half its square, 0.02 px.
     same_view: float = 0.015
