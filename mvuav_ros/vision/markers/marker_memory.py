@@ -340,8 +340,8 @@ class MarkerMemory:
         checked = len(seen) >= FAULTS.min_agreeing
         # What four and more agree on, another light would contradict.
         doubtful = others and not checked
-        firm = {m for m in seen - self.doubtful if not self.markers[m].unseen}
-        firm -= self.untrusted
+        firm = seen - self.doubtful - self.untrusted
+        firm = {index for index in firm if not self.markers[index].unseen}
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
@@ -351,7 +351,8 @@ class MarkerMemory:
                 marker.weigh((1.0 if is_new else usual) * (own - other))
             if index in given or (doubtful and marker.untrusted and self._was_checked):
                 # By fewer than two others hardly anything is known of its place.
-                known = len(firm - {index}) >= 2 or not doubtful
+                followed = not (marker.untrusted or marker.unseen)
+                known = followed or len(firm - {index}) >= 2 or not doubtful
                 marker.give(own if known else other, other, doubtful, known)
         self._was_checked = checked
 
