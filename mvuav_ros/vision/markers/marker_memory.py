@@ -151,12 +151,10 @@ class KnownMarker:
         """Bayes's rule for a light that has been given the name by its place.
 
         The logarithms of its densities are its own and that of another light close by, per px²;
-        others are about or not; the body was followed to this frame or not.
+        others are about or not; it was followed to this frame, in no doubt, or not.
         """
         among_others, alone, usual = CONFIDENCE.beside
-        beside = among_others if others else alone
-        if followed and not self.unseen:
-            beside = usual
+        beside = usual if followed else among_others if others else alone
         anywhere = CONFIDENCE.density if others else 0.0
         odds = own - math.log(beside * math.exp(other) + anywhere)
         odds = min(odds, CONFIDENCE.first if self.unseen else self.odds)
@@ -353,7 +351,7 @@ class MarkerMemory:
                 # By fewer than two others hardly anything is known of its place.
                 followed = not (marker.untrusted or marker.unseen)
                 known = followed or len(firm - {index}) >= 2 or not doubtful
-                marker.give(own if known else other, other, doubtful, known)
+                marker.give(own if known else other, other, doubtful, followed)
         self._was_checked = checked
 
 
