@@ -143,8 +143,8 @@ class KnownMarker:
 
     def weigh(self, ratio: float) -> None:
         """Bayes's rule with a log ratio of likelihoods, after a frame in which it may be stolen."""
-        kept = (1.0 - CONFIDENCE.stolen) / (1.0 + math.exp(-self.odds))
-        odds = math.log(kept / (1.0 - kept)) + ratio
+        kept = (1.0 - CONFIDENCE.stolen) / (CONFIDENCE.stolen + math.exp(-self.odds))
+        odds = math.log(kept) + ratio
         self.odds = min(max(odds, CONFIDENCE.least), CONFIDENCE.most)
 
     def give(self, own: float, other: float, others: bool, followed: bool) -> None:
@@ -340,8 +340,10 @@ class MarkerMemory:
         checked = len(seen) >= FAULTS.min_agreeing
         # What four and more agree on, another light would contradict.
         doubtful = others and not checked
-        firm = {m for m in seen - self.doubtful if not self.markers[m].unseen}
-        firm -= self.untrusted
+        firm: set[int] = set()
+        if given or doubtful:
+            firm = {m for m in seen - self.doubtful if not self.markers[m].unseen}
+            firm -= self.untrusted
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
