@@ -151,12 +151,10 @@ class KnownMarker:
         """Bayes's rule for a light that has been given the name by its place.
 
         The logarithms of its densities are its own and that of another light close by, per px²;
-        others are about or not; the body was followed to this frame or not.
+        others are about or not; it was followed to this frame, in no doubt, or not.
         """
         among_others, alone, usual = CONFIDENCE.beside
-        beside = among_others if others else alone
-        if followed and not self.unseen:
-            beside = usual
+        beside = usual if followed else among_others if others else alone
         anywhere = CONFIDENCE.density if others else 0.0
         odds = own - math.log(beside * math.exp(other) + anywhere)
         odds = min(odds, CONFIDENCE.first if self.unseen else self.odds)
@@ -340,10 +338,10 @@ class MarkerMemory:
         checked = len(seen) >= FAULTS.min_agreeing
         # What four and more agree on, another light would contradict.
         doubtful = others and not checked
-        firm: set[int] = set()
-        if given or doubtful:
-            firm = {m for m in seen - self.doubtful if not self.markers[m].unseen}
-            firm -= self.untrusted
+        firm: Set[int] = set()
+        if doubtful:
+            firm = seen - self.doubtful - self.untrusted
+            firm = {index for index in firm if not self.markers[index].unseen}
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
@@ -353,8 +351,9 @@ class MarkerMemory:
                 marker.weigh((1.0 if is_new else usual) * (own - other))
             if index in given or (doubtful and marker.untrusted and self._was_checked):
                 # By fewer than two others hardly anything is known of its place.
-                known = len(firm - {index}) >= 2 or not doubtful
-                marker.give(own if known else other, other, doubtful, known)
+                followed = not (marker.untrusted or marker.unseen)
+                known = followed or not doubtful or len(firm - {index}) >= 2
+                marker.give(own if known else other, other, doubtful, followed)
         self._was_checked = checked
 
 

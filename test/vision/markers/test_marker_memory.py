@@ -22,7 +22,7 @@ def densities(deviation, away=0.0):
 
 def returned(deviation, others, away=0.0):
     marker = KnownMarker(30.0, 1.0, 3.0, unseen=5)
-    marker.give(*densities(deviation, away), others=others, followed=True)
+    marker.give(*densities(deviation, away), others=others, followed=False)
     return marker.confidence
 
 
