@@ -28,6 +28,7 @@ Distance = tuple[float, float, float, float]
 """Factors of x², x y and y², and the logarithm of the determinant of the place's covariance."""
 BESIDE = 6.0
 """px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
+_LOG_TURN = math.log(2.0 * math.pi)
 _FREEDOM = 4.0  # Degrees, of the distribution of a place about where the others put it
 
 
@@ -88,7 +89,11 @@ class Gain:
     @cached_property
     def effect(self) -> Array:
         """(f, s + 2 k, 2 k): what makes innovations the state's change and weighed ones."""
-        return np.concatenate((self.towards @ self.weight, self.weight), axis=1)
+        return np.concatenate((self._kalman, self.weight), axis=1)
+
+    @cached_property
+    def _kalman(self) -> Array:
+        return np.asarray(self.towards @ self.weight)
 
     @cached_property
     def after(self) -> Array:
@@ -97,7 +102,7 @@ class Gain:
         With K the gain, H the slopes and P the prior's covariance, it is A - (A H - K R) K^T, where
         A = (I - K H^T) P.
         """
-        gain = self.towards @ self.weight
+        gain = self._kalman
         transposed = gain.transpose(0, 2, 1)
         left = self.covariance - gain @ self.towards.transpose(0, 2, 1)
         rest = left[:, :, :COUNT] @ self.slopes
@@ -264,7 +269,7 @@ def log_density(square: float, log_determinant: float) -> float:
     Its tails are wider than a normal distribution's: at times a motion was not foreseen.
     """
     tail = (0.5 * _FREEDOM + 1.0) * math.log1p(square / _FREEDOM)
-    return -tail - 0.5 * log_determinant - math.log(2.0 * math.pi)
+    return -tail - 0.5 * log_determinant - _LOG_TURN
 
 
 def _seen(columns: NDArray[np.intp], expected: Array, slopes: Array) -> tuple[Array, Array]:

@@ -330,16 +330,16 @@ class ViewFilter:
     def _learn_motion(self, newest: list[Correction]) -> None:
         """The steps from the predicted views over their variances give the process noise."""
         gain, frames = newest[0].gain, len(newest)
-        steps = np.array([correction.change[0, :COUNT] for correction in newest])
-        expected = (gain.covariance[0].diagonal() - gain.after[0].diagonal())[:COUNT]
-        ratios = (steps * steps / np.maximum(expected, 1e-12)).dot(_ALIKE)
+        changes = [(one.change[0, :COUNT], one.before[0, COUNT:]) for one in newest]
+        steps, rates = np.square(changes).swapaxes(0, 1)
+        expected = (gain.covariance[0] - gain.after[0]).diagonal()[:COUNT]
+        ratios = (steps / np.maximum(expected, 1e-12)).dot(_ALIKE)
         shown = np.minimum(ratios, TUNING.max_step)
         growth = (1.0 - TUNING.motion_learning) + TUNING.motion_learning * shown
         motion = self._motion * np.multiply.reduce(growth, axis=0)
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
-        rates = np.array([correction.before[0, COUNT:] for correction in newest])
         faded = TUNING.max_motion_memory**frames * self._max_motion
-        self._max_motion = np.maximum(faded, (rates * rates).max(axis=0) * _LIVELY)
+        self._max_motion = np.maximum(faded, rates.max(axis=0) * _LIVELY)
 
     def _learn_rig_error(self, newest: list[Correction], seen: int) -> None:
         """How well markers that agree fit shows how exact the rig is; less exact only slowly."""
