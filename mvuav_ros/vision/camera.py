@@ -216,9 +216,8 @@ class CameraModel:
         given = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 3)
         if not len(given):
             return np.empty((0, 2)), np.empty((0, 6))
-        first, project = 0, cv2.projectPoints
-        if self.is_fisheye:
-            first, project = 8, cv2.fisheye.projectPoints
+        first = 8 if self.is_fisheye else 0
+        project: Any = cv2.fisheye.projectPoints if self.is_fisheye else cv2.projectPoints
         turn, place = np.asarray(rvec, np.float64), np.asarray(tvec, np.float64)
         seen, slopes = project(given, turn, place, self.matrix, self.distortion)
         return seen.reshape(-1, 2), slopes[:, first : first + 6]
