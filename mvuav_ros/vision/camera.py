@@ -207,25 +207,20 @@ class CameraModel:
         self, points: ArrayLike, rvec: ArrayLike = _NOWHERE, tvec: ArrayLike = _NOWHERE
     ) -> Array:
         """Where points are seen: (n, 3) m, moved by ``rvec`` (rad) and ``tvec`` (m); (n, 2) px."""
-        return self._project(points, rvec, tvec)[0]
+        return self.project_with_jacobian(points, rvec, tvec)[0]
 
     def project_with_jacobian(
         self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
     ) -> tuple[Array, Array]:
         """`project`, and its derivative (2n, 6) by ``rvec`` and ``tvec``."""
-        pixels, jacobian = self._project(points, rvec, tvec)
-        first = 8 if self.is_fisheye else 0
-        return pixels, jacobian[:, first : first + 6]
-
-    def _project(self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike) -> tuple[Array, Array]:
         given = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 3)
-        turn = np.array(rvec, np.float64).reshape(3, 1)
-        place = np.array(tvec, np.float64).reshape(3, 1)
         if not len(given):
-            return np.empty((0, 2)), np.empty((0, 15))
+            return np.empty((0, 2)), np.empty((0, 6))
+        first = 8 if self.is_fisheye else 0
         project: Any = cv2.fisheye.projectPoints if self.is_fisheye else cv2.projectPoints
-        seen, jacobian = project(given, turn, place, self.matrix, self.distortion)
-        return np.asarray(seen, np.float64).reshape(-1, 2), np.asarray(jacobian, np.float64)
+        turn, place = np.asarray(rvec, np.float64), np.asarray(tvec, np.float64)
+        seen, slopes = project(given, turn, place, self.matrix, self.distortion)
+        return seen.reshape(-1, 2), slopes[:, first : first + 6]
 
     @property
     def widest(self) -> float:

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.image import Image
@@ -299,23 +298,21 @@ def _places(owner: Integers, x: Array, y: Array, weights: Array, area: Array) ->
 def _pulls(gray: Pixels, measured: Array, mass: Array) -> Array:
     """How far the background pulls each light, (n, 2) px; see `CentroidMeter`."""
     pulls = np.zeros((len(measured), 2))
-    x, y, area, _ = measured.T
-    radii = np.round(np.sqrt(area / math.pi)).astype(np.intp)
-    columns = np.floor(np.nan_to_num(x) + 0.5).astype(np.intp)
-    rows = np.floor(np.nan_to_num(y) + 0.5).astype(np.intp)
-    height, width = gray.shape
-    for radius in np.unique(radii[area > 0]).tolist():
-        moment, half, factor = background_ring(radius)
-        inside = (columns >= half) & (rows >= half)
-        inside &= (columns < width - half) & (rows < height - half)
-        chosen = np.flatnonzero(inside & (radii == radius) & (area > 0))
-        if len(chosen) == 0:
-            continue
-        side = 2 * half + 1
-        around = sliding_window_view(gray, (side, side))[
-            rows[chosen] - half, columns[chosen] - half
+    bright = np.flatnonzero(measured[:, 2])
+    area = measured[bright, 2]
+    radii = np.round(np.sqrt(area / math.pi))
+    columns, rows = np.floor(measured[bright, :2].T + 0.5).astype(np.intp)
+    (height, width), share = gray.shape, (area / mass[bright])[:, None]
+    to_edge = np.minimum(np.minimum(columns, width - 1 - columns), rows)
+    to_edge = np.minimum(to_edge, height - 1 - rows)
+    for radius in set(radii.tolist()):
+        moment, half, factor = background_ring(int(radius))
+        chosen = np.flatnonzero((radii == radius) & (to_edge >= half))
+        around = [
+            gray[row - half : row + half + 1, column - half : column + half + 1]
+            for row, column in zip(rows[chosen].tolist(), columns[chosen].tolist(), strict=True)
         ]
-        pull = around.reshape(len(chosen), len(moment)).astype(np.float32) @ moment
-        pulls[chosen] = factor * (area / np.where(mass > 0, mass, 1.0))[chosen, None] * pull
+        rings = np.array(around, np.float32).reshape(len(chosen), len(moment))
+        pulls[bright[chosen]] = factor * share[chosen] * (rings @ moment)
     pulls[np.hypot(*pulls.T) >= MAX_PULL] = 0.0
     return pulls

@@ -143,8 +143,8 @@ class KnownMarker:
 
     def weigh(self, ratio: float) -> None:
         """Bayes's rule with a log ratio of likelihoods, after a frame in which it may be stolen."""
-        kept = (1.0 - CONFIDENCE.stolen) / (1.0 + math.exp(-self.odds))
-        odds = math.log(kept / (1.0 - kept)) + ratio
+        kept = (1.0 - CONFIDENCE.stolen) / (CONFIDENCE.stolen + math.exp(-self.odds))
+        odds = math.log(kept) + ratio
         self.odds = min(max(odds, CONFIDENCE.least), CONFIDENCE.most)
 
     def give(self, own: float, other: float, others: bool, followed: bool) -> None:
@@ -338,8 +338,10 @@ class MarkerMemory:
         checked = len(seen) >= FAULTS.min_agreeing
         # What four and more agree on, another light would contradict.
         doubtful = others and not checked
-        firm = seen - self.doubtful - self.untrusted
-        firm = {index for index in firm if not self.markers[index].unseen}
+        firm: Set[int] = set()
+        if doubtful:
+            firm = seen - self.doubtful - self.untrusted
+            firm = {index for index in firm if not self.markers[index].unseen}
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
@@ -350,7 +352,7 @@ class MarkerMemory:
             if index in given or (doubtful and marker.untrusted and self._was_checked):
                 # By fewer than two others hardly anything is known of its place.
                 followed = not (marker.untrusted or marker.unseen)
-                known = followed or len(firm - {index}) >= 2 or not doubtful
+                known = followed or not doubtful or len(firm - {index}) >= 2
                 marker.give(own if known else other, other, doubtful, followed)
         self._was_checked = checked
 

@@ -24,8 +24,11 @@ from mvuav_ros.vision.markers.rig_view import (
 )
 
 Point = tuple[float, float]
+Distance = tuple[float, float, float, float]
+"""Factors of x², x y and y², and the logarithm of the determinant of the place's covariance."""
 BESIDE = 6.0
 """px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
+_LOG_TURN = math.log(2.0 * math.pi)
 _FREEDOM = 4.0  # Degrees, of the distribution of a place about where the others put it
 
 
@@ -81,11 +84,16 @@ class Gain:
         spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
         spread.reshape(-1, count * count)[:, :: count + 1] += noise
         self.weight = _inverses(spread)
+        self._distances: dict[tuple[int, bool], list[Distance]] = {}
 
     @cached_property
     def effect(self) -> Array:
         """(f, s + 2 k, 2 k): what makes innovations the state's change and weighed ones."""
-        return np.concatenate((self.towards @ self.weight, self.weight), axis=1)
+        return np.concatenate((self._kalman, self.weight), axis=1)
+
+    @cached_property
+    def _kalman(self) -> Array:
+        return np.asarray(self.towards @ self.weight)
 
     @cached_property
     def after(self) -> Array:
@@ -94,7 +102,7 @@ class Gain:
         With K the gain, H the slopes and P the prior's covariance, it is A - (A H - K R) K^T, where
         A = (I - K H^T) P.
         """
-        gain = self.towards @ self.weight
+        gain = self._kalman
         transposed = gain.transpose(0, 2, 1)
         left = self.covariance - gain @ self.towards.transpose(0, 2, 1)
         rest = left[:, :, :COUNT] @ self.slopes
@@ -102,36 +110,30 @@ class Gain:
         left -= rest @ transposed
         return np.asarray(0.5 * (left + left.transpose(0, 2, 1)))
 
-    @cached_property
-    def blocks(self) -> tuple[Array, Array, Array]:
-        """Each marker's xx, xy and yy of `weight`, (f, k)."""
-        diagonal = self.weight.diagonal(axis1=1, axis2=2)
-        return diagonal[:, ::2], self.weight.diagonal(1, 1, 2)[:, ::2], diagonal[:, 1::2]
-
-    @cached_property
-    def distances(self) -> list[list[list[list[float]]]]:
+    def distances(self, row: int = 0, beside: bool = False) -> list[Distance]:
         """What makes weighed innovations squared distances from where the others put each marker.
 
-        With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
+        With w = S⁻¹ r, a filter's weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
         innovation by all other markers alone is B⁻¹ w with the covariance B⁻¹, of which the
-        marker's own variance is a part. Where it is another one by d, the squared distance is
-        w (B + d B²)⁻¹ w. First for the marker itself, then for a light beside it, for each filter
-        and marker: the factors of x², x y and y², and the logarithm of the determinant of B⁻¹ + d.
+        marker's own variance is a part. Where it is another one by d, as for a light beside the
+        marker, the squared distance is w (B + d B²)⁻¹ w, where B² is tr(B) B - det(B).
         """
-        xx, xy, yy = self.blocks
-        variances = np.array((self.own, self.own + BESIDE * BESIDE))
-        other = variances[:, None, None] - self.noise[:, ::2]
-        square = xy * xy
-        own = np.maximum(xx * yy - square, 1e-12 * xx * yy)
-        xx, xy, yy = (
-            xx + other * (xx * xx + square),
-            xy + other * (xy * (xx + yy)),
-            yy + other * (yy * yy + square),
-        )
-        size = np.maximum(xx * yy - xy * xy, 1e-12 * xx * yy)
-        factors = np.stack((yy / size, -2.0 * xy / size, xx / size, np.log(size / own**2)), axis=-1)
-        distances: list[list[list[list[float]]]] = factors.tolist()
-        return distances
+        found = self._distances.get((row, beside))
+        if found is None:
+            found = self._distances[row, beside] = []
+            own = self.own + BESIDE * BESIDE if beside else self.own
+            diagonal = self.weight[row].diagonal().tolist()
+            across = self.weight[row].diagonal(1)[::2].tolist()
+            noise = self.noise[row, ::2].tolist()
+            for xx, xy, yy, usual in zip(diagonal[::2], across, diagonal[1::2], noise, strict=True):
+                other = own - usual
+                size = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+                share, less = 1.0 + other * (xx + yy), other * size
+                wider = share + other * less  # the determinant of I + d B
+                both = wider * size
+                factors = (share * yy - less) / both, -2.0 * share * xy / both
+                found.append((*factors, (share * xx - less) / both, math.log(wider / size)))
+        return found
 
 
 @dataclass(eq=False)
@@ -226,11 +228,11 @@ class Correction:
     def nis_of(self, row: int, index: int) -> float:
         """How far a marker lies from where a filter's others put it (chi², two degrees)."""
         x, y = self._rows[row][2 * index], self._rows[row][2 * index + 1]
-        xx, xy, yy, _ = self.gain.distances[0][row][index]
+        xx, xy, yy, _ = self.gain.distances(row)[index]
         return (xx * x + xy * y) * x + yy * y * y
 
     def _squares(self, beside: bool = False) -> list[float]:
-        weighed, factors = self._rows[0], self.gain.distances[beside][0]
+        weighed, factors = self._rows[0], self.gain.distances(0, beside)
         return [
             (xx * x + xy * y) * x + yy * y * y
             for (xx, xy, yy, _), x, y in zip(factors, weighed[::2], weighed[1::2], strict=True)
@@ -241,7 +243,7 @@ class Correction:
 
         First that of the marker itself, then that of another light beside there (see `BESIDE`).
         """
-        (small, *_), (large, *_) = self.gain.distances
+        small, large = self.gain.distances(), self.gain.distances(beside=True)
         squares = zip(self.nis, self._squares(beside=True), strict=True)
         return {
             marker: (log_density(near, own[3]), log_density(far, wide[3]))
@@ -267,7 +269,7 @@ def log_density(square: float, log_determinant: float) -> float:
     Its tails are wider than a normal distribution's: at times a motion was not foreseen.
     """
     tail = (0.5 * _FREEDOM + 1.0) * math.log1p(square / _FREEDOM)
-    return -tail - 0.5 * log_determinant - math.log(2.0 * math.pi)
+    return -tail - 0.5 * log_determinant - _LOG_TURN
 
 
 def _seen(columns: NDArray[np.intp], expected: Array, slopes: Array) -> tuple[Array, Array]:

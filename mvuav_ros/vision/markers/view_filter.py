@@ -134,6 +134,8 @@ class ViewFilter:
         covariance[:COUNT, :COUNT] = view.covariance
         mean = np.concatenate((view.parameters, np.zeros(COUNT)))
         self._is_calibrated = shape.lens.focal is not None
+        walk = _WALK_NOISE * (np.arange(COUNT) < FOCAL) if self._is_calibrated else _WALK_NOISE
+        self._noises = _process_noises(walk)
         count = len(shape.points)
         least, most = TUNING.bending
         few = least <= 2 * count - self.unknowns <= most
@@ -167,13 +169,10 @@ class ViewFilter:
         """At `time`; after `predict` the prior of that frame."""
         if self._behind:
             self._learn()
-            walk, rate_noise = self._motion * _WALK_NOISE, self._motion * _RATE_NOISE
-            if self._is_calibrated:
-                walk[FOCAL:] = 0.0
             before = self._covariances.reshape(-1, _STATES).dot(self._transition)
-            noise = _process_noise(self._behind, walk, rate_noise)
             across = self._transition.T @ before.reshape(self._covariances.shape)
-            self._covariances, self._behind = across + noise, 0.0
+            noise = _noise_weights(self._behind).dot(self._noises).reshape(-1, COUNT) * self._motion
+            self._covariances, self._behind = across + noise.reshape(_STATES, _STATES), 0.0
             self.means[:, :COUNT] = possible(self.means[:, :COUNT])
             old, new = self._variances, self._covariances[0].diagonal()[:COUNT]
             least, most = TUNING.same_variance
@@ -331,16 +330,16 @@ class ViewFilter:
     def _learn_motion(self, newest: list[Correction]) -> None:
         """The steps from the predicted views over their variances give the process noise."""
         gain, frames = newest[0].gain, len(newest)
-        steps = np.array([correction.change[0, :COUNT] for correction in newest])
-        expected = (gain.covariance[0].diagonal() - gain.after[0].diagonal())[:COUNT]
-        ratios = (steps * steps / np.maximum(expected, 1e-12)).dot(_ALIKE)
+        changes = [(one.change[0, :COUNT], one.before[0, COUNT:]) for one in newest]
+        steps, rates = np.square(changes).swapaxes(0, 1)
+        expected = (gain.covariance[0] - gain.after[0]).diagonal()[:COUNT]
+        ratios = (steps / np.maximum(expected, 1e-12)).dot(_ALIKE)
         shown = np.minimum(ratios, TUNING.max_step)
         growth = (1.0 - TUNING.motion_learning) + TUNING.motion_learning * shown
         motion = self._motion * np.multiply.reduce(growth, axis=0)
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
-        rates = np.array([correction.before[0, COUNT:] for correction in newest])
         faded = TUNING.max_motion_memory**frames * self._max_motion
-        self._max_motion = np.maximum(faded, (rates * rates).max(axis=0) * _LIVELY)
+        self._max_motion = np.maximum(faded, rates.max(axis=0) * _LIVELY)
 
     def _learn_rig_error(self, newest: list[Correction], seen: int) -> None:
         """How well markers that agree fit shows how exact the rig is; less exact only slowly."""
@@ -362,16 +361,18 @@ def _transition(elapsed: float) -> Array:
     return transition
 
 
-def _process_noise(elapsed: float, walk: Array, rate_noise: Array) -> Array:
-    """What white noise (variances per s, (8,)) adds to the covariance in so many s, (16, 16)."""
+def _process_noises(walk: Array) -> Array:
+    """(4, 256): parts of what white noise (walk: variances per s, (8,)) adds to a covariance."""
+    rate = np.diag(_RATE_NOISE)
+    views, across, rates = ((1, 0), (0, 0)), ((0, 1), (1, 0)), ((0, 0), (0, 1))
+    parts = (views, np.diag(walk)), (views, rate), (across, rate), (rates, rate)
+    return np.array([np.kron(*part).ravel() for part in parts])
+
+
+def _noise_weights(elapsed: float) -> Array:
+    """By how much each of those parts counts after so many s."""
     last = TUNING.rates_last
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
-    # What lies on the diagonals of the four blocks of 8 x 8.
-    noise, step = np.zeros((_STATES, _STATES)), _STATES + 1
-    flat = noise.ravel()
-    across = (0.5 * reach * reach) * rate_noise
-    flat[: COUNT * step : step] = elapsed * walk + (elapsed**3 / 3) * rate_noise
-    flat[COUNT : COUNT * step : step] = flat[COUNT * _STATES :: step] = across
-    flat[COUNT * step :: step] = (0.5 * last * (1.0 - fade * fade)) * rate_noise
-    return noise
+    faded = 0.5 * last * (1.0 - fade * fade)
+    return np.array((elapsed, elapsed**3 / 3, 0.5 * reach * reach, faded))
