@@ -158,11 +158,11 @@ class PoseEstimator:
             self._is_mirrored |= self._is_uncertain
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
-        if not np.isfinite(pixels).all():
+        image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
+        if not math.isfinite(image.sum()):
             self.reason = 'the positions of the markers are not finite'
             return None
         markers = np.array(labels, np.intp)
-        image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
         chosen, solution = self._solve(camera, markers, image, time)
         if solution is None:
             return None
