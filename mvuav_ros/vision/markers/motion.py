@@ -344,14 +344,14 @@ class MotionPredictor:
         return places
 
     def motions(self) -> list[list[float]]:
-        """Velocity (px/s) and acceleration (px/s²) of every light: x and y in turn, two rows.
+        """Velocity (px/s) and acceleration (px/s²) of every light, x and y each: n rows of four.
 
         NaN before there are two, or three, measurements.
         """
         rows = self._lights[1:3]
         if not self._steady:
             rows = np.where(self._lights[_SEEN] < [[2], [3]], math.nan, rows)
-        motions: list[list[float]] = rows.tolist()
+        motions: list[list[float]] = rows.reshape(2, -1, 2).swapaxes(0, 1).reshape(-1, 4).tolist()
         return motions
 
     def update(self, positions: Sequence[float | None] | Array) -> None:
