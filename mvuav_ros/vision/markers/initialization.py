@@ -271,7 +271,8 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | No
     view = Correction.of(shape, before, named, np.full((1, 10), variance), variance).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
-    return Named(chosen, view, True, False)
+    # Three frames must agree: nearly any five lights have some such order.
+    return Named(chosen, view, False, False)
 
 
 @dataclass
