@@ -343,7 +343,7 @@ class MotionPredictor:
         places: list[float] = self._lights[0].tolist()
         return places
 
-    def motions(self) -> list[list[float]]:
+    def motions(self) -> list[tuple[float, float, float, float]]:
         """Velocity (px/s) and acceleration (px/s²) of every light, x and y each: n rows of four.
 
         NaN before there are two, or three, measurements.
@@ -351,8 +351,8 @@ class MotionPredictor:
         rows = self._lights[1:3]
         if not self._steady:
             rows = np.where(self._lights[_SEEN] < [[2], [3]], math.nan, rows)
-        motions: list[list[float]] = rows.reshape(2, -1, 2).swapaxes(0, 1).reshape(-1, 4).tolist()
-        return motions
+        (vx, vy), (ax, ay) = rows.reshape(2, -1, 2).swapaxes(1, 2).tolist()
+        return list(zip(vx, vy, ax, ay, strict=True))
 
     def update(self, positions: Sequence[float | None] | Array) -> None:
         """Take the newest frame's x and y of every light in turn, px; NaN or None if not seen."""
