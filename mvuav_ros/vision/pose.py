@@ -158,17 +158,17 @@ class PoseEstimator:
             self._is_mirrored |= self._is_uncertain
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
-        if not np.isfinite(pixels).all():
+        image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
+        if not math.isfinite(image.sum()):
             self.reason = 'the positions of the markers are not finite'
             return None
-        markers = np.array(labels, np.intp)
-        image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
+        markers = list(labels)
         chosen, solution = self._solve(camera, markers, image, time)
         if solution is None:
             return None
-        if not self._vouched_for(markers[chosen], time):
+        if not self._vouched_for(chosen, time):
             return None
-        pose = self._pose(camera, markers[chosen].tolist(), solution)
+        pose = self._pose(camera, chosen, solution)
         if pose is not None:
             self._last, self._last_time = (solution.rotation, solution.translation), time
             self._is_uncertain = False
@@ -177,12 +177,12 @@ class PoseEstimator:
             self._last, self._is_uncertain = None, True
         return pose
 
-    def _vouched_for(self, markers: NDArray[np.intp], time: float) -> bool:
+    def _vouched_for(self, markers: list[int], time: float) -> bool:
         """Whether more lights than a pose needs have shown that these are the rig's.
 
         Three lights fit a pose wherever they are: of a rig with more, they only continue one.
         """
-        seen = frozenset(markers.tolist())
+        seen = frozenset(markers)
         if len(seen) > MIN_MARKERS or len(self._points) == MIN_MARKERS:
             self._vouched = seen
             return True
@@ -192,11 +192,10 @@ class PoseEstimator:
         return False
 
     def _solve(
-        self, camera: CameraModel, markers: NDArray[np.intp], image: Array, time: float
-    ) -> tuple[NDArray[np.intp], Solution | None]:
-        """The pose's solution, and which of the markers it is from."""
+        self, camera: CameraModel, markers: list[int], image: Array, time: float
+    ) -> tuple[list[int], Solution | None]:
+        """The pose's solution, and the markers that it is from."""
         self.reason = ''
-        everything = np.arange(len(markers))
         view = Reprojection(camera, self._points[markers], image)
         solution = self._follow(view, time) or self._find(view, time)
         usual = (TUNING.unusual * self._residuals.usual) ** 2
@@ -207,24 +206,23 @@ class PoseEstimator:
                 return rest
         if solution is not None:
             self._residuals.learn(solution.squares, 2 * len(markers) - 6)
-        return everything, solution
+        return markers, solution
 
     def _without_one(
         self,
         camera: CameraModel,
-        markers: NDArray[np.intp],
+        markers: list[int],
         image: Array,
         time: float,
         usual: float,
-    ) -> tuple[NDArray[np.intp], Solution] | None:
+    ) -> tuple[list[int], Solution] | None:
         """The solution without the one marker that the others contradict; None if unclear."""
         if len(markers) < MIN_MARKERS + 2:
             return None
-        everything = np.arange(len(markers))
         fitting = []
-        for index in everything:
-            rest = np.delete(everything, index)
-            view = Reprojection(camera, self._points[markers[rest]], image[rest])
+        for index in range(len(markers)):
+            rest = markers[:index] + markers[index + 1 :]
+            view = Reprojection(camera, self._points[rest], np.delete(image, index, axis=0))
             solution = self._follow(view, time) or self._find(view, time)
             if solution is not None and solution.squares <= 2 * len(rest) * usual:
                 fitting.append((rest, solution))

@@ -72,10 +72,7 @@ class Reporter:
         A marker without a spot is predicted where it is expected (px) if it was seen since the
         earliest time (s).
         """
-        velocity, acceleration = memory.predictor.motions()
-        motions = zip(
-            velocity[::2], velocity[1::2], acceleration[::2], acceleration[1::2], strict=True
-        )
+        motions = memory.predictor.motions()
         markers = []
         for index, (label, motion) in enumerate(zip(self._labels, motions, strict=True)):
             spot, known = spots.get(index), memory.markers[index]
@@ -211,7 +208,7 @@ class IdentityTracker:
         for a, b in combinations(spots, 2):
             if a in found and b in found and are_close(found[a], found[b], SAME_SPOT):
                 del found[a], found[b]
-        memory.watch({index: light.seen for index, light in found.items()})
+        memory.watch({index: spots[index] for index in found})
         faults.jumps = memory.jumps.evidence
         faults.untrusted = memory.untrusted
         named = places_of(found)

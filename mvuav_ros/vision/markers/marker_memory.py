@@ -225,27 +225,24 @@ class MarkerMemory:
 
     def look(self, frame: Frame) -> tuple[dict[int, Detection], list[Window]]:
         """The usual frame: the markers to which nothing has happened in their windows."""
-        windows = [NO_WINDOW] * len(self.markers)
-        looked: list[int] = []
+        windows: list[Window] = []
         pulls: list[Pull | None] = []
         search_radius = frame.parameters.search_radius
         for index, known in enumerate(self.markers):
-            if known.unseen or known.returning:
-                continue
-            x, y = self.predicted[2 * index], self.predicted[2 * index + 1]
-            radius = max(search_radius, math.ceil(known.radius + EDGE))
-            windows[index] = Window.around(x, y, radius, frame.size)
-            looked.append(index)
+            window = NO_WINDOW
+            if not (known.unseen or known.returning):
+                x, y = self.predicted[2 * index], self.predicted[2 * index + 1]
+                radius = max(search_radius, math.ceil(known.radius + EDGE))
+                window = Window.around(x, y, radius, frame.size)
+            windows.append(window)
             # The background changes slowly: it is looked at in turn.
             pulls.append(known.pull if (index + frame.number) % RING_EVERY else None)
-        bounds = [windows[index] for index in looked]
-        found = frame.meter.measure_all(frame.cut, bounds, frame.size, pulls)
+        found = frame.meter.measure_all(frame.cut, windows, frame.size, pulls)
         spots: dict[int, Detection] = {}
-        for index, window, seen in zip(looked, bounds, found, strict=True):
+        for index, (known, seen) in enumerate(zip(self.markers, found, strict=True)):
             if seen is not None:
-                known = self.markers[index]
                 spot, known.pull = seen
-                if _is_usual(known, spot, window, frame):
+                if _is_usual(known, spot, windows[index], frame):
                     spots[index] = spot
         return spots, windows
 

@@ -343,16 +343,16 @@ class MotionPredictor:
         places: list[float] = self._lights[0].tolist()
         return places
 
-    def motions(self) -> list[list[float]]:
-        """Velocity (px/s) and acceleration (px/s²) of every light: x and y in turn, two rows.
+    def motions(self) -> list[tuple[float, float, float, float]]:
+        """Velocity (px/s) and acceleration (px/s²) of every light, x and y each: n rows of four.
 
         NaN before there are two, or three, measurements.
         """
         rows = self._lights[1:3]
         if not self._steady:
             rows = np.where(self._lights[_SEEN] < [[2], [3]], math.nan, rows)
-        motions: list[list[float]] = rows.tolist()
-        return motions
+        (vx, vy), (ax, ay) = rows.reshape(2, -1, 2).swapaxes(1, 2).tolist()
+        return list(zip(vx, vy, ax, ay, strict=True))
 
     def update(self, positions: Sequence[float | None] | Array) -> None:
         """Take the newest frame's x and y of every light in turn, px; NaN or None if not seen."""

@@ -262,10 +262,10 @@ class MultiObjectTracker:
         self._newest_id += count
 
     def _result(self, given: Integers, found: Array, status: str) -> MarkerResult:
-        velocity, acceleration = np.array(self._motion.motions()).reshape(2, -1, 2)
+        motions = np.array(self._motion.motions()).reshape(-1, 4)
         now = np.array(self._motion.positions()).reshape(-1, 2)
         visible = given >= 0
-        rows = np.column_stack((now, velocity, acceleration, np.full(len(given), math.nan)))
+        rows = np.column_stack((now, motions, np.full(len(given), math.nan)))
         rows[visible, :2] = found[given[visible], :2]
         rows[visible, 6] = found[given[visible], 2]
         states = np.where(visible, MarkerState.DETECTED, MarkerState.PREDICTED)

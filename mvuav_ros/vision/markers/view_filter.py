@@ -330,8 +330,9 @@ class ViewFilter:
     def _learn_motion(self, newest: list[Correction]) -> None:
         """The steps from the predicted views over their variances give the process noise."""
         gain, frames = newest[0].gain, len(newest)
-        changes = [(one.change[0, :COUNT], one.before[0, COUNT:]) for one in newest]
-        steps, rates = np.square(changes).swapaxes(0, 1)
+        changes = ((one.change[0, :COUNT], one.before[0, COUNT:]) for one in newest)
+        squares = np.square([row for pair in changes for row in pair])
+        steps, rates = squares[::2], squares[1::2]
         expected = (gain.covariance[0] - gain.after[0]).diagonal()[:COUNT]
         ratios = (steps / np.maximum(expected, 1e-12)).dot(_ALIKE)
         shown = np.minimum(ratios, TUNING.max_step)
