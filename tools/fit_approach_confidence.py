@@ -36,9 +36,6 @@ PLACE_BOUNDS = ((None, None), (1.5, 2.0))
 """Likewise of `Report.of_the_place`. Nearly all frames of the runs have clear lines, which say
 where the edges are; what agreement is worth without them is from the version before."""
 PENALTY = 1.0
-MARGIN = 0.5
-"""By how much the offset is lowered, as the log odds were fitted to the same stills and are too
-sure of them; not where many different frames have spoken."""
 BINS = np.linspace(0.0, 1.0, 9)
 
 
@@ -79,8 +76,6 @@ def fit(rows: list[dict[str, Any]]) -> dict[str, list[float]]:
     runway = logistic(np.array(values), np.array(near, float), np.array(weights), RUNWAY_BOUNDS)
     ones = np.full(len(right), 100.0 * len(rows) / max(len(right), 1))
     place = logistic(np.array(places), np.array(right, float), ones, PLACE_BOUNDS)
-    runway[0] -= MARGIN
-    runway[2] += MARGIN
     return {'runway': np.round(runway, 3).tolist(), 'place': np.round(place, 3).tolist()}
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from itertools import islice, zip_longest
 from typing import Any, Generic, NamedTuple, TypeVar
