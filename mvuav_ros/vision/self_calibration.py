@@ -246,12 +246,12 @@ class SelfCalibration:
             equations = [self._linearize(frame, *model) for frame in frames]
             if not all(np.isfinite(own.common).all() for own in equations):
                 return None
-            normal = np.diag(weight) + sum(own.rest.T @ own.rest for own in equations)
+            normal: Array = np.diag(weight) + sum(own.rest.T @ own.rest for own in equations)
             towards = sum(own.rest.T @ own.left for own in equations) - weight * value
             squares = sum(float(own.residual @ own.residual) for own in equations)
             squares += float((weight * value**2)[1:].sum())
             try:
-                covariance = np.linalg.inv(normal)
+                covariance = np.asarray(np.linalg.inv(normal), np.float64)
             except np.linalg.LinAlgError:
                 return None
             step = covariance @ towards
@@ -283,6 +283,9 @@ class SelfCalibration:
         by_points = common[:, 1:].reshape(len(labels), 2, len(points), 3)
         by_points[np.arange(len(labels)), :, labels] = by_point
         residual, own, common = (frame.pixels - seen).ravel() / noise, own / noise, common / noise
-        inverse = np.linalg.pinv(own) if np.isfinite(own).all() else np.zeros_like(own.T)
+        # What is not finite is in what is shared as well.
+        inverse: Array = np.zeros((6, len(own)))
+        if np.isfinite(own).all():
+            inverse = np.asarray(np.linalg.pinv(own), np.float64)
         left = residual - own @ (inverse @ residual)
         return _Equations(residual, common, inverse, left, common - own @ (inverse @ common))

@@ -161,7 +161,7 @@ class CentroidMeter:
     def _sums_of_alike(
         self, patches: list[Pixels], corners: list[tuple[int, int]]
     ) -> list[Sums | None]:
-        """Of windows of about one size, one below the other; what they are too small for is dark."""
+        """Of windows of about one size, one below the other; what they are too small for: dark."""
         heights, widths = zip(*(patch.shape for patch in patches), strict=True)
         height, width = max(heights), max(widths)
         gray = np.zeros((len(patches), height, width), patches[0].dtype)
