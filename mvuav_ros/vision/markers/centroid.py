@@ -193,9 +193,7 @@ class CentroidMeter:
         return found
 
 
-def _find_pull(
-    cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]
-) -> Pull:
+def _find_pull(cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]) -> Pull:
     """How far the background pulls a light, px; nothing where its ring leaves the frame."""
     moment, half, factor = background_ring(round(math.sqrt(area / math.pi)))
     column, row = math.floor(x + 0.5), math.floor(y + 0.5)
@@ -244,4 +242,3 @@ def background_ring(radius: int) -> tuple[NDArray[np.float32], int, float]:
     moment = np.stack((x * ring, y * ring), axis=-1).reshape(-1, 2).astype(np.float32)
     factor = 2.0 * BACKGROUND_SHARE / (int(ring.sum()) * 0.5 * (inner + outer))
     return moment, half, factor
-

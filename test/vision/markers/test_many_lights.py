@@ -24,9 +24,7 @@ def crowd(seed, encoding):
 
 
 def parameters(weighted):
-    return MarkerTrackerParameters(
-        mode='track_any', centroid='weighted' if weighted else 'binary'
-    )
+    return MarkerTrackerParameters(mode='track_any', centroid='weighted' if weighted else 'binary')
 
 
 @pytest.mark.parametrize('weighted', [True, False])
