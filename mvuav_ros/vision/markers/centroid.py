@@ -60,7 +60,7 @@ class Detection(NamedTuple):
 
 Measured = tuple[Detection, Pull]
 """A light, and the pull of its background."""
-Sums = tuple[int, float, float, float, float]
+Sums = tuple[int, int, float, float, float, float]
 
 
 def cutter(image: Image) -> Cut:
@@ -129,47 +129,50 @@ class CentroidMeter:
             if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]
         }
         found: list[Measured | None] = [None] * len(windows)
-        for row, (area, mass, x, y, spread) in self._sums(shown, windows).items():
-            pull = pulls[row]
-            if not self.weighted:
-                pull = 0.0, 0.0
-            elif pull is None:
+        for row, area, mass, x, y, spread in self._sums(shown, windows):
+            pull = pulls[row] if self.weighted else (0.0, 0.0)
+            if pull is None:
                 pull = _find_pull(cut, x, y, area, mass, size)
             found[row] = Detection(x - pull[0], y - pull[1], area, spread), pull
         return found
 
     def measure_own(self, patches: Sequence[Pixels], windows: Sequence[Bounds]) -> list[Detection]:
         """The lights that windows show without what is not theirs, nor their background."""
-        sums = self._sums(dict(enumerate(patches)), windows)
-        return [
-            Detection(x, y, area, spread)
-            for area, _, x, y, spread in map(sums.__getitem__, range(len(patches)))
-        ]
+        sums = sorted(self._sums(dict(enumerate(patches)), windows))
+        return [Detection(x, y, area, spread) for _, area, _, x, y, spread in sums]
 
-    def _sums(self, shown: Mapping[int, Pixels], windows: Sequence[Bounds]) -> dict[int, Sums]:
-        """Of the bright windows: area, mass, x and y of the mean, and spread."""
+    def _sums(self, shown: Mapping[int, Pixels], windows: Sequence[Bounds]) -> list[Sums]:
+        """Of the windows with a light: row, area, mass, x and y of its mean, and spread.
+
+        Those of about one size are one array; what they are too small for is dark.
+        """
         alike: dict[int, list[int]] = {}
         for row, patch in shown.items():
             alike.setdefault(max(patch.shape).bit_length(), []).append(row)
-        found: dict[int, Sums] = {}
+        found: list[Sums] = []
         for rows in alike.values():
-            corners = [(windows[row][0], windows[row][2]) for row in rows]
-            sums = self._sums_of_alike([shown[row] for row in rows], corners)
-            found.update((row, own) for row, own in zip(rows, sums, strict=True) if own)
+            patches = [shown[row] for row in rows]
+            heights, widths = zip(*(patch.shape for patch in patches), strict=True)
+            height, width = max(heights), max(widths)
+            gray = np.zeros((len(rows), height, width), patches[0].dtype)
+            for index, patch in enumerate(patches):
+                gray[index, : patch.shape[0], : patch.shape[1]] = patch
+            middle_x, middle_y = 0.5 * (width - 1), 0.5 * (height - 1)
+            for row, bright, (mass, mx, my, m2) in zip(rows, *self._moments(gray), strict=True):
+                area = bright // 255
+                if not area:
+                    continue
+                mx, my = mx / mass, my / mass
+                spread = 2 * math.pi * (m2 / mass - mx * mx - my * my) / area
+                x, y = windows[row][0] + middle_x + mx, windows[row][2] + middle_y + my
+                found.append((row, area, mass, x, y, spread))
         return found
 
-    def _sums_of_alike(
-        self, patches: list[Pixels], corners: list[tuple[int, int]]
-    ) -> list[Sums | None]:
-        """Of windows of about one size, one below the other; what they are too small for: dark."""
-        heights, widths = zip(*(patch.shape for patch in patches), strict=True)
-        height, width = max(heights), max(widths)
-        gray = np.zeros((len(patches), height, width), patches[0].dtype)
-        for index, patch in enumerate(patches):
-            gray[index, : patch.shape[0], : patch.shape[1]] = patch
-        flat = gray.reshape(-1, width)
+    def _moments(self, gray: Pixels) -> tuple[list[int], list[list[float]]]:
+        """Of windows (n, height, width): 255 for each bright pixel; sums of weights (`_powers`)."""
+        count, height, width = gray.shape
+        flat, one_row = gray.reshape(-1, width), (count, height * width)
         mask = threshold(flat, self.level)
-        one_row = len(patches), height * width
         areas = cv2.reduce(mask.reshape(one_row), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
         weights = mask
         if self.weighted:
@@ -177,20 +180,8 @@ class CentroidMeter:
             weights = cv2.subtract(flat, _even(flat.shape, gray.dtype.char, floor))
         # One product instead of cv2.moments, which takes twice as long for a window.
         powers = _powers((height, width))
-        sums = weights.reshape(one_row).astype(np.float32).dot(powers).tolist()
-        half_width, half_height = 0.5 * (width - 1), 0.5 * (height - 1)
-        found: list[Sums | None] = []
-        for (x0, y0), (bright,), (mass, mx, my, m2) in zip(
-            corners, areas.tolist(), sums, strict=True
-        ):
-            area = bright // 255
-            if not area:
-                found.append(None)
-                continue
-            mx, my = mx / mass, my / mass
-            spread = 2 * math.pi * (m2 / mass - mx * mx - my * my) / area
-            found.append((area, mass, x0 + half_width + mx, y0 + half_height + my, spread))
-        return found
+        sums = weights.reshape(one_row).astype(np.float32).dot(powers)
+        return areas.ravel().tolist(), sums.tolist()
 
 
 def _find_pull(cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]) -> Pull:

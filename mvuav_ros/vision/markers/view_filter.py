@@ -208,7 +208,7 @@ class ViewFilter:
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
-        # Nothing was committed in the last frame if this does anything.
+        # Of the last frame, even if nothing was committed there.
         self._covariances = self.belief.covariance
         elapsed = time - self.time
         if abs(elapsed - self._step) > _SAME_TIME:
