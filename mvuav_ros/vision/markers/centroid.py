@@ -158,8 +158,7 @@ class CentroidMeter:
             for index, patch in enumerate(patches):
                 gray[index, : patch.shape[0], : patch.shape[1]] = patch
             middle_x, middle_y = 0.5 * (width - 1), 0.5 * (height - 1)
-            for row, bright, (mass, mx, my, m2) in zip(rows, *self._moments(gray), strict=True):
-                area = bright // 255
+            for row, area, (mass, mx, my, m2) in zip(rows, *self._moments(gray), strict=True):
                 if not area:
                     continue
                 mx, my = mx / mass, my / mass
@@ -169,7 +168,7 @@ class CentroidMeter:
         return found
 
     def _moments(self, gray: Pixels) -> tuple[list[int], list[list[float]]]:
-        """Of windows (n, height, width): 255 for each bright pixel; sums of weights (`_powers`)."""
+        """Of windows (n, height, width): bright pixels; weights' sums times each of `_powers`."""
         count, height, width = gray.shape
         flat, one_row = gray.reshape(-1, width), (count, height * width)
         mask = threshold(flat, self.level)
@@ -180,8 +179,8 @@ class CentroidMeter:
             weights = cv2.subtract(flat, _even(flat.shape, gray.dtype.char, floor))
         # One product instead of cv2.moments, which takes twice as long for a window.
         powers = _powers((height, width))
-        sums = weights.reshape(one_row).astype(np.float32).dot(powers)
-        return areas.ravel().tolist(), sums.tolist()
+        sums: list[list[float]] = weights.reshape(one_row).astype(np.float32).dot(powers).tolist()
+        return [bright // 255 for (bright,) in areas.tolist()], sums
 
 
 def _find_pull(cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]) -> Pull:

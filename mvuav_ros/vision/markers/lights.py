@@ -24,6 +24,7 @@ from mvuav_ros.vision.markers.centroid import (
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
 
 
 class Lens:
@@ -103,21 +104,15 @@ LONGEST = 3.0
 MIN_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
 
 
-class Blob(NamedTuple):
-    """Where a piece lies, inclusive px."""
-
-    x0: int
-    x1: int
-    y0: int
-    y1: int
-    area: int
-
-
 class Blobs:
     """The bright pieces of a frame, 8-connected, within the area limits.
 
     Unlike the thesis's groups around seeds a piece may be of any width, and two lights are two
     pieces for as long as a dark pixel lies between them.
+
+    Attributes:
+        stats: (n, 5), x, y, width, height and area of each (px), in the order of their first
+            pixels, row by row.
     """
 
     def __init__(self, gray: Pixels, parameters: MarkerTrackerParameters) -> None:
@@ -135,26 +130,22 @@ class Blobs:
         self._numbers = 1 + np.flatnonzero(fits[1:])  # of the pieces within the limits
         if len(self._numbers) > MAX_BLOBS:
             raise GroupingError(f'{len(stats) - 1} clusters above the threshold')
-        self._stats = stats[self._numbers]
+        self.stats = stats[self._numbers].astype(np.intp)
 
-    def __len__(self) -> int:
-        return len(self._numbers)
+    def may_be_lights(self) -> Integers:
+        """The rows in `stats` of those that are compact enough to be looked at more closely."""
+        _, _, width, height, area = self.stats.T
+        is_long = np.maximum(width, height) > LONGEST * np.minimum(width, height)
+        is_filled = area >= MIN_FILLED * width * height
+        return np.flatnonzero(is_filled & ~(is_long & (area > 4)))
 
-    @property
-    def boxes(self) -> list[Blob]:
-        """The pieces, in the order of their first pixels, row by row."""
-        return [
-            Blob(x, x + width - 1, y, y + height - 1, area)
-            for x, y, width, height, area in self._stats.tolist()
-        ]
-
-    def measure(self, chosen: Sequence[int] | None = None) -> list[Detection]:
-        """The lights of all pieces, or of some by their numbers in `boxes`.
+    def measure(self, chosen: Integers | None = None) -> list[Detection]:
+        """The lights of all pieces, or of some by their rows in `stats`.
 
         What belongs to other pieces does not count.
         """
-        chosen = range(len(self)) if chosen is None else chosen
-        x, y, width, height, area = self._stats[chosen].T.astype(np.intp)
+        chosen = np.arange(len(self.stats)) if chosen is None else chosen
+        x, y, width, height, area = self.stats[chosen].T
         windows = clipped((x - 1, x + width, y - 1, y + height), self._gray)
         # The window around a thin slanting line would be far larger than the line.
         compact = (width + 2) * (height + 2) <= 4 * area + 64
@@ -198,14 +189,6 @@ def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     _, labels[rows], stats, _ = cv2.connectedComponentsWithStats(mask[rows], connectivity=8)
     stats[1:, cv2.CC_STAT_TOP] = rows[stats[1:, cv2.CC_STAT_TOP]]
     return labels, np.asarray(stats, np.int32)
-
-
-def may_be_light(box: Blob) -> bool:
-    """Whether a piece is compact enough to be looked at more closely."""
-    width, height = box.x1 - box.x0 + 1, box.y1 - box.y0 + 1
-    if max(width, height) > LONGEST * min(width, height) and box.area > 4:
-        return False
-    return box.area >= MIN_FILLED * width * height
 
 
 ROUND = 1.4  # Spread of a spot that may be a light
@@ -263,10 +246,9 @@ class Lights:
             GroupingError: it is too bright or too noisy to hold markers.
         """
         blobs = Blobs(frame.image.gray(), frame.parameters)
-        boxes = blobs.boxes
-        chosen = [number for number, box in enumerate(boxes) if may_be_light(box)]
+        chosen = blobs.may_be_lights()
         if len(chosen) > MAX_MEASURED:
-            chosen = _most_useful(chosen, boxes, around)
+            chosen = chosen[_most_useful(blobs.stats[chosen], around)]
         self.spots = straightened(lens, blobs.measure(chosen))
 
     def __len__(self) -> int:
@@ -282,15 +264,13 @@ class Lights:
         return [light for light in spots if light.seen.area >= least]
 
 
-def _most_useful(
-    chosen: Sequence[int], boxes: Sequence[Blob], around: Sequence[float]
-) -> list[int]:
+def _most_useful(stats: Integers, around: Sequence[float]) -> Integers:
+    """The pieces (n, 5) that are the nearest to some places, or the largest."""
     if not len(around):
-        return sorted(chosen, key=lambda number: -boxes[number].area)[:MAX_MEASURED]
-    middles = np.array([(boxes[i].x0 + boxes[i].x1, boxes[i].y0 + boxes[i].y1) for i in chosen]) / 2
-    apart = middles[:, None] - np.reshape(around, (-1, 2))
-    nearest = np.abs(apart).max(axis=2).min(axis=1)
-    return [chosen[index] for index in np.argsort(nearest, kind='stable')[:MAX_MEASURED]]
+        return np.argsort(-stats[:, cv2.CC_STAT_AREA], kind='stable')[:MAX_MEASURED]
+    middles = stats[:, :2] + 0.5 * (stats[:, 2:4] - 1)
+    apart = np.abs(middles[:, None] - np.reshape(around, (-1, 2))).max(axis=2).min(axis=1)
+    return np.argsort(apart, kind='stable')[:MAX_MEASURED]
 
 
 def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Light]:

@@ -362,4 +362,4 @@ def _dynamics(elapsed: float, walk: Array) -> tuple[Array, Array]:
     transition = np.kron(((1.0, 0.0), (reach, fade)), np.eye(COUNT))
     noise = np.kron(((elapsed**3 / 3, across), (across, rates)), np.diag(_RATE_NOISE))
     noise[:COUNT, :COUNT] += np.diag(elapsed * walk)
-    return transition, noise
+    return np.asarray(transition), np.asarray(noise)

@@ -33,10 +33,10 @@ def parameters(weighted):
 def test_all_at_once_is_one_by_one(seed, encoding, weighted):
     image = crowd(seed, encoding)
     blobs = Blobs(image.gray(), parameters(weighted))
-    assert len(blobs) > 10
+    assert len(blobs.stats) > 10
     every = blobs.measure()
     for number, expected in enumerate(every):
-        (alone,) = blobs.measure([number])
+        (alone,) = blobs.measure(np.array([number]))
         np.testing.assert_allclose(alone, expected, atol=1e-4)
 
 
@@ -46,8 +46,8 @@ def test_a_light_apart_from_others_is_measured_as_in_its_window(encoding, weight
     image = crowd(0, encoding)
     blobs, meter = Blobs(image.gray(), parameters(weighted)), CentroidMeter
     measured, compared = blobs.measure(), 0
-    for (x0, x1, y0, y1, area), place in zip(blobs.boxes, measured, strict=True):
-        window = max(x0 - 1, 0), min(x1 + 1, 259), max(y0 - 1, 0), min(y1 + 1, 199)
+    for (x, y, width, height, area), place in zip(blobs.stats.tolist(), measured, strict=True):
+        window = max(x - 1, 0), min(x + width, 259), max(y - 1, 0), min(y + height, 199)
         spot = meter(0.7, weighted).measure(cutter(image), window, (260, 200))
         if spot.area == area:
             np.testing.assert_allclose(place, spot, atol=1e-4)
@@ -58,4 +58,4 @@ def test_a_light_apart_from_others_is_measured_as_in_its_window(encoding, weight
 def test_no_light_at_all():
     image = Image(np.zeros((20, 20), np.uint8), 'mono8')
     blobs = Blobs(image.gray(), parameters(weighted=True))
-    assert not blobs.boxes and not blobs.measure()
+    assert not len(blobs.stats) and not blobs.measure()
