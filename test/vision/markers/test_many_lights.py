@@ -59,3 +59,13 @@ def test_no_light_at_all():
     image = Image(np.zeros((20, 20), np.uint8), 'mono8')
     blobs = Blobs(image.gray(), parameters(weighted=True))
     assert not len(blobs.stats) and not blobs.measure()
+
+
+def test_a_line_is_no_light():
+    image = np.zeros((200, 260), np.uint8)
+    cv2.circle(image, (60, 120), 4, 255, -1)
+    cv2.line(image, (10, 10), (150, 170), 255, 1)
+    cv2.line(image, (200, 20), (200, 90), 255, 2)
+    blobs = Blobs(image, parameters(weighted=True))
+    assert len(blobs.stats) == 3
+    assert blobs.may_be_lights().tolist() == [blobs.stats[:, 3].argmin()]
