@@ -100,7 +100,7 @@ _MOVED[[X, Y]] = 1.0 / TUNING.same_place
 """Times which the changes of a view that has hardly moved are below 1."""
 _NOTHING_KNOWN = 6.0, 3000.0
 """rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
-_SAME_TIME = 1e-9  # s, by which two steps differ only as their stamps are rounded
+_SAME_TIME = 2e-9  # s, by which two steps differ only as their stamps are rounded
 _MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
 _MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exact the rig is
 
