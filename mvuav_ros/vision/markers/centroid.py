@@ -152,11 +152,14 @@ class CentroidMeter:
         found: list[Sums] = []
         for rows in alike.values():
             patches = [shown[row] for row in rows]
-            heights, widths = zip(*(patch.shape for patch in patches), strict=True)
-            height, width = max(heights), max(widths)
-            gray = np.zeros((len(rows), height, width), patches[0].dtype)
-            for index, patch in enumerate(patches):
-                gray[index, : patch.shape[0], : patch.shape[1]] = patch
+            shapes = [patch.shape for patch in patches]
+            height, width = map(max, zip(*shapes, strict=True))
+            if shapes.count((height, width)) == len(rows):
+                gray = np.array(patches)
+            else:
+                gray = np.zeros((len(rows), height, width), patches[0].dtype)
+                for index, patch in enumerate(patches):
+                    gray[index, : patch.shape[0], : patch.shape[1]] = patch
             middle_x, middle_y = 0.5 * (width - 1), 0.5 * (height - 1)
             for row, area, (mass, mx, my, m2) in zip(rows, *self._moments(gray), strict=True):
                 if not area:

@@ -72,25 +72,30 @@ class PredictionMixture:
     """
 
     def __init__(self, prior: Sequence[float]) -> None:
-        self._prior: Array = np.array(prior)
-        self.weights = self._prior / self._prior.sum()  # (k,), sum 1
-        self._losses: Array = np.zeros(len(prior))
+        self._prior = tuple(prior)
+        self.weights: Array = np.array(prior) / sum(prior)  # (k,), sum 1
+        self._losses = [0.0] * len(prior)
         self._sum = self._sum_of_squares = 0.0
 
     def learn(self, errors: Array) -> None:
         """Take the errors of the newest predictions, (k, m) px."""
-        memory = TUNING.memory
-        new = np.add.reduce(errors * errors, axis=1) / errors.shape[1]
-        self._losses = memory * self._losses + new
-        usual = sorted(new.tolist())[1]
+        new: list[float] = errors.dot(errors.T).diagonal().tolist()
+        memory, share = TUNING.memory, 1.0 / errors.shape[1]
+        losses = self._losses = [
+            memory * old + share * loss for old, loss in zip(self._losses, new, strict=True)
+        ]
+        usual = share * sorted(new)[1]
         self._sum = memory * self._sum + usual
         self._sum_of_squares = memory * self._sum_of_squares + usual * usual
-        least = min(self._losses.tolist())
+        least = min(losses)
         if least <= 0.0 or self._sum_of_squares <= 0.0:
             return
         power = -TUNING.confidence * self._sum * self._sum / self._sum_of_squares
-        weights = self._prior * (self._losses / least) ** power
-        self.weights = weights / np.add.reduce(weights)
+        weights = [
+            prior * (loss / least) ** power for prior, loss in zip(self._prior, losses, strict=True)
+        ]
+        total = sum(weights)
+        self.weights = np.array([weight / total for weight in weights])
 
 
 class Vibration:
