@@ -151,9 +151,9 @@ def test_the_refinement_ends_where_opencvs_does(distortion):
         places, by_place, by_turn = projection_derivatives(
             camera, TANKER_747.positions, found.rotation, found.translation, np.zeros(3)
         )
-        np.testing.assert_allclose(found.seen, places, atol=1e-6)
+        np.testing.assert_allclose(found.seen, places, atol=1e-5)
         slopes = np.concatenate((by_turn, by_place), axis=2).reshape(-1, 6)
-        np.testing.assert_allclose(found.slopes, slopes, rtol=1e-4, atol=1e-2)
+        np.testing.assert_allclose(found.slopes, slopes, rtol=1e-3, atol=5e-2)
 
 
 @pytest.mark.parametrize('model', ['plumb_bob', 'equidistant'])
