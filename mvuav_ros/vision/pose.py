@@ -53,7 +53,6 @@ class PoseTuning:
     decisive: float = 12.0
     # rad, by which a solution must be nearer to the last pose than the next one.
     nearer: float = math.radians(3.0)
-    max_tilt: float = math.radians(45.0)  # rad, from straight behind, of three lights' first pose
     one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
     meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
     # Noise: px, assumed before there are residuals.
@@ -147,10 +146,6 @@ class PoseEstimator:
         self._last: tuple[Array, Array] | None = None
         self._last_time = -math.inf
         self._vouched: frozenset[int] = frozenset()
-        # Whether three lights had two poses, or one that was not certain before one of them was out
-        # of sight: what they show later does not decide which is right, as another light may have
-        # taken the place of one of them. More than three decide.
-        self._is_mirrored = self._is_uncertain = False
         self._residuals = _ResidualNoise()
 
     @property
@@ -177,7 +172,6 @@ class PoseEstimator:
         time = operator.index(stamp_ns) * 1e-9
         self._vouched &= frozenset(labels)
         if len(labels) < MIN_MARKERS:
-            self._is_mirrored |= self._is_uncertain
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
@@ -185,30 +179,31 @@ class PoseEstimator:
             self.reason = 'the positions of the markers are not finite'
             return None
         markers = list(labels)
+        if not self._vouched_for(markers, time):
+            return None
         chosen, solution = self._solve(camera, markers, image, time)
-        if solution is None:
+        if solution is None or not self._vouched_for(chosen, time):
             return None
-        if not self._vouched_for(chosen, time):
-            return None
+        if len(chosen) > MIN_MARKERS:
+            self._vouched = frozenset(chosen)
         pose = self._pose(camera, chosen, solution)
         if pose is not None:
             self._last, self._last_time = (solution.rotation, solution.translation), time
-            self._is_uncertain = False
         elif len(chosen) == MIN_MARKERS:
             # Where two solutions of three lights meet, nothing says which one goes on.
-            self._last, self._is_uncertain = None, True
+            self._last = None
         return pose
 
     def _vouched_for(self, markers: list[int], time: float) -> bool:
         """Whether more lights than a pose needs have shown that these are the rig's.
 
-        Three lights fit a pose wherever they are: of a rig with more, they only continue one.
+        Three lights fit a pose wherever they are, so that another light in the place of one of them
+        would not show: they only continue a pose.
         """
-        seen = frozenset(markers)
-        if len(seen) > MIN_MARKERS or len(self._points) == MIN_MARKERS:
-            self._vouched = seen
+        if len(markers) > MIN_MARKERS:
             return True
-        if seen <= self._vouched and time - self._last_time <= TUNING.holds:
+        fresh = self._last is not None and time - self._last_time <= TUNING.holds
+        if fresh and self._vouched.issuperset(markers):
             return True
         self.reason = f'{MIN_MARKERS} markers that no other one confirms'
         return False
@@ -256,22 +251,18 @@ class PoseEstimator:
         if followed is not None and followed.squares <= count * most**2:
             if count > 2 * MIN_MARKERS or not _meets_another(followed, view.closed_forms()):
                 return followed
-            self._last = last = followed = None
-            self._is_mirrored = True
+            self._last = None
+            self.reason = 'more than one pose fits the markers'
+            return None
         solutions = view.solve() + ([followed] if followed else [])
         least = min((solution.squares for solution in solutions), default=math.inf)
         if least > count * _most_misfit(view) ** 2:
             self.reason = 'no pose fits the markers'
             return None
-        chosen = _choose(solutions, self.noise, len(view.image), last[0] if last else None)
-        if count > 2 * MIN_MARKERS:
-            self._is_mirrored = self._is_uncertain = False
-        elif last is None:
-            self._is_mirrored |= chosen is None
-            chosen = None if self._is_mirrored else chosen
+        chosen = _choose(solutions, self.noise, len(view.image), last and last[0])
         if chosen is None:
             self.reason = 'more than one pose fits the markers'
-            if last is None and count > 2 * MIN_MARKERS:
+            if last is None:
                 self._residuals.learn(least, count - 6)
         return chosen
 
@@ -324,17 +315,9 @@ def _choose(
     fitting = [solution for solution in solutions if solution.squares <= limit]
     if last is not None:
         return _nearest(last, fitting)
-    if count == MIN_MARKERS:
-        # As their names do, a pose of three lights presupposes that they are seen from behind.
-        fitting = [solution for solution in fitting if _tilt(solution) < TUNING.max_tilt]
-        limit, same = math.inf, TUNING.one
-    else:
-        same = TUNING.same
-        limit = least + TUNING.decisive * noise**2
-    if not fitting:
-        return None
+    limit = least + TUNING.decisive * noise**2
     best = min(fitting, key=lambda solution: solution.squares)
-    others = [s for s in fitting if s.squares < limit and not _are_alike(best, s, same)]
+    others = [s for s in fitting if s.squares < limit and not _are_alike(best, s)]
     return None if others else best
 
 
@@ -356,15 +339,8 @@ def _nearest(last: Array, fitting: Sequence[Solution]) -> Solution | None:
     return min(same, key=lambda solution: solution.squares)
 
 
-def _are_alike(a: Solution, b: Solution, same: float = TUNING.same) -> bool:
-    return _angle(a.rotation, b.rotation) < same
-
-
-def _tilt(solution: Solution) -> float:
-    """From the line of sight to the body's x axis, rad."""
-    place = solution.translation
-    ahead = float(solution.rotation[:, 0] @ place) / float(np.linalg.norm(place))
-    return math.acos(min(1.0, max(-1.0, ahead)))
+def _are_alike(a: Solution, b: Solution) -> bool:
+    return _angle(a.rotation, b.rotation) < TUNING.same
 
 
 def _angle(first: Array, second: Array) -> float:
