@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.evidence import in_common, opponent_channels
+from mvuav_ros.vision.approach.evidence import brightness_of, in_common, opponent_channels
 from mvuav_ros.vision.approach.tuning import EDGES, SHOULDERS
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -213,11 +213,18 @@ class EdgeLook:
         paint_lead: by how much paint is more evident than steps, in textures.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, painted: bool = False) -> None:
+        """Edges that are ``painted`` are darker inside, whatever else they are."""
         self.paint_lead = 0.0
+        self._painted = painted
         self._contrast = np.zeros(3)
         self._paint = 0.0
         self._known = False
+
+    @property
+    def size(self) -> float:
+        """Of the contrast, grey levels."""
+        return float(np.linalg.norm(self._contrast))
 
     @property
     def coloured(self) -> bool:
@@ -233,8 +240,12 @@ class EdgeLook:
         if it was found on a coarse image.
         """
         samples = sample_edges(frame, strip, far_off)
-        channels = np.stack(opponent_channels(samples.pixels))
-        steps = samples.steps(channels)
+        if self._painted:
+            channels = brightness_of(samples.pixels)[None]
+            steps = np.minimum(samples.steps(channels), 0.0)
+        else:
+            channels = np.stack(opponent_channels(samples.pixels))
+            steps = samples.steps(channels)
         self._learn(steps, samples, channels, wide)
         if self.paint_lead > EDGES.min_paint_lead:
             ridge = _ridges(samples, channels[0])
@@ -270,8 +281,8 @@ class EdgeLook:
             size = np.linalg.norm(average, axis=0)
             left = average[:, 0, size[0].argmax()]
             right = average[:, 1, size[1].argmax()]
-        # The contrast is what the two edges agree in.
-        common = in_common(left, right)
+        # The contrast is what the two edges agree in; one of two lines may be dashed.
+        common = 0.5 * (left + right) if self._painted else in_common(left, right)
         contrast = np.zeros(3)
         contrast[: common.size] = common
         paint = float(_ridges(samples, channels[0]).mean(axis=1)[:, near].max())

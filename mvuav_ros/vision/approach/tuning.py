@@ -367,26 +367,19 @@ class TrackerTuning:
 class RoadTuning:
     """Of roads' lanes and pipelines. The country and the forest road."""
 
-    min_flank: float = 1.5  # px beside an edge that are compared
-    max_flank: float = 24.0  # px, likewise
-    first_depth: float = 2.0  # px below the vanishing point, from which rows count
+    first_depth: float = 4.0  # px below the vanishing point, from which rows count
+    farther: float = 0.7  # depths of the far end, from which on edges are looked for
     ceiling: float = 4.0  # floors: the contrast that counts most
-    # widths over the camera's height that are tried
-    ratios: tuple[float, float, float] = (0.1, 0.2, 0.4)
-    samples: int = 6  # rows compared
-    taper: float = 0.45  # depth of a band's first row, in depths of its last
-    narrowest: float = 3.0  # px; a narrower near end says nothing
-    max_beyond: float = 0.2  # widths outside the image at which a vanishing point is looked for
-    search_share: float = 0.25  # of all places, looked up in one frame
-    max_of_band: int = 3  # strips of a band
     # share of the image's height below which lines may meet: the camera looks ahead
     highest: float = 0.3
     lowest: float = 0.72  # share of the image's height above which they may
+    meeting_reach: float = 8.0  # px from a known horizon, at which they may
     paint_reach: int = 6  # px: paint is brighter than what is so far to its left and to its right
     paint_contrast: float = 12.0  # grey levels
+    usual_steps: float = 90.0  # percentile of steps, above which they may be a pipeline's edges
     min_votes: int = 14  # of a line
     max_lines: int = 24  # that are paired
-    max_lanes: int = 12  # candidates
+    max_strips: int = 16  # candidates of a search
     flattest: float = 4.0  # columns per row
     same_place: float = 6.0  # px on the lowest row between lines that are the same
     same_slope: float = 0.15  # columns per row, likewise
@@ -405,10 +398,9 @@ class RoadTuning:
     max_tracks: int = 4  # followed at a time
     switch_margin: float = 0.26  # log odds by which another track must be better than that shown
     search_period: int = 4  # frames from one search to the next while a track is shown
-    max_wider: float = 2.0  # widths of one strip over another, up to which both may be the same
-    max_started: int = 3  # candidates of a search that are followed
+    max_wider: float = 1.5  # widths of one strip over another, up to which both may be the same
+    max_started: int = 6  # candidates of a search that are tried
     min_land: int = 8  # rows
-    rows_above_horizon: int = 24  # that are kept
     trial_frames: int = 12  # after which a track of less than ``min_quality`` is given up
     min_quality: float = 0.5  # share of ``start_score``
 
