@@ -97,9 +97,9 @@ def find_strips(pixels: NDArray[Any], target: Target, row: float | None) -> Stri
     top = min(top, height - ROAD.min_land)
     marks = [_lines(mask) for mask in _marks(pixels[top:], target.painted)]
     found: list[tuple[float, tuple[float, ...]]] = []
-    for (left_end, left, votes), (right_end, right, its_votes) in chain(
-        product(marks[0], marks[-1]), product(marks[-1], marks[0])
-    ):
+    # A pipeline may be darker or brighter than the land.
+    pairs = [product(marks[0], marks[-1]), product(marks[-1], marks[0])][: len(marks)]
+    for (left_end, left, votes), (right_end, right, its_votes) in chain(*pairs):
         if row is None:
             depth = (right_end - left_end) / max(right - left, 1e-3)
             if not 1.0 - ROAD.lowest < depth / height < 1.0 - ROAD.highest:
@@ -187,7 +187,7 @@ class RoadTrack(FollowedStrip):
         super().__init__(strip, math.log(target.start_score))
         self.target = target
         self.quality = self.evidence = 0.0
-        self._look = EdgeLook(painted=target.painted)
+        self._look = EdgeLook(wide=False, painted=target.painted)
 
     @property
     def rank(self) -> float:
@@ -225,7 +225,7 @@ class RoadTrack(FollowedStrip):
             self.give_up()
             return
         strip[4:] = max(ROAD.farther * far, ROAD.first_depth), height - 0.5 - y
-        edges = self._look.find(view.frame, strip, wide=False)
+        edges = self._look.find(view.frame, strip)
         score, sharp = self._score(edges, strip)
         self.shape.move_reference(y + 0.3 * strip[4] + 0.7 * strip[5])
         self.shape.update(edges, view.horizon)

@@ -86,19 +86,6 @@ def strip_along(edges: Edges, strip: Strip) -> Strip:
     return through
 
 
-def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
-    """Whether points measured on the frame lie along the mean."""
-    used = exact.weights > 0
-    if np.count_nonzero(used) < 4:
-        return False
-    expected = np.interp(exact.rows[used], mean.rows, mean.columns)
-    slope = (mean.columns[-1] - mean.columns[0]) / (mean.rows[-1] - mean.rows[0])
-    beyond = exact.rows[used] - np.clip(exact.rows[used], mean.rows[0], mean.rows[-1])
-    apart = np.abs(exact.columns[used] - expected - slope * beyond)
-    # The median is that low.
-    return bool(2 * np.count_nonzero(apart < STRIP.max_disagreement) > apart.size)
-
-
 def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
     """Whether a strip can be a runway seen from the air; of an image of that height and width."""
     if not np.isfinite(strip).all():
