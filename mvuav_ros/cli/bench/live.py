@@ -112,11 +112,13 @@ def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
 
 def _run(case: LiveCase, seconds: float) -> list[LiveResult]:
     settings = ('--ros-args', '-p', f'image_transport:={case.transport}')
-    commands = {name: ('mvuav_ros', name, *settings) for name in case.nodes}
-    if FLOOR in commands:
-        commands[FLOOR] = (_PROCESSES, FLOOR, case.transport)
     with NodeProcesses() as processes:
-        nodes = {name: processes.start(*command) for name, command in commands.items()}
+        nodes = {
+            name: processes.start(_PROCESSES, FLOOR, case.transport)
+            if name == FLOOR
+            else processes.start('mvuav_ros', name, *settings)
+            for name in case.nodes
+        }
         orders = json.dumps({**asdict(case), 'seconds': seconds})
         camera = processes.start(_PROCESSES, 'camera', orders)
         camera.wait_for('begin')

@@ -398,6 +398,7 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     start = time.perf_counter()
     try:
         outputs = processor.process(frame, processor.debug_topics if debug else ())
+        results.messages += _messages(processor, outputs)
     except DuplicateStampError:
         results.reasons.append('the stamp of the frame before')
     except ImageError as error:
@@ -405,8 +406,6 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     except Exception as error:
         # As in a live node, a defect of ours costs a frame and not the flight.
         results.reasons.append(f'{DEFECT} {processor.name}: {type(error).__name__}: {error}')
-    else:
-        results.messages += _messages(processor, outputs)
     results.seconds = time.perf_counter() - start
     return results
 
