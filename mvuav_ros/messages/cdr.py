@@ -249,9 +249,6 @@ class PointLayout:
         return self._starts[rows]
 
 
-decode_points = view_points
-
-
 OK, WARN, ERROR = 0, 1, 2
 """Of diagnostic_msgs/DiagnosticStatus."""
 

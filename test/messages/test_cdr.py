@@ -117,7 +117,7 @@ def test_a_whole_runway_frame_field_by_field():
     for given in flight:
         outputs = processor.process(Frame(given.stamp_ns, 'nose', given.image))
     said = messages_of(processor, outputs)
-    rows = cdr.decode_points(said['line_params'])
+    rows = cdr.view_points(said['line_params'])
     marker, corrections = said['lines'], said['corrections']
     assert said['line_params'].height == 1 and not said['line_params'].is_bigendian
     assert said['line_params'].row_step == 48 * len(rows) == len(said['line_params'].data)
