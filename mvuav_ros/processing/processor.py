@@ -242,12 +242,11 @@ class Processor(ABC):
         self.status = self.frames_problem = ''
         self._forget()
 
-    def process(self, frame: Frame, debug: Collection[str] = ()) -> Iterator[Output]:
+    def process(self, frame: Frame) -> Iterator[Output]:
         """The messages that follow from one frame, each with the frame's header.
 
         Each comes as soon as it is known, so that a live node can send it before the next one is
         worked out. A stamp earlier than the last one (a bag that loops) resets the state.
-        ``debug`` are the debug topics that somebody looks at.
 
         Raises:
             DuplicateStampError: the stamp is that of the last frame.
@@ -263,5 +262,3 @@ class Processor(ABC):
             self.set_camera(frame.camera)
         yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))
         self._last_stamp_ns = frame.stamp_ns
-        if debug:
-            yield from self.draw(debug)

@@ -59,7 +59,8 @@ EMPTY = Image(np.full((480, 640, 3), 90, np.uint8), 'bgr8')
 
 
 def outputs(processor, index, debug=()):
-    return messages_of(processor, processor.process(frame(index), debug))
+    outputs = [*processor.process(frame(index)), *processor.draw(debug)]
+    return messages_of(processor, outputs)
 
 
 def flown(calibrated=True, **values):

@@ -158,7 +158,7 @@ def test_a_doubtful_layout_needs_to_be_allowed(tmp_path, text, reason):
     processor = MarkerTrackerProcessor()
     processor.configure(MarkerTrackerParameters(layout=str(path), allow_ambiguous=True))
     image = np.zeros((48, 64), np.uint8)
-    processor.process(Frame(1, 'cam', Image(image, 'mono8')))
+    list(processor.process(Frame(1, 'cam', Image(image, 'mono8'))))
     assert reason in processor.status
 
 

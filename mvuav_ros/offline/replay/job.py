@@ -397,8 +397,9 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     results = FrameResults(frame.stamp_ns)
     start = time.perf_counter()
     try:
-        outputs = processor.process(frame, processor.debug_topics if debug else ())
-        results.messages += _messages(processor, outputs)
+        results.messages += _messages(processor, processor.process(frame))
+        if debug:
+            results.messages += _messages(processor, processor.draw(processor.debug_topics))
     except DuplicateStampError:
         results.reasons.append('the stamp of the frame before')
     except ImageError as error:
