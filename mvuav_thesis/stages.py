@@ -20,7 +20,7 @@ from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import bright_pixels, group_pixels, label_five
+from mvuav_ros.vision.markers.detection import group_mask, label_five
 from mvuav_ros.vision.markers.lights import area_fits
 from mvuav_ros.vision.markers.marker_results import TANKER_LABELS, Cluster, Window
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, Motion, measure_window
@@ -193,11 +193,11 @@ def _whole_frame(
     """Appendix A's stages on one frame."""
     watch = times.watch
     mask = watch.time(PREPARING, number, _prepare, image, parameters)
-    x, y = watch.time(SCANNING, number, bright_pixels, mask)
-    groups = watch.time(CENTROIDS, number, group_pixels, x, y, parameters.grouping_distance)
-    groups = [group for group in groups if area_fits(group.area, parameters)]
+    bright = watch.time(SCANNING, number, cv2.findNonZero, mask)
+    found = watch.time(CENTROIDS, number, group_mask, mask, parameters.grouping_distance)
+    groups = [Cluster(*group) for group in found.tolist() if area_fits(group[2], parameters)]
     order = watch.time(NAMING, number, label_five, groups)
-    times.executions.update({PREPARING: 1, SCANNING: mask.size, CENTROIDS: len(x), NAMING: 1})
+    times.executions.update({PREPARING: 1, SCANNING: mask.size, CENTROIDS: len(bright), NAMING: 1})
     return [groups[i] for i in order]
 
 

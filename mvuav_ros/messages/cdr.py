@@ -235,9 +235,8 @@ class PointLayout:
         pack, finite = self._row.pack, math.isfinite
         is_dense = all(finite(x) and finite(y) and finite(z) for x, y, z, *_ in rows)
         start = self._starts.get(len(rows)) or self._start(len(rows))
-        points = b''.join([pack(*row) for row in rows])
-        end = _DENSE[is_dense] + bytes(-(len(points) + 1) % 4)
-        return b''.join((header, bytes(-len(header) % 4), start, points, end))
+        points = [pack(*row) for row in rows]
+        return behind_header(header, b''.join((start, *points, _DENSE[is_dense])))
 
     def _start(self, rows: int) -> bytes:
         """All between the header and as many rows: the same from message to message."""
@@ -248,9 +247,6 @@ class PointLayout:
         writer.numbers('I', self._row.size * rows)
         self._starts[rows] = writer.beginning()
         return self._starts[rows]
-
-
-decode_points = view_points
 
 
 OK, WARN, ERROR = 0, 1, 2
@@ -268,9 +264,18 @@ class Status(NamedTuple):
 
 def encode_statuses(statuses: Sequence[Status], header: bytes) -> bytes:
     """A DiagnosticArray in CDR; ``header`` is a `cdr_header`."""
-    data = bytearray(header)
-    data += bytes(-len(data) % 4)
-    data += _LENGTH.pack(len(statuses))
+    return behind_header(header, status_fields(statuses))
+
+
+def behind_header(header: bytes, fields: bytes) -> bytes:
+    """A message of a `cdr_header` and fields that need an alignment to 4 bytes at most."""
+    padding, end = bytes(-len(header) % 4), bytes(-len(fields) % 4)
+    return b''.join((header, padding, fields, end))
+
+
+def status_fields(statuses: Sequence[Status]) -> bytes:
+    """A DiagnosticArray without its header."""
+    data = bytearray(_LENGTH.pack(len(statuses)))
     for level, name, message, values in statuses:
         hardware_id = ''
         data.append(level)
@@ -282,7 +287,6 @@ def encode_statuses(statuses: Sequence[Status], header: bytes) -> bytes:
         for text in chain.from_iterable(values.items()):
             data += bytes(-len(data) % 4)
             data += _text(text)
-    data += bytes(-len(data) % 4)
     return bytes(data)
 
 

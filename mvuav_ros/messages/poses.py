@@ -13,6 +13,7 @@ import importlib.util
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,9 @@ from mvuav_ros.messages.cdr import (
     WARN,
     CdrWriter,
     Status,
-    encode_statuses,
+    behind_header,
     stamped_doubles,
+    status_fields,
     texts,
     without_encapsulation,
 )
@@ -214,6 +216,14 @@ def encode_integrity(
     Its values are the levels (m; degrees where the key says so), the alert limits and the
     integrity risk per frame.
     """
+    return behind_header(header, _integrity_fields(levels, tuple(alert_limits), risk))
+
+
+# Where there are no levels every frame says the same.
+@lru_cache(maxsize=16)
+def _integrity_fields(
+    levels: ProtectionLevels | RunwayLevels, alert_limits: tuple[float, ...], risk: float
+) -> bytes:
     state = integrity_state(levels, alert_limits)
     message = state.name.lower().replace('_', ' ')
     if reason := levels.reason or ', '.join(levels.beyond(alert_limits)):
@@ -241,7 +251,7 @@ def encode_integrity(
     for axis, limit in zip(axes, alert_limits, strict=True):
         values[f'alert_limit_{axis}'] = f'{limit:g}' if limit else 'none'
     values['risk'] = f'{risk:g}'
-    return encode_statuses([Status(_LEVELS[state], name, message, values)], header)
+    return status_fields([Status(_LEVELS[state], name, message, values)])
 
 
 _LEVELS = {

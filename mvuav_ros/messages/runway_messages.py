@@ -41,7 +41,7 @@ PLANE = 1.0
 """m ahead of a calibrated camera, where ``~/lines`` are drawn."""
 _LINE_LIST, _ADD, _DELETE = 5, 0, 2
 """Of visualization_msgs/Marker."""
-_NO_COLOR, _NO_LIFETIME = (0.0, 0.0, 0.0, 0.0), (0, 0)
+_NO_COLOR_LIFETIME_AND_LOCK = bytes(4 * 4 + 2 * 4 + 1)
 
 Result = RunwayResult | ApproachResult
 
@@ -82,10 +82,7 @@ def encode_lines(result: Result, header: bytes, camera: CameraModel | None = Non
     writer.numbers('3i', number, _LINE_LIST, action)
     position, orientation, scale = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (width, 0.0, 0.0)
     writer.numbers('10d', *position, *orientation, *scale)
-    writer.numbers('4f', *_NO_COLOR)
-    writer.numbers('2i', *_NO_LIFETIME)
-    frame_locked = False
-    writer.numbers('B', frame_locked)
+    writer.written(_NO_COLOR_LIFETIME_AND_LOCK)
     writer.numbers('I', len(points))
     writer.numbers(f'{3 * len(points)}d', *(each for x, y in points for each in (x, y, depth)))
     writer.numbers('I', len(colors) // 4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from threading import Lock
 from typing import Any
@@ -84,13 +84,17 @@ class ResultPublishers:
         }
         self._looked, self._heard = -math.inf, set[str]()
 
-    def publish(self, outputs: list[Output]) -> None:
-        """Make and send the messages that anybody would get."""
+    def publish(self, outputs: Iterable[Output]) -> float:
+        """Make and send the messages that anybody would get; how long that took of it all, s."""
         if time.monotonic() - self._looked > _STALE:
             self.look()
+        seconds = 0.0
         for topic, make in outputs:
             if topic in self._heard:
+                start = time.perf_counter()
                 (self._results.get(topic) or self._debug[topic]).publish(make())
+                seconds += time.perf_counter() - start
+        return seconds
 
     def look(self, at_most_every: float = 0.0) -> None:
         """See which topics are heard, unless that was done so many seconds ago."""
@@ -330,15 +334,13 @@ class FrameAnswerer:
         assert publishers is not None
         decoded = time.perf_counter()
         with self.lock:
-            outputs = self._processor.process(frame)
-        processed = time.perf_counter()
-        publishers.publish(outputs)
+            publish = publishers.publish(self._processor.process(frame))
         published = time.perf_counter()
         times = FrameTimes(
             transport=received.transport,
             decode=decoded - start,
-            process=processed - decoded,
-            publish=published - processed,
+            process=published - decoded - publish,
+            publish=publish,
             total=published - received.taken,
         )
         publishers.look(_LOOK_INTERVAL)

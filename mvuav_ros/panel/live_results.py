@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.live_nodes import LiveNode, same_value
@@ -211,7 +211,7 @@ def rows_of(message: PointCloud2) -> Any:
     """The first rows; a message says itself how large it is."""
     if len(message.fields) > 50 or message.width * message.height > _MAX_VALUES:
         raise ValueError('no result of our nodes')
-    return decode_points(message)[:_MAX_ROWS]
+    return view_points(message)[:_MAX_ROWS]
 
 
 def rotation_of(quaternion: Any) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from functools import lru_cache, partial
 
 import numpy as np
@@ -159,33 +159,28 @@ class MarkerTrackerProcessor(Processor):
         self._tracker.reset()
         self._poses.reset()
 
-    def _process(self, frame: Frame, header: bytes) -> list[Output]:
+    def _process(self, frame: Frame, header: bytes) -> Iterator[Output]:
         result = self._tracker.process(frame.image, frame.stamp_ns)
+        numbered = self._parameters.mode == 'track_any'
+        yield Output('markers', partial(encode_markers, result, header, numbered=numbered))
         pose = self._estimate(frame, result)
         self.status = '; '.join(filter(None, (result.status, *self._warnings, *self._doubts)))
-        numbered = self._parameters.mode == 'track_any'
-        outputs = [
-            Output('markers', partial(encode_markers, result, header, numbered=numbered)),
-            Output('rpy', partial(encode_rpy, result, header, pose)),
-            Output('pose', partial(poses.encode_pose, pose, header)),
-            Output('integrity', partial(self._encode_integrity, pose, header)),
-        ]
-        if detections.TYPES:
-            make = partial(detections.encode_markers, result, self._rig.names, header)
-            outputs.append(Output('detections', make))
-            make = partial(detections.encode_body, self._rig, pose, header)
-            outputs.append(Output('detections_3d', make))
-        outputs += [
-            Output(self._marker_topics[marker.label], partial(encode_marker, marker, header))
-            for marker in result.markers
-            if marker.label != Label.UNLABELLED and marker.state is not MarkerState.LOST
-        ]
+        self._newest = (frame.image, result, pose, header)
+        yield Output('rpy', partial(encode_rpy, result, header, pose))
+        yield Output('pose', partial(poses.encode_pose, pose, header))
         if pose is not None:
             camera, body = poses.camera_in_body(pose), poses.body_in_camera(pose)
             name = self._parameters.body_frame or self._rig.name
-            outputs += self._placements(camera, body, name, frame, self._parameters)
-        self._newest = (frame.image, result, pose, header)
-        return outputs
+            yield from self._placements(camera, body, name, frame, self._parameters)
+        for marker in result.markers:
+            if marker.label != Label.UNLABELLED and marker.state is not MarkerState.LOST:
+                topic = self._marker_topics[marker.label]
+                yield Output(topic, partial(encode_marker, marker, header))
+        if detections.TYPES:
+            make = partial(detections.encode_markers, result, self._rig.names, header)
+            yield Output('detections', make)
+            yield Output('detections_3d', partial(detections.encode_body, self._rig, pose, header))
+        yield Output('integrity', partial(self._encode_integrity, pose, header))
 
     def draw(self, debug: Collection[str]) -> list[Output]:
         """See `Processor.draw`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -208,8 +208,8 @@ class Processor(ABC):
         """Drop everything learnt from earlier frames."""
 
     @abstractmethod
-    def _process(self, frame: Frame, header: bytes) -> list[Output]:
-        """The frame's results."""
+    def _process(self, frame: Frame, header: bytes) -> Iterable[Output]:
+        """The frame's results, in the order in which they are known."""
 
     @abstractmethod
     def draw(self, debug: Collection[str]) -> list[Output]:
@@ -242,11 +242,11 @@ class Processor(ABC):
         self.status = self.frames_problem = ''
         self._forget()
 
-    def process(self, frame: Frame, debug: Collection[str] = ()) -> list[Output]:
+    def process(self, frame: Frame) -> Iterator[Output]:
         """The messages that follow from one frame, each with the frame's header.
 
-        A stamp earlier than the last one (a bag that loops) resets the state. ``debug`` are the
-        debug topics that somebody looks at.
+        Each comes as soon as it is known, so that a live node can send it before the next one is
+        worked out. A stamp earlier than the last one (a bag that loops) resets the state.
 
         Raises:
             DuplicateStampError: the stamp is that of the last frame.
@@ -260,6 +260,5 @@ class Processor(ABC):
             self.resets += 1
         if frame.camera is not None and self.uses_camera_info:
             self.set_camera(frame.camera)
-        outputs = self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))
+        yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))
         self._last_stamp_ns = frame.stamp_ns
-        return [*outputs, *self.draw(debug)] if debug else outputs

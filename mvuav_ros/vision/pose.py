@@ -25,10 +25,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PoseTuning:
-    """When a pose is believed.
+    """When a pose is believed, which of several is taken, and how the noise follows the residuals.
 
     Chosen on the simulator's docking approaches with 0.02 to 0.6 px of noise, and on flights on
-    which other lights take the markers' names.
+    which other lights take the markers' names; what concerns several solutions of three lights on
+    seeds 0 to 29 of flights of random rigs.
     """
 
     # s, for which the last pose decides which of several solutions is the right one.
@@ -44,6 +45,26 @@ class PoseTuning:
     # Part of both from which on a pose of three lights is kept back: two solutions are about to
     # meet, and the errors are no longer those of the one.
     of_three: float = 0.4
+    # Solutions: of two ones' squared residuals, up to where both fit.
+    alike: float = 4.0
+    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
+    # Difference of two solutions' squared residuals, over the noise's variance, from which on the
+    # less one is right.
+    decisive: float = 12.0
+    # rad, by which a solution must be nearer to the last pose than the next one.
+    nearer: float = math.radians(3.0)
+    one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
+    meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
+    # Noise: px, assumed before there are residuals.
+    first_noise: float = 0.3
+    first_weight: float = 4.0  # degrees of freedom that this assumption is worth
+    first_memory: float = 0.9  # of that, per frame
+    memory: float = 0.999  # of the residuals, per frame
+    recent_memory: float = 0.6  # of those that show a sudden rise: back to normal in 15 frames
+    rise: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
+    max_rise: int = 60  # frames after which it is the usual noise that has changed
+    # px, of a centroid, the same from frame to frame: the residuals do not show all of it.
+    steady_error: float = 0.015
 
 
 TUNING = PoseTuning()
@@ -125,10 +146,6 @@ class PoseEstimator:
         self._last: tuple[Array, Array] | None = None
         self._last_time = -math.inf
         self._vouched: frozenset[int] = frozenset()
-        # Whether three lights had two poses, or one that was not certain before one of them was out
-        # of sight: what they show later does not decide which is right, as another light may have
-        # taken the place of one of them. More than three decide.
-        self._is_mirrored = self._is_uncertain = False
         self._residuals = _ResidualNoise()
 
     @property
@@ -155,7 +172,6 @@ class PoseEstimator:
         time = operator.index(stamp_ns) * 1e-9
         self._vouched &= frozenset(labels)
         if len(labels) < MIN_MARKERS:
-            self._is_mirrored |= self._is_uncertain
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
@@ -163,30 +179,31 @@ class PoseEstimator:
             self.reason = 'the positions of the markers are not finite'
             return None
         markers = list(labels)
+        if not self._vouched_for(markers, time):
+            return None
         chosen, solution = self._solve(camera, markers, image, time)
-        if solution is None:
+        if solution is None or not self._vouched_for(chosen, time):
             return None
-        if not self._vouched_for(chosen, time):
-            return None
+        if len(chosen) > MIN_MARKERS:
+            self._vouched = frozenset(chosen)
         pose = self._pose(camera, chosen, solution)
         if pose is not None:
             self._last, self._last_time = (solution.rotation, solution.translation), time
-            self._is_uncertain = False
         elif len(chosen) == MIN_MARKERS:
             # Where two solutions of three lights meet, nothing says which one goes on.
-            self._last, self._is_uncertain = None, True
+            self._last = None
         return pose
 
     def _vouched_for(self, markers: list[int], time: float) -> bool:
         """Whether more lights than a pose needs have shown that these are the rig's.
 
-        Three lights fit a pose wherever they are: of a rig with more, they only continue one.
+        Three lights fit a pose wherever they are, so that another light in the place of one of them
+        would not show: they only continue a pose.
         """
-        seen = frozenset(markers)
-        if len(seen) > MIN_MARKERS or len(self._points) == MIN_MARKERS:
-            self._vouched = seen
+        if len(markers) > MIN_MARKERS:
             return True
-        if seen <= self._vouched and time - self._last_time <= TUNING.holds:
+        fresh = self._last is not None and time - self._last_time <= TUNING.holds
+        if fresh and self._vouched.issuperset(markers):
             return True
         self.reason = f'{MIN_MARKERS} markers that no other one confirms'
         return False
@@ -196,25 +213,20 @@ class PoseEstimator:
     ) -> tuple[list[int], Solution | None]:
         """The pose's solution, and the markers that it is from."""
         self.reason = ''
-        view = Reprojection(camera, self._points[markers], image)
-        solution = self._follow(view, time) or self._find(view, time)
+        count = 2 * len(markers)
+        solution = self._fit(Reprojection(camera, self._points[markers], image), time)
         usual = (TUNING.unusual * self._residuals.usual) ** 2
-        if solution is None or solution.squares > 2 * len(markers) * usual:
+        if solution is None or solution.squares > count * usual:
             rest = self._without_one(camera, markers, image, time, usual)
             if rest is not None:
                 self.reason = ''
                 return rest
         if solution is not None:
-            self._residuals.learn(solution.squares, 2 * len(markers) - 6)
+            self._residuals.learn(solution.squares, count - 6)
         return markers, solution
 
     def _without_one(
-        self,
-        camera: CameraModel,
-        markers: list[int],
-        image: Array,
-        time: float,
-        usual: float,
+        self, camera: CameraModel, markers: list[int], image: Array, time: float, usual: float
     ) -> tuple[list[int], Solution] | None:
         """The solution without the one marker that the others contradict; None if unclear."""
         if len(markers) < MIN_MARKERS + 2:
@@ -223,10 +235,36 @@ class PoseEstimator:
         for index in range(len(markers)):
             rest = markers[:index] + markers[index + 1 :]
             view = Reprojection(camera, self._points[rest], np.delete(image, index, axis=0))
-            solution = self._follow(view, time) or self._find(view, time)
+            solution = self._fit(view, time)
             if solution is not None and solution.squares <= 2 * len(rest) * usual:
                 fitting.append((rest, solution))
         return fitting[0] if len(fitting) == 1 else None
+
+    def _fit(self, view: Reprojection, time: float) -> Solution | None:
+        """From the last pose, if that is fresh and nothing looks odd; else the right one of all."""
+        last = self._last if time - self._last_time <= TUNING.holds else None
+        followed = view.refine(*last) if last else None
+        count = 2 * len(view.image)
+        most = TUNING.unusual * self.noise
+        if most > TUNING.max_misfit:
+            most = min(most, _most_misfit(view))
+        if followed is not None and followed.squares <= count * most**2:
+            if count > 2 * MIN_MARKERS or not _meets_another(followed, view.closed_forms()):
+                return followed
+            self._last = None
+            self.reason = 'more than one pose fits the markers'
+            return None
+        solutions = view.solve() + ([followed] if followed else [])
+        least = min((solution.squares for solution in solutions), default=math.inf)
+        if least > count * _most_misfit(view) ** 2:
+            self.reason = 'no pose fits the markers'
+            return None
+        chosen = _choose(solutions, self.noise, len(view.image), last and last[0])
+        if chosen is None:
+            self.reason = 'more than one pose fits the markers'
+            if last is None:
+                self._residuals.learn(least, count - 6)
+        return chosen
 
     def _pose(self, camera: CameraModel, labels: list[int], solution: Solution) -> Pose | None:
         """What is published of a solution, if it is known well enough."""
@@ -246,49 +284,9 @@ class PoseEstimator:
         misfit = math.sqrt(squares / count)
         return Pose(rotation, translation, spread[_PLACE_FIRST], seen, misfit)
 
-    def _follow(self, view: Reprojection, time: float) -> Solution | None:
-        """From the last pose, if that is fresh and nothing looks odd."""
-        if self._last is None or time - self._last_time > TUNING.holds:
-            return None
-        solution = view.refine(*self._last)
-        count = 2 * len(view.image)
-        most = TUNING.unusual * self.noise
-        if most > TUNING.max_misfit:
-            most = min(most, _most_misfit(view))
-        if solution is None or solution.squares > count * most**2:
-            return None
-        if count == 2 * MIN_MARKERS and _meets_another(solution, view.closed_forms()):
-            self._last, self._is_mirrored = None, True
-            return None
-        return solution
-
-    def _find(self, view: Reprojection, time: float) -> Solution | None:
-        """From nothing: all solutions, and the right one of those that fit."""
-        solutions = view.solve()
-        fresh = self._last is not None and time - self._last_time <= TUNING.holds
-        if fresh and self._last is not None:
-            again = view.refine(*self._last)
-            solutions += [again] if again is not None else []
-        least = min((solution.squares for solution in solutions), default=math.inf)
-        count = 2 * len(view.image)
-        if least > count * _most_misfit(view) ** 2:
-            self.reason = 'no pose fits the markers'
-            return None
-        last = self._last[0] if fresh and self._last is not None else None
-        chosen = _choose(solutions, self.noise, len(view.image), last)
-        if count > 2 * MIN_MARKERS:
-            self._is_mirrored = self._is_uncertain = False
-        elif last is None:
-            self._is_mirrored |= chosen is None
-            chosen = None if self._is_mirrored else chosen
-        if chosen is None:
-            self.reason = 'more than one pose fits the markers'
-            if last is None and count > 2 * MIN_MARKERS:
-                self._residuals.learn(least, count - 6)
-        return chosen
-
 
 def _most_misfit(view: Reprojection) -> float:
+    """px, root mean square per axis."""
     span = float((view.image.max(axis=0) - view.image.min(axis=0)).max())
     return max(TUNING.max_misfit, TUNING.max_relative_misfit * span)
 
@@ -305,28 +303,6 @@ def _is_known(spread: Array, translation: Array, share: float) -> bool:
     return known and turned <= share * TUNING.max_turn_error
 
 
-@dataclass(frozen=True)
-class AmbiguityTuning:
-    """When one of several solutions is taken.
-
-    Chosen as `PoseTuning`; those of three lights on seeds 0 to 29 of flights of random rigs.
-    """
-
-    alike: float = 4.0  # of two solutions' squared residuals, up to where both fit
-    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
-    # Difference of two solutions' squared residuals, over the noise's variance, from which on the
-    # less one is right.
-    decisive: float = 12.0
-    # rad, by which a solution must be nearer to the last pose than the next one.
-    nearer: float = math.radians(3.0)
-    max_tilt: float = math.radians(45.0)  # rad, from straight behind, of three lights' first pose
-    one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
-    meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
-
-
-AMBIGUITY = AmbiguityTuning()
-
-
 def _choose(
     solutions: Sequence[Solution], noise: float, count: int, last: Array | None
 ) -> Solution | None:
@@ -335,28 +311,20 @@ def _choose(
     The noise of a marker's place is in px per axis; the last rotation (3, 3) is a short while old.
     """
     least = min(solution.squares for solution in solutions)
-    limit = AMBIGUITY.alike * least + 2 * count * noise**2
+    limit = TUNING.alike * least + 2 * count * noise**2
     fitting = [solution for solution in solutions if solution.squares <= limit]
     if last is not None:
         return _nearest(last, fitting)
-    if count == MIN_MARKERS:
-        # As their names do, a pose of three lights presupposes that they are seen from behind.
-        fitting = [solution for solution in fitting if _tilt(solution) < AMBIGUITY.max_tilt]
-        limit, same = math.inf, AMBIGUITY.one
-    else:
-        same = AMBIGUITY.same
-        limit = least + AMBIGUITY.decisive * noise**2
-    if not fitting:
-        return None
+    limit = least + TUNING.decisive * noise**2
     best = min(fitting, key=lambda solution: solution.squares)
-    others = [s for s in fitting if s.squares < limit and not _are_alike(best, s, same)]
+    others = [s for s in fitting if s.squares < limit and not _are_alike(best, s)]
     return None if others else best
 
 
 def _meets_another(solution: Solution, others: Sequence[tuple[Array, Array]]) -> bool:
     """Whether another solution of three lights is so near that either may be the right one."""
     angles = [_angle(solution.rotation, rotation) for rotation, _ in others]
-    return any(AMBIGUITY.one < angle < AMBIGUITY.meeting for angle in angles)
+    return any(TUNING.one < angle < TUNING.meeting for angle in angles)
 
 
 def _nearest(last: Array, fitting: Sequence[Solution]) -> Solution | None:
@@ -365,47 +333,19 @@ def _nearest(last: Array, fitting: Sequence[Solution]) -> Solution | None:
     chosen = fitting[int(np.argmin(angles))]
     same = [solution for solution in fitting if _are_alike(chosen, solution)]
     others = [a for a, s in zip(angles, fitting, strict=True) if not _are_alike(chosen, s)]
-    if min(others, default=math.inf) < min(angles) + AMBIGUITY.nearer:
+    if min(others, default=math.inf) < min(angles) + TUNING.nearer:
         return None
     # Some starts come to a halt before the minimum that they share with others.
     return min(same, key=lambda solution: solution.squares)
 
 
-def _are_alike(a: Solution, b: Solution, same: float = AMBIGUITY.same) -> bool:
-    return _angle(a.rotation, b.rotation) < same
-
-
-def _tilt(solution: Solution) -> float:
-    """From the line of sight to the body's x axis, rad."""
-    place = solution.translation
-    ahead = float(solution.rotation[:, 0] @ place) / float(np.linalg.norm(place))
-    return math.acos(min(1.0, max(-1.0, ahead)))
+def _are_alike(a: Solution, b: Solution) -> bool:
+    return _angle(a.rotation, b.rotation) < TUNING.same
 
 
 def _angle(first: Array, second: Array) -> float:
     trace = float(np.sum(first * second))
     return math.acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
-
-
-@dataclass(frozen=True)
-class NoiseTuning:
-    """How fast the noise follows the residuals.
-
-    Chosen as `PoseTuning`.
-    """
-
-    first_noise: float = 0.3  # px, assumed before there are residuals
-    first_weight: float = 4.0  # degrees of freedom that this assumption is worth
-    first_memory: float = 0.9  # of that, per frame
-    memory: float = 0.999  # of the residuals, per frame
-    recent_memory: float = 0.6  # of those that show a sudden rise: back to normal in 15 frames
-    rise: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
-    max_rise: int = 60  # frames after which it is the usual noise that has changed
-    # px, of a centroid, the same from frame to frame: the residuals do not show all of it.
-    steady_error: float = 0.015
-
-
-NOISE = NoiseTuning()
 
 
 class _ResidualNoise:
@@ -416,38 +356,29 @@ class _ResidualNoise:
 
     def __init__(self) -> None:
         self._squares = self._freedom = self._recent = 0.0
-        self._doubt = NOISE.first_weight
+        self._doubt = TUNING.first_weight
         self._risen_for = 0
+        self._note()
 
-    @property
-    def noise(self) -> float:
-        """In the newest frame, px."""
-        variance = self._variance
-        if self._recent > NOISE.rise**2 * variance:
-            variance = self._recent
-        return math.hypot(math.sqrt(variance), NOISE.steady_error)
-
-    @property
-    def usual(self) -> float:
-        """Where there is no sudden rise, px."""
-        return math.hypot(math.sqrt(self._variance), NOISE.steady_error)
-
-    @property
-    def _variance(self) -> float:
-        squares = self._squares + self._doubt * NOISE.first_noise**2
-        return squares / (self._freedom + self._doubt)
+    def _note(self) -> None:
+        squares = self._squares + self._doubt * TUNING.first_noise**2
+        self._variance = squares / (self._freedom + self._doubt)
+        has_risen = self._recent > TUNING.rise**2 * self._variance
+        newest = self._recent if has_risen else self._variance
+        # Where there is no sudden rise, and in the newest frame.
+        self.usual = math.hypot(math.sqrt(self._variance), TUNING.steady_error)
+        self.noise = math.hypot(math.sqrt(newest), TUNING.steady_error)
 
     def learn(self, squares: float, freedom: int) -> None:
         """Take a frame's squared residuals, px², and their degrees of freedom."""
         if freedom <= 0:
             return
-        variance = self._variance
-        self._recent += (1 - NOISE.recent_memory) * (squares / freedom - self._recent)
-        rise = self._recent > NOISE.rise**2 * variance
+        self._recent += (1 - TUNING.recent_memory) * (squares / freedom - self._recent)
+        rise = self._recent > TUNING.rise**2 * self._variance
         self._risen_for = self._risen_for + 1 if rise else 0
-        most = math.inf
-        if 0 < self._risen_for < NOISE.max_rise:
-            most = variance * freedom
-        self._squares = NOISE.memory * self._squares + min(squares, most)
-        self._freedom = NOISE.memory * self._freedom + freedom
-        self._doubt *= NOISE.first_memory
+        if 0 < self._risen_for < TUNING.max_rise:
+            squares = min(squares, self._variance * freedom)
+        self._squares = TUNING.memory * self._squares + squares
+        self._freedom = TUNING.memory * self._freedom + freedom
+        self._doubt *= TUNING.first_memory
+        self._note()

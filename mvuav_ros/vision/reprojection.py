@@ -20,7 +20,8 @@ MIN_MARKERS = 3  # Markers for a pose: with three there may be four solutions, a
 _TILTS = tuple(math.radians(angle) for angle in (-30.0, 0.0, 30.0))
 _MAX_STEPS = 20
 _DAMPING = 1e-3  # part of the normal matrix's diagonal, where a step has made the error larger
-_SMALL_STEP = 2e-6  # of the pose, after which the next step is lost in rounding
+_SMALL_STEP = 3e-5
+"""rad, and parts of the distance: after such a step the pose is right to its square."""
 _NO_TURN: Array = np.zeros(3)
 
 
@@ -57,10 +58,9 @@ class Reprojection:
         """Gauss and Newton's steps on the image error, damped where they fail (Levenberg's).
 
         For any camera model: OpenCV's knows pinhole cameras alone, and goes on to differences that
-        no light shows. A small step is taken as the derivatives have it: what is left is its
-        square.
+        no light shows. What a small step changes is taken as the derivatives have it.
         """
-        seen, slopes = self._look(rotation, translation)
+        seen, slopes = self.look(rotation, translation)
         residual, damping = (self.image - seen).ravel(), 0.0
         squares = float(residual.dot(residual))
         for _ in range(_MAX_STEPS):
@@ -80,7 +80,7 @@ class Reprojection:
                 residual = residual - slopes.dot(step)
                 squares = float(residual.dot(residual))
                 break
-            seen, changed = self._look(turned, moved)
+            seen, changed = self.look(turned, moved)
             left = (self.image - seen).ravel()
             less = float(left.dot(left))
             if less <= squares:
@@ -91,7 +91,8 @@ class Reprojection:
         seen = self.image - residual.reshape(-1, 2)
         return Solution(rotation, translation, squares, seen, slopes)
 
-    def _look(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
+    def look(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
+        """Where the markers should be seen, and the slopes of that (see `Solution`)."""
         arms = self._points.dot(rotation.T)
         return self._camera.project_with_jacobian(arms, _NO_TURN, translation)
 

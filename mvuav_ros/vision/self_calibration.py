@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.reprojection import rotation_of
+from mvuav_ros.vision.reprojection import Reprojection, rotation_of
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
@@ -56,19 +55,37 @@ class CalibrationTuning:
 TUNING = CalibrationTuning()
 _MAX_ITERATIONS = 12
 _MAX_STEP, _FARTHEST = 0.25, 3.0
-_PINHOLE: Array = np.eye(3)
 
 
-class Keyframe(NamedTuple):
-    """Named lights of a frame.
-
-    Attributes:
-        labels: (n,), of the markers.
-        pixels: (n, 2), where they are seen, px.
-    """
+class _Frame(NamedTuple):
+    """Named lights (n,), where they are seen (n, 2), px, and the body's pose."""
 
     labels: NDArray[np.intp]
     pixels: Array
+    rotation: Array
+    translation: Array
+
+    def view(self, camera: CameraModel, points: Array) -> Reprojection:
+        """The lights as what such a camera sees of such a rig."""
+        return Reprojection(camera, np.ascontiguousarray(points[self.labels]), self.pixels)
+
+    def moved(self, step: Array) -> _Frame:
+        """By a small turn about the optical axes (rad) and a shift (m)."""
+        turned = rotation_of(step[:3]).dot(self.rotation)
+        return self._replace(rotation=turned, translation=self.translation + step[3:])
+
+
+class _Equations(NamedTuple):
+    """A frame's residuals (2 n,), and their derivatives by its pose and by what is shared.
+
+    All over the noise; and what the pose leaves of the residuals and the last ones.
+    """
+
+    residual: Array
+    common: Array
+    inverse: Array  # of the derivatives by the pose
+    left: Array
+    rest: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +146,9 @@ class SelfCalibration:
         >>> from mvuav_ros.vision.rig import TANKER_747
         >>> given = CameraModel(640, 480, (700.0, 0.0, 320.0, 0.0, 700.0, 240.0, 0.0, 0.0, 1.0))
         >>> true = np.array([(600.0, 0.0, 320.0), (0.0, 600.0, 240.0), (0.0, 0.0, 1.0)])
-        >>> rvec, tvec = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array((2.0, -1.0, 120.0))
-        >>> seen = cv2.projectPoints(TANKER_747.positions, rvec, tvec, true, None)[0]
+        >>> seen = (TANKER_747.positions @ OPTICAL_FROM_BODY.T + (2.0, -1.0, 120.0)) @ true.T
         >>> check = SelfCalibration(TANKER_747.positions, given)
-        >>> _ = check.add(range(5), seen.reshape(-1, 2))
+        >>> _ = check.add(range(5), seen[:, :2] / seen[:, 2:])
         >>> estimate = check.estimate()
         >>> estimate.contradicts, round(estimate.of_camera(given).k[0])
         (True, 600)
@@ -144,7 +160,7 @@ class SelfCalibration:
         middle = self._points.mean(axis=0)
         self._size = float(np.linalg.norm(self._points - middle, axis=1).max()) or 1.0
         self._camera = camera
-        self._frames: list[tuple[Keyframe, Array, Array]] = []
+        self._frames: list[_Frame] = []
         self._estimate: Estimate | None = None
         self._refused = 0
         # What the frames share: the logarithm of the focal length over the calibration's, and the
@@ -166,15 +182,18 @@ class SelfCalibration:
         """
         if len(labels) < TUNING.fewest:
             return False
-        frame = Keyframe(np.array(labels, np.intp), np.array(pixels, np.float64).reshape(-1, 2))
-        pose = self._first_pose(frame)
-        if pose is None:
+        found = np.array(labels, np.intp), np.array(pixels, np.float64).reshape(-1, 2)
+        frame = _Frame(*found, np.eye(3), np.zeros(3))
+        model = self._model(self._value)
+        poses = frame.view(*model).closed_forms()
+        if not poses or not np.isfinite(poses[0][0]).all() or poses[0][1][2] <= 0.0:
             return False
-        if self._is_odd(frame, pose) and self._refused < TUNING.max_refused:
+        frame = _Frame(*found, *poses[0])
+        if self._is_odd(frame, model) and self._refused < TUNING.max_refused:
             self._refused += 1
             return False
         self._refused = 0
-        self._frames = [*self._frames[1 - TUNING.frames :], (frame, *pose)]
+        self._frames = [*self._frames[1 - TUNING.frames :], frame]
         self._estimate = None
         return True
 
@@ -186,43 +205,22 @@ class SelfCalibration:
         """
         model = self._model(np.concatenate(([shift], np.ravel(offsets))))
         found = []
-        for frame, rvec, tvec in self._frames:
-            for _ in range(2):
-                residual, own, _ = self._linearize(frame, rvec, tvec, *model)
-                step = np.linalg.lstsq(own, residual, rcond=None)[0]
-                rvec, tvec = rvec + step[:3], tvec + step[3:]
-            residual = self._linearize(frame, rvec, tvec, *model)[0]
-            found.append(float(residual @ residual) / (len(residual) - 6))
+        for frame in self._frames:
+            solution = frame.view(*model).refine(frame.rotation, frame.translation)
+            squares = math.inf if solution is None else solution.squares
+            found.append(squares / TUNING.noise**2 / (2 * len(frame.labels) - 6))
         return np.array(found)
 
-    def _is_odd(self, frame: Keyframe, pose: tuple[Array, Array]) -> bool:
+    def _is_odd(self, frame: _Frame, model: tuple[CameraModel, Array]) -> bool:
         estimated = self.estimate()
         if len(self._frames) < TUNING.known or estimated is None or not estimated.fits:
             return False
-        model = self._model(self._value)
-        residual, own, common = self._linearize(frame, *pose, *model)
-        step = np.linalg.lstsq(own, residual, rcond=None)[0]
-        pose = pose[0] + step[:3], pose[1] + step[3:]
+        first = self._linearize(frame, *model)
+        own = self._linearize(frame.moved(first.inverse @ first.residual), *model)
         # What no pose explains, over what camera and rig may still turn out to be.
-        residual, own, common = self._linearize(frame, *pose, *model)
-        back = np.linalg.pinv(own)
-        rest, left = common - own @ (back @ common), residual - own @ (back @ residual)
-        spread = np.eye(len(left)) + rest @ self._covariance @ rest.T
-        misfit = float(left @ np.linalg.solve(spread, left)) / max(len(left) - 6, 1)
+        spread = np.eye(len(own.left)) + own.rest @ self._covariance @ own.rest.T
+        misfit = float(own.left @ np.linalg.solve(spread, own.left)) / max(len(own.left) - 6, 1)
         return misfit > max(TUNING.max_odd, TUNING.odd * estimated.misfit)
-
-    def _first_pose(self, frame: Keyframe) -> tuple[Array, Array] | None:
-        camera, points = self._model(self._value)
-        points = np.ascontiguousarray(points[frame.labels])
-        try:
-            found, rvec, tvec = cv2.solvePnP(
-                points, camera.undistort(frame.pixels), _PINHOLE, None, flags=cv2.SOLVEPNP_SQPNP
-            )
-        except cv2.error:
-            return None
-        if not found or not (np.isfinite(rvec).all() and tvec[2, 0] > 0.0):
-            return None
-        return np.asarray(rvec, np.float64).reshape(3), np.asarray(tvec, np.float64).reshape(3)
 
     def estimate(self) -> Estimate | None:
         """What the frames say; None where there are none, or nothing follows from them."""
@@ -242,65 +240,52 @@ class SelfCalibration:
         deviations = np.full(len(self._value), rig_error * self._size)
         deviations[0] = TUNING.focal_error
         weight = deviations**-2
-        value = self._value
-        poses = [(rvec, tvec) for _, rvec, tvec in self._frames]
+        value, frames = self._value, self._frames
         for _ in range(_MAX_ITERATIONS):
-            normal, towards = np.diag(weight), -weight * value
-            squares, eliminated = float((weight * value**2)[1:].sum()), []
             model = self._model(value)
-            for (frame, _, _), pose in zip(self._frames, poses, strict=True):
-                residual, own, common = self._linearize(frame, *pose, *model)
-                if not np.isfinite(common).all():
-                    return None
-                back = np.linalg.pinv(own)
-                rest, left = common - own @ (back @ common), residual - own @ (back @ residual)
-                normal += rest.T @ rest
-                towards += rest.T @ left
-                squares += float(residual @ residual)
-                eliminated.append((back, common, residual))
+            equations = [self._linearize(frame, *model) for frame in frames]
+            if not all(np.isfinite(own.common).all() for own in equations):
+                return None
+            normal: Array = np.diag(weight) + sum(own.rest.T @ own.rest for own in equations)
+            towards = sum(own.rest.T @ own.left for own in equations) - weight * value
+            squares = sum(float(own.residual @ own.residual) for own in equations)
+            squares += float((weight * value**2)[1:].sum())
             try:
-                covariance = np.linalg.inv(normal)
+                covariance = np.asarray(np.linalg.inv(normal), np.float64)
             except np.linalg.LinAlgError:
                 return None
             step = covariance @ towards
             step *= min(1.0, _MAX_STEP / max(abs(float(step[0])), 1e-9))
             value = value + step
-            poses = [
-                (rvec + change[:3], tvec + change[3:])
-                for (rvec, tvec), change in zip(
-                    poses,
-                    (back @ (residual - common @ step) for back, common, residual in eliminated),
-                    strict=True,
-                )
+            frames = [
+                frame.moved(own.inverse @ (own.residual - own.common @ step))
+                for frame, own in zip(frames, equations, strict=True)
             ]
             if abs(float(step[0])) < TUNING.step:
                 break
-        freedom = sum(2 * len(frame.labels) - 6 for frame, _, _ in self._frames) - 1
+        freedom = sum(2 * len(frame.labels) - 6 for frame in frames) - 1
         misfit = squares / max(freedom, 1)
         deviation = math.sqrt(float(covariance[0, 0])) * max(1.0, math.sqrt(misfit))
         offsets = value[1:].reshape(-1, 3)
         estimated = Estimate(float(value[0]), deviation, offsets, misfit)
         if estimated.fits:
             # The next frames begin here.
-            kept = zip(self._frames, poses, strict=True)
-            self._covariance = covariance
-            self._value, self._frames = value, [(frame, *pose) for (frame, _, _), pose in kept]
+            self._value, self._covariance, self._frames = value, covariance, frames
         return estimated
 
-    def _linearize(
-        self, frame: Keyframe, rvec: Array, tvec: Array, camera: CameraModel, points: Array
-    ) -> tuple[Array, Array, Array]:
-        """A frame's residuals (2 n,), and their derivatives by its pose and by what is shared.
-
-        All over the noise.
-        """
+    def _linearize(self, frame: _Frame, camera: CameraModel, points: Array) -> _Equations:
         labels, noise = frame.labels, TUNING.noise
-        seen, own = camera.project_with_jacobian(points[labels], rvec, tvec)
+        seen, own = frame.view(camera, points).look(frame.rotation, frame.translation)
         common = np.zeros((2 * len(labels), 1 + points.size))
         # A pixel lies as far from the principal point as the focal length is long.
         common[:, 0] = (seen - camera.matrix[:2, 2]).ravel()
-        by_point = own[:, 3:6] @ rotation_of(rvec)
-        for row, label in enumerate(labels.tolist()):
-            place = slice(3 * label + 1, 3 * label + 4)
-            common[2 * row : 2 * row + 2, place] = by_point[2 * row : 2 * row + 2]
-        return (frame.pixels - seen).ravel() / noise, own / noise, common / noise
+        by_point = (own[:, 3:] @ frame.rotation).reshape(-1, 2, 3)
+        by_points = common[:, 1:].reshape(len(labels), 2, len(points), 3)
+        by_points[np.arange(len(labels)), :, labels] = by_point
+        residual, own, common = (frame.pixels - seen).ravel() / noise, own / noise, common / noise
+        # What is not finite is in what is shared as well.
+        inverse: Array = np.zeros((6, len(own)))
+        if np.isfinite(own).all():
+            inverse = np.asarray(np.linalg.pinv(own), np.float64)
+        left = residual - own @ (inverse @ residual)
+        return _Equations(residual, common, inverse, left, common - own @ (inverse @ common))

@@ -11,7 +11,7 @@ pytest.importorskip('sensor_msgs')
 from sensor_msgs.msg import PointField
 from support.node_outputs import messages_of
 
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import Frame, decode_image
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
@@ -59,7 +59,8 @@ EMPTY = Image(np.full((480, 640, 3), 90, np.uint8), 'bgr8')
 
 
 def outputs(processor, index, debug=()):
-    return messages_of(processor, processor.process(frame(index), debug))
+    outputs = [*processor.process(frame(index)), *processor.draw(debug)]
+    return messages_of(processor, outputs)
 
 
 def flown(calibrated=True, **values):
@@ -88,7 +89,7 @@ def test_later_fields_stand_behind_the_earlier_ones(mode):
 
 def test_thesis_lines_have_no_role_and_no_confidence():
     said = outputs(RunwayDetectorProcessor(RunwayDetectorParameters(mode='thesis')), 0)
-    rows = decode_points(said['line_params'])
+    rows = view_points(said['line_params'])
     assert np.isfinite(rows['rho']).any()
     assert (rows['role'] == 0).all()
     assert np.isnan(rows['confidence']).all()
@@ -98,7 +99,7 @@ def test_thesis_lines_have_no_role_and_no_confidence():
 
 def test_five_rows_with_their_roles_in_their_colours():
     _, said = flown()
-    rows = decode_points(said['line_params'])
+    rows = view_points(said['line_params'])
     assert rows['role'].tolist() == [1, 2, 3, 4, 5]
     assert np.isfinite(rows['rho']).all()
     assert (rows['confidence'] > 0.5).all() and (rows['confidence'] <= 1).all()
@@ -175,7 +176,7 @@ def test_absence_is_said_on_every_topic():
     processor.set_camera(camera())
     said = messages_of(processor, processor.process(Frame(1, 'camera', EMPTY)))
     assert set(said) == ALWAYS | {'pose'}
-    rows = decode_points(said['line_params'])
+    rows = view_points(said['line_params'])
     assert rows['role'].tolist() == [1, 2, 3, 4, 5]
     for name in ('x', 'rho', 'theta', 'votes', 'confidence'):
         assert np.isnan(rows[name]).all()
@@ -194,7 +195,7 @@ def test_the_overlay_shows_the_edges_on_the_frame():
     image = decode_image(said['debug/overlay'])
     frame_pixels = frame(19).image.pixels
     assert image.pixels.shape == frame_pixels.shape
-    rows = decode_points(said['line_params'])
+    rows = view_points(said['line_params'])
     changed = (image.pixels.astype(int) - frame_pixels).any(axis=2)
     for row in rows[:2]:
         x, y = 0.5 * (row['x'] + row['x2']), 0.5 * (row['y'] + row['y2'])
@@ -205,12 +206,12 @@ def test_the_overlay_shows_the_edges_on_the_frame():
 
 def test_modes_can_be_changed_between_two_frames():
     processor, said = flown()
-    assert len(decode_points(said['line_params'])) == 5
+    assert len(view_points(said['line_params'])) == 5
     processor.configure(RunwayDetectorParameters(mode='thesis'))
-    assert len(decode_points(outputs(processor, 20)['line_params'])) == 3
+    assert len(view_points(outputs(processor, 20)['line_params'])) == 3
     processor.configure(RunwayDetectorParameters(mode='approach'))
     empty = Frame(frame(21).stamp_ns, 'camera', EMPTY)
-    rows = decode_points(messages_of(processor, processor.process(empty))['line_params'])
+    rows = view_points(messages_of(processor, processor.process(empty))['line_params'])
     assert len(rows) == 5
     assert np.isnan(rows['rho']).all()
 

@@ -51,7 +51,7 @@ def flight_of(processor: Processor, flight) -> Iterator[tuple[str, str, bytes]]:
         image = BLACK if given is None else given.image
         frame = Frame(-5_000_000_007 + index * 33_333_333, frame_id, image)
         debug = processor.debug_topics if index % 4 == 0 else ()
-        for topic, make in processor.process(frame, debug):
+        for topic, make in [*processor.process(frame), *processor.draw(debug)]:
             yield frame_id, topic, make()
     for frame_id in FRAME_IDS:
         for topic, make in processor.periodic(cdr_header(7, frame_id)):
@@ -115,9 +115,9 @@ def test_a_whole_runway_frame_field_by_field():
     processor = RunwayDetectorProcessor()
     flight = RunwayFlight(RunwaySettings(frames=3, width=320, height=240))
     for given in flight:
-        outputs = processor.process(Frame(given.stamp_ns, 'nose', given.image))
+        outputs = list(processor.process(Frame(given.stamp_ns, 'nose', given.image)))
     said = messages_of(processor, outputs)
-    rows = cdr.decode_points(said['line_params'])
+    rows = cdr.view_points(said['line_params'])
     marker, corrections = said['lines'], said['corrections']
     assert said['line_params'].height == 1 and not said['line_params'].is_bigendian
     assert said['line_params'].row_step == 48 * len(rows) == len(said['line_params'].data)

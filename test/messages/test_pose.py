@@ -22,10 +22,10 @@ def run(camera=CAMERA, debug=(), **parameters):
     processor = MarkerTrackerProcessor(MarkerTrackerParameters(**parameters))
     if camera is not None:
         processor.set_camera(camera)
-    frames = [
-        messages_of(processor, processor.process(Frame(f.stamp_ns, 'camera', f.image), debug))
-        for f in islice(FLIGHT, 8)
-    ]
+    frames = []
+    for f in islice(FLIGHT, 8):
+        outputs = list(processor.process(Frame(f.stamp_ns, 'camera', f.image)))
+        frames.append(messages_of(processor, [*outputs, *processor.draw(debug)]))
     return processor, frames
 
 

@@ -14,7 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 from mvuav_ros.messages import poses
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.sensors import encode_camera_info, make_header
 from mvuav_ros.parameters.declaration import ParameterError
@@ -113,7 +113,7 @@ def test_a_point_of_the_runways_edge_lands_on_the_edges_pixel():
             continue
         parent, child, place = tf(outputs['/tf'])
         assert (parent, child) == (CAMERA_FRAME, 'runway')
-        rows = decode_points(deserialize_message(outputs['line_params'], PointCloud2))
+        rows = view_points(deserialize_message(outputs['line_params'], PointCloud2))
         truth = frame.truth
         for index, y in ((0, WIDTH / 2), (1, -WIDTH / 2)):
             found, edge = rows[index], truth.lines[index]
@@ -157,7 +157,7 @@ def test_the_tankers_markers_land_on_their_pixels():
             continue
         parent, child, place = tf(outputs['/tf'])
         assert (parent, child) == (CAMERA_FRAME, 'tanker_747')
-        rows = decode_points(deserialize_message(outputs['markers'], PointCloud2))
+        rows = view_points(deserialize_message(outputs['markers'], PointCloud2))
         for point, row in zip(TANKER.rig.positions, rows, strict=True):
             if row['state'] == MarkerState.DETECTED:
                 assert math.dist(project(point, place, info), (row['x'], row['y'])) < 2.0

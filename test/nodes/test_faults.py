@@ -20,8 +20,7 @@ from support.graph import CLEAN, ROOT
 from support.live_stream import KEEP_EVERYTHING, START_NS, Stream
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import cdr_header, view_points
 from mvuav_ros.messages.images import serialize_image
 from mvuav_ros.vision.image import ENCODINGS, Image
 
@@ -161,7 +160,7 @@ def test_a_storm_of_parameters(graph):
     graph.until(lambda: all(future.done() for future in outstanding), 'the last answers')
     print(f'{accepted / (time.monotonic() - begun):.0f} parameters set per second')
     assert accepted >= 200
-    assert all(list(decode_points(a)['state']) == [1] * 5 for a in stream.answers['marker_tracker'])
+    assert all(list(view_points(a)['state']) == [1] * 5 for a in stream.answers['marker_tracker'])
     assert graph.set_parameter('marker_tracker', 'threshold', 0.65).successful
     assert graph.get_parameter('marker_tracker', 'threshold') == 0.65
 
@@ -291,7 +290,7 @@ def test_a_publisher_that_is_killed_and_restarted(graph):
             cameras.stdout.readline()
             graph.until(lambda: len(answers) > 0, 'the first answer')
             graph.until(lambda: stream.states() == [1] * 5, 'five markers')
-            states = [list(decode_points(answer)['state']) for answer in answers]
+            states = [list(view_points(answer)['state']) for answer in answers]
             # Of the new camera's images that got through.
             assert states.index([1] * 5) < FIRST_FRAMES
             graph.spin(random.uniform(0.1, 0.4))

@@ -17,7 +17,7 @@ from support.graph import image_message
 from support.live_stream import KEEP_EVERYTHING
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.sensors import encode_camera_info
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
@@ -47,7 +47,7 @@ def test_one_answer_for_every_image_with_its_header(graph):
     assert [m.header for m in markers] == [i.header for i in images]
     assert [m.header for m in rpy] == [i.header for i in images]
     assert markers[0].header.frame_id == 'nose'
-    points = decode_points(markers[5])
+    points = view_points(markers[5])
     numbers = ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area', 'label', 'state', 'confidence')
     assert points.dtype.names == numbers
     assert list(points['label']) == [0, 1, 2, 3, 4]
@@ -57,7 +57,7 @@ def test_one_answer_for_every_image_with_its_header(graph):
     assert markers[5].is_dense
     assert rpy[5].vector.x == pytest.approx(0.0, abs=1e-3)
     assert math.isnan(rpy[5].vector.y) and math.isnan(rpy[5].vector.z)
-    assert list(decode_points(markers[10])['state']) == [2] * 5
+    assert list(view_points(markers[10])['state']) == [2] * 5
     assert rudder[5].point.x == pytest.approx(325, abs=0.05)
 
 
@@ -111,7 +111,7 @@ def test_absence_is_said(graph):
     rudder = graph.listen(f'/{NODE}/marker/rudder', PointStamped)
     graph.publish_images([image_message(draw([]), i) for i in range(3)])
     graph.until(lambda: len(markers) == len(rpy) == 3, '3 answers')
-    points = decode_points(markers[0])
+    points = view_points(markers[0])
     assert list(points['state']) == [0] * 5
     assert not markers[0].is_dense
     for name in ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area'):
@@ -178,7 +178,7 @@ def test_prediction_takes_effect_on_the_next_frame(graph, prediction, state):
     half = [image_message(draw(tanker_at(160 + i * i, 240)[1:]), i) for i in range(5, 18)]
     graph.publish_images(half)
     graph.until(lambda: len(markers) == 18, '18 answers')
-    points = decode_points(markers[-1])[1:]
+    points = view_points(markers[-1])[1:]
     assert list(points['state']) == [state] * 4
     if state:
         assert points['x'] == pytest.approx(tanker_at(160 + 17 * 17, 240)[1:, 0], abs=0.3)
@@ -225,8 +225,8 @@ def test_stamps_that_jump_back_reset_the_state(graph):
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
     graph.publish_images([*flight(0, 6), *flight(0, 6)])
     graph.until(lambda: len(markers) == 12, '12 answers')
-    assert all(set(decode_points(m)['state']) == {1} for m in markers)
-    assert all(math.isnan(v) for v in decode_points(markers[6])['vx'])
+    assert all(set(view_points(m)['state']) == {1} for m in markers)
+    assert all(math.isnan(v) for v in view_points(markers[6])['vx'])
     assert graph.diagnostics(NODE)['stamp_jumps_back'] == '1'
 
 
@@ -238,7 +238,7 @@ def test_services(graph):
     assert graph.call(Trigger, f'/{NODE}/reset', Trigger.Request()).success
     graph.publish_images(flight(5, 1))
     graph.until(lambda: len(markers) == 6, '6 answers')
-    assert all(math.isnan(v) for v in decode_points(markers[5])['vx'])
+    assert all(math.isnan(v) for v in view_points(markers[5])['vx'])
     assert graph.call(SetBool, f'/{NODE}/enable', SetBool.Request(data=False)).success
     graph.publish_images(flight(6, 3))
     graph.until(lambda: graph.diagnostics(NODE)['frames_received'] == '9', '9 images')
@@ -280,7 +280,7 @@ def test_compressed_images_in_a_namespace_under_another_name(graph):
     broken = CompressedImage(header=image.header, format='jpeg', data=b'not a jpeg')
     graph.publish_images([broken, *messages], topic='/nose/image/compressed')
     graph.until(lambda: len(markers) == 5, '5 answers')
-    assert list(decode_points(markers[4])['state']) == [1] * 5
+    assert list(view_points(markers[4])['state']) == [1] * 5
     assert graph.diagnostics(NODE)['rejected_bad_image'] == '1'
 
 

@@ -14,7 +14,7 @@ from support.graph import image_message
 from support.live_stream import KEEP_EVERYTHING
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import decode_image
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
@@ -35,7 +35,7 @@ def listen(graph):
 
 
 def rows(message):
-    return decode_points(message)
+    return view_points(message)
 
 
 def found(message):

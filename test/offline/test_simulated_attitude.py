@@ -46,9 +46,9 @@ def test_attitude_is_left_out_where_it_is_not_asked_for(bag):
 def test_the_node_says_that_attitude_was_lost(bag):
     frames = list(BagImages(bag).frames())
     processor = RunwayDetectorProcessor(RunwayDetectorParameters(mode='approach'))
-    processor.process(frames[0])
+    list(processor.process(frames[0]))
     assert 'attitude' not in processor.status
-    processor.process(replace(frames[1], attitude=None))
+    list(processor.process(replace(frames[1], attitude=None)))
     assert 'no attitude' in processor.status
 
 

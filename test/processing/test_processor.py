@@ -1,11 +1,15 @@
-"""What every processor does with stamps, whatever it computes."""
+"""What every processor does with stamps, whatever it computes; what is known first."""
+
+from dataclasses import replace
 
 import pytest
+from support.boards import LENSES
 from support.marker_scenes import image, tanker_at
 
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import DuplicateStampError, resolve
+from mvuav_ros.vision.pose import PoseEstimator
 
 STEP_NS = 100_000_000
 
@@ -23,7 +27,7 @@ def test_a_stamp_that_comes_twice_is_refused_and_leaves_no_trace():
     for step in range(5):
         assert results(processor, step) == results(undisturbed, step)
         with pytest.raises(DuplicateStampError, match=f'{step * STEP_NS} ns came twice'):
-            processor.process(frame(step))
+            list(processor.process(frame(step)))
     assert processor.resets == 0
 
 
@@ -47,3 +51,14 @@ def test_topics_of_all_nodes_keep_their_full_name():
     assert resolve('/tf', '/marker_tracker') == '/tf'
     assert resolve('rpy', '/marker_tracker') == '/marker_tracker/rpy'
     assert resolve('rpy') == '~/rpy'
+
+
+def test_markers_can_be_sent_before_the_pose_is_worked_out(monkeypatch):
+    estimated = []
+    monkeypatch.setattr(PoseEstimator, 'estimate', lambda *_: estimated.append(True))
+    seen = replace(frame(0), camera=LENSES['plumb_bob'])
+    outputs = MarkerTrackerProcessor().process(seen)
+    assert next(outputs).topic == 'markers'
+    assert not estimated
+    assert [next(outputs).topic, next(outputs).topic] == ['rpy', 'pose']
+    assert estimated

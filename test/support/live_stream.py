@@ -10,8 +10,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage, PointCloud2
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import cdr_header, view_points
 from mvuav_ros.messages.images import serialize_image
 from mvuav_ros.vision.image import Image
 from support.graph import EVERYTHING, Graph
@@ -97,7 +96,7 @@ class Stream:
 
     def states(self, name: str = 'marker_tracker') -> list[int]:
         """The states in the newest markers."""
-        return list(decode_points(self.answers[name][-1])['state'])
+        return list(view_points(self.answers[name][-1])['state'])
 
     def check_alive(self) -> None:
         for name, process in self.processes.items():

@@ -7,7 +7,7 @@ import pytest
 from support.node_outputs import messages_of
 from support.places import ROOT
 
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
@@ -108,7 +108,7 @@ def test_topics_rows_and_pose_follow_the_layout(layout):
         given = Frame(frame.stamp_ns, 'cam', frame.image)
         outputs = messages_of(processor, processor.process(given))
     assert topics <= set(outputs)
-    rows = decode_points(outputs['markers'])
+    rows = view_points(outputs['markers'])
     assert list(rows['label']) == list(range(len(names)))
     position = outputs['pose'].pose.pose.position
     distance = np.linalg.norm(frame.truth.translation)
@@ -158,7 +158,7 @@ def test_a_doubtful_layout_needs_to_be_allowed(tmp_path, text, reason):
     processor = MarkerTrackerProcessor()
     processor.configure(MarkerTrackerParameters(layout=str(path), allow_ambiguous=True))
     image = np.zeros((48, 64), np.uint8)
-    processor.process(Frame(1, 'cam', Image(image, 'mono8')))
+    list(processor.process(Frame(1, 'cam', Image(image, 'mono8'))))
     assert reason in processor.status
 
 

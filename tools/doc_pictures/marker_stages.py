@@ -35,8 +35,8 @@ def marker_pipeline(path: Path) -> None:
     parameters = MarkerTrackerParameters()
     mask = threshold(gray, parameters.threshold)
     blobs = image.bgr().copy()
-    for blob in Blobs(gray, parameters).boxes:
-        corners = (blob.x0 - 5, blob.y0 - 5), (blob.x1 + 5, blob.y1 + 5)
+    for x, y, width, height, _ in Blobs(gray, parameters).stats.tolist():
+        corners = (x - 5, y - 5), (x + width + 4, y + height + 4)
         cv2.rectangle(blobs, *corners, (0, 220, 255), 2)
     start, first = next(each for each in results if np.isfinite(each[1].roll))
     named = draw_markers(start, _without_windows(first))

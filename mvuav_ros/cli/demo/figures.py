@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import decode_image
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.recordings.reading import open_recording
@@ -50,7 +50,7 @@ def save_tanker(bag: Path, target: Path) -> Path:
     """Two frames with the names of the lights: all in view, and one of them off."""
     images = _read(bag, '/tanker/image_raw', Image)
     markers = {
-        stamp: decode_points(points)
+        stamp: view_points(points)
         for stamp, points in _read(bag, '/marker_tracker/markers', PointCloud2).items()
     }
     rolls = _read(bag, '/marker_tracker/rpy', Vector3Stamped)
@@ -96,7 +96,7 @@ def save_roll(bag: Path, sample: Path, target: Path) -> Path:
     predicted = [
         (stamp - stamps[0]) * 1e-9
         for stamp in stamps
-        if stamp in points and (decode_points(points[stamp])['state'] != 1).any()
+        if stamp in points and (view_points(points[stamp])['state'] != 1).any()
     ]
     figure = Figure(figsize=(9, 6), layout='constrained')
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
@@ -128,7 +128,7 @@ def save_runway(bag: Path, sample: Path, target: Path) -> Path:
     figure, axes = _side_by_side(2)
     left, right = axes.flat
     _show(left, images[stamp])
-    for row in decode_points(approach[stamp]):
+    for row in view_points(approach[stamp]):
         if row['role'] in _EDGES and np.isfinite(row['x']):
             _draw_edge(left, row)
     here, there = poses[stamp].pose.pose.position, truth[stamp].pose.position
@@ -139,7 +139,7 @@ def save_runway(bag: Path, sample: Path, target: Path) -> Path:
         f'(truth: {abs(there.y):.1f} m, {there.z:.1f} m)'
     )
     _show(right, images[stamp])
-    rows = [row for row in decode_points(thesis[stamp]) if np.isfinite(row['x'])]
+    rows = [row for row in view_points(thesis[stamp]) if np.isfinite(row['x'])]
     for row in rows:
         _draw_checked(right, row)
     held = sum(bool(row['flags'] & LineFlag.CORRECTED) for row in rows)

@@ -13,7 +13,7 @@ import numpy as np
 from rich.table import Table
 
 from mvuav_ros.cli.node_processes import NodeProcesses
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import IMAGE
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import Processor
@@ -111,7 +111,7 @@ def marker_table(newest: dict[str, Any]) -> Table:
     """Five markers and the roll."""
     colors = {MarkerState.DETECTED: 'green', MarkerState.PREDICTED: 'yellow'}
     table = _table('marker', 'state', 'x px', 'y px', 'vx px/s', 'vy px/s')
-    for row in decode_points(newest['markers']) if 'markers' in newest else ():
+    for row in view_points(newest['markers']) if 'markers' in newest else ():
         state = MarkerState(row['state'])
         table.add_row(
             Label(row['label']).name.lower(),
@@ -126,7 +126,7 @@ def marker_table(newest: dict[str, Any]) -> Table:
 def approach_table(newest: dict[str, Any]) -> Table:
     """The runway's two edges, and where the aircraft is."""
     table = _table('line', 'confidence', 'far end x, y px', 'near end x, y px')
-    for row in decode_points(newest['line_params']) if 'line_params' in newest else ():
+    for row in view_points(newest['line_params']) if 'line_params' in newest else ():
         if row['role'] in _SIDES:
             sure = '-' if math.isnan(row['confidence']) else f'{100 * row["confidence"]:.0f} %'
             ends = (
@@ -144,7 +144,7 @@ def approach_table(newest: dict[str, Any]) -> Table:
 def thesis_table(newest: dict[str, Any]) -> Table:
     """One row per line, with its flags."""
     table = _table('line', 'state', 'rho px', 'theta °', 'votes')
-    rows = decode_points(newest['line_params']) if 'line_params' in newest else ()
+    rows = view_points(newest['line_params']) if 'line_params' in newest else ()
     for index, row in enumerate(rows, 1):
         words = _flag_words(int(row['flags'])) if np.isfinite(row['rho']) else '[red]not found[/]'
         numbers = (row['rho'], math.degrees(row['theta']), row['votes'])

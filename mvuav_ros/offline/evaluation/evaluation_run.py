@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.messages.sensors import stamp_ns_of
@@ -64,7 +64,7 @@ class Observations:
         if kind == RPY:
             self.rpy[stamp_ns] = float(message.vector.x)
         else:
-            getattr(self, kind)[stamp_ns] = decode_points(message)
+            getattr(self, kind)[stamp_ns] = view_points(message)
 
     def __len__(self) -> int:
         return len(self.markers) + len(self.rpy) + len(self.lines)

@@ -397,7 +397,9 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     results = FrameResults(frame.stamp_ns)
     start = time.perf_counter()
     try:
-        outputs = processor.process(frame, processor.debug_topics if debug else ())
+        results.messages += _messages(processor, processor.process(frame))
+        if debug:
+            results.messages += _messages(processor, processor.draw(processor.debug_topics))
     except DuplicateStampError:
         results.reasons.append('the stamp of the frame before')
     except ImageError as error:
@@ -405,8 +407,6 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     except Exception as error:
         # As in a live node, a defect of ours costs a frame and not the flight.
         results.reasons.append(f'{DEFECT} {processor.name}: {type(error).__name__}: {error}')
-    else:
-        results.messages += _messages(processor, outputs)
     results.seconds = time.perf_counter() - start
     return results
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.evidence import in_common, opponent_channels
+from mvuav_ros.vision.approach.evidence import brightness_of, in_common, opponent_channels
 from mvuav_ros.vision.approach.tuning import EDGES, SHOULDERS
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -166,24 +166,28 @@ def _straight_lines(count: int, places: int) -> _Lines:
     return _Lines(at, at + np.arange(count) * places, 1.0 - 0.3 * away)
 
 
-def sample_edges(frame: LevelledFrame, strip: Strip, far_off: bool = False) -> EdgeSamples:
-    """Take the pixels across both edges of a strip from the frame; farther from it, and apart."""
-    x, y, left, right, far, near = (float(v) for v in strip)
+def sample_edges(
+    frame: LevelledFrame, strip: Strip, reach: float = EDGES.reach, *, far_off: bool = False
+) -> EdgeSamples:
+    """Take the pixels across both edges of a strip from the frame; farther from it, and apart.
+
+    ``reach`` is in widths of the strip.
+    """
+    _, _, left, right, far, near = strip.tolist()
     count = int(np.clip((near - far) * frame.level.factor, 6, EDGES.max_rows))
-    depth = far + (np.arange(count) + 0.5) * ((near - far) / count)
+    rows, expected, _ = rows_of(strip, (np.arange(count) + 0.5) / count)
     width = (right - left) * near
-    reach = float(np.clip(EDGES.reach * width, EDGES.min_reach, EDGES.max_reach))
+    reach = float(np.clip(reach * width, EDGES.min_reach, EDGES.max_reach))
     steps, sample = round(reach / EDGES.sample), EDGES.sample
     if far_off:
         sample *= max(1.0, EDGES.far_reach * width / reach)
     across = np.arange(-steps, steps + 1) * sample
-    expected = x + np.array([[left], [right]]) * depth
-    pixels, on_x, on_y = frame.at(expected[:, :, None] + across, (y + depth)[:, None])
+    pixels, on_x, on_y = frame.at(expected[:, :, None] + across, rows[:, None])
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = max(2, int(np.clip(width / EDGES.widths_per_step, 2, 4) / sample))
     height, columns = frame.image.shape[:2]
     inside = (on_x > 0) & (on_x < columns - 1) & (on_y > 0) & (on_y < height - 1)
-    return EdgeSamples(pixels, expected, y + depth, across, inside, 2 * (base // 2))
+    return EdgeSamples(pixels, expected, rows, across, inside, 2 * (base // 2))
 
 
 def rows_of(
@@ -207,43 +211,43 @@ def rows_of(
 
 
 class EdgeLook:
-    """What the step across a runway's edges is like, learnt from frame to frame.
+    """What the step across a runway's edges is like, learnt from frame to frame."""
 
-    Attributes:
-        paint_lead: by how much paint is more evident than steps, in textures.
-    """
+    def __init__(self, *, wide: bool = True, painted: bool = False) -> None:
+        """Those of a ``wide`` strip may be farther from it than its lines are apart.
 
-    def __init__(self) -> None:
-        self.paint_lead = 0.0
+        Edges that are ``painted`` are darker inside, whatever else they are.
+        """
+        self._wide, self._painted = wide, painted
         self._contrast = np.zeros(3)
-        self._paint = 0.0
         self._known = False
+
+    @property
+    def size(self) -> float:
+        """Of the contrast, grey levels."""
+        return float(np.linalg.norm(self._contrast))
 
     @property
     def coloured(self) -> bool:
         """Their colours alone distinguish them: the edge is the pavement's, not a line's."""
         return float(np.linalg.norm(self._contrast[1:])) > EDGES.colour_contrast
 
-    def find(
-        self, frame: LevelledFrame, strip: Strip, *, wide: bool, far_off: bool = False
-    ) -> Edges:
+    def find(self, frame: LevelledFrame, strip: Strip, *, far_off: bool = False) -> Edges:
         """Measure both edges of a strip, and learn what they look like.
 
-        Those of a wide one may be farther from the strip's than its lines are apart, and far off
-        if it was found on a coarse image.
+        They may be far off if it was found on a coarse image.
         """
-        samples = sample_edges(frame, strip, far_off)
-        channels = np.stack(opponent_channels(samples.pixels))
-        steps = samples.steps(channels)
-        self._learn(steps, samples, channels, wide)
-        if self.paint_lead > EDGES.min_paint_lead:
-            ridge = _ridges(samples, channels[0])
-            size = max(self._paint, EDGES.min_contrast)
-            lines = np.clip(ridge, 0.0, size)
-            return samples.fit(lines, size)
+        samples = sample_edges(frame, strip, far_off=far_off)
+        if self._painted:
+            channels = brightness_of(samples.pixels)[None]
+            steps = np.minimum(samples.steps(channels), 0.0)
+        else:
+            channels = np.stack(opponent_channels(samples.pixels))
+            steps = samples.steps(channels)
+        self._learn(steps, samples, channels)
         contrast = self._contrast[: len(channels)].copy()
         colour = float(np.linalg.norm(contrast[1:]))
-        if wide and contrast[0] < 0 and colour > max(EDGES.clear_contrast, -float(contrast[0])):
+        if contrast[0] < 0 and colour > max(EDGES.clear_contrast, -float(contrast[0])):
             # White stripes along the edge of dark pavement would count as land.
             contrast[0] = 0.0
         size = float(np.linalg.norm(contrast))
@@ -254,49 +258,27 @@ class EdgeLook:
         return samples.fit(along, size)
 
     def _learn(
-        self,
-        steps: NDArray[Any],
-        samples: EdgeSamples,
-        channels: NDArray[np.float32],
-        wide: bool,
+        self, steps: NDArray[Any], samples: EdgeSamples, channels: NDArray[np.float32]
     ) -> None:
-        """Take the strongest step that both edges have in common near where they are expected."""
-        middle = steps.shape[3] // 2
-        near = slice(max(0, middle - 3), middle + 4)
-        if wide:
-            left, right = _regions(samples, channels)
+        """Take what the edges have in common: of one that is dashed the mean."""
+        if self._wide:
+            # Inside minus outside, farthest from either edge: lines beside it do not count.
+            outer = max(1, samples.across.size // EDGES.region)
+            values = channels.reshape(len(channels), 2, samples.rows.size, -1).mean(axis=2)
+            rise = values[:, :, -outer:].mean(axis=2) - values[:, :, :outer].mean(axis=2)
+            left, right = rise[:, 0], -rise[:, 1]
         else:
-            average = steps.mean(axis=2)[:, :, near]
+            # The strongest step near where either is expected.
+            middle = steps.shape[3] // 2
+            average = steps.mean(axis=2)[:, :, max(0, middle - 3) : middle + 4]
             size = np.linalg.norm(average, axis=0)
-            left = average[:, 0, size[0].argmax()]
-            right = average[:, 1, size[1].argmax()]
-        # The contrast is what the two edges agree in.
-        common = in_common(left, right)
+            left, right = (average[:, side, size[side].argmax()] for side in (0, 1))
+        common = 0.5 * (left + right) if self._painted else in_common(left, right)
         contrast = np.zeros(3)
         contrast[: common.size] = common
-        paint = float(_ridges(samples, channels[0]).mean(axis=1)[:, near].max())
         share = EDGES.memory if self._known else 1.0
         self._contrast += share * (contrast - self._contrast)
-        self._paint += share * (paint - self._paint)
         self._known = True
-
-
-def _regions(
-    samples: EdgeSamples, channels: NDArray[np.float32]
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Inside minus outside, farthest from either edge: lines beside the edge do not count."""
-    outer = max(1, samples.across.size // EDGES.region)
-    values = channels.reshape(len(channels), 2, samples.rows.size, -1).mean(axis=2)
-    first, last = values[:, :, :outer].mean(axis=2), values[:, :, -outer:].mean(axis=2)
-    rise = last - first
-    return rise[:, 0], -rise[:, 1]
-
-
-def _ridges(samples: EdgeSamples, brightness: NDArray[Any]) -> NDArray[Any]:
-    """(2, count, places - base) how much brighter a place is than both sides, grey levels."""
-    half = samples.base // 2
-    sides = np.maximum(brightness[:, : -2 * half], brightness[:, 2 * half :])
-    return samples.by_side(np.maximum(brightness[:, half:-half] - sides, 0.0))
 
 
 def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import islice, zip_longest
+from itertools import zip_longest
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -43,12 +43,6 @@ def _chunks(where: SearchRange) -> Iterator[_Chunk]:
         for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level):
             for start in range(0, len(rows), TRACKER.chunk):
                 yield where, level, depth, rows[start : start + TRACKER.chunk]
-
-
-def _by_turns(ranges: list[list[_Chunk]]) -> Iterator[_Chunk]:
-    """One chunk of each range after the other."""
-    for together in zip_longest(*ranges):
-        yield from (chunk for chunk in together if chunk is not None)
 
 
 class Sight(NamedTuple):
@@ -200,10 +194,8 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         view = View(frame, working, sight.meeting, self._registration)
         for track in self.tracks:
             shown = track is self.best
-            period = TRACKER.best_period
-            if not shown:
-                period = TRACKER.others_certain if self.certain else TRACKER.others_period
-            track.step(view, period, shown=shown)
+            others = TRACKER.others_certain if self.certain else TRACKER.others_period
+            track.step(view, TRACKER.best_period if shown else others, shown=shown)
         self.tracks = [
             track
             for track in self.tracks
@@ -255,7 +247,8 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             ranges = sight.ranges if sight.row is None else sight.ranges[:1]
             parts = [find_candidates(view.working, where.first, where.last) for where in ranges]
             return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-        chunks = list(_by_turns([list(_chunks(where)) for where in sight.ranges]))
+        turns = zip_longest(*map(_chunks, sight.ranges))
+        chunks = [chunk for turn in turns for chunk in turn if chunk is not None]
         if not chunks:
             return NO_CANDIDATES
         self._rounds, number = divmod(self._job, len(chunks))
@@ -268,25 +261,18 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     def _start(self, found: Candidates, view: View) -> None:
         """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
-        if not len(found.strips):
-            return
         odds = log_odds_of(found.features)
+        least = float(odds.max(initial=-np.inf)) - TRACKER.max_below_best
         fresh: list[RunwayTrack] = []
-        for index in islice(np.argsort(-odds, kind='stable'), TRACKER.max_taken):
-            if odds[index] < max(
-                TRACKER.min_start_odds, float(odds.max()) - TRACKER.max_below_best
-            ):
+        for index in np.argsort(-odds, kind='stable')[: TRACKER.max_taken]:
+            strip = found.strips[index]
+            if odds[index] < max(TRACKER.min_start_odds, least):
                 break
-            self._take(found.strips[index], float(odds[index]), fresh)
+            known = next((track for track in self.tracks if track.covers(strip)), None)
+            if known is not None:
+                known.add(strip)
+            elif self._admit(track := RunwayTrack(strip, float(odds[index]))):
+                fresh.append(track)
         for track in fresh:
             track.step(view, 1)
         self.tracks = [track for track in self.tracks if not track.lost]
-
-    def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
-        for track in self.tracks:
-            if track.covers(strip):
-                track.add(strip)
-                return
-        track = RunwayTrack(strip, odds)
-        if self._admit(track):
-            fresh.append(track)

@@ -48,12 +48,13 @@ def surrounding_box(strips: Strips) -> tuple[float, float, float, float]:
 
 def overlap(strip: Strip, other: Strip) -> bool:
     """Whether two strips share half of the narrower one, and meet at about the same place."""
-    row = np.array([strip[1] + strip[5]])
-    (left, right), (first, last) = columns_at(np.stack([strip, other]), row)[:, :, 0]
+    (x, y, a, b, _, near), (x2, y2, a2, b2, _, _) = strip.tolist(), other.tolist()
+    left, right = x + a * near, x + b * near
+    first, last = x2 + a2 * (y + near - y2), x2 + b2 * (y + near - y2)
     width, its = right - left, max(last - first, 1e-6)
     return bool(
         min(last, right) - max(first, left) > 0.5 * min(width, its)
-        and abs(other[1] - strip[1]) < 0.6 * strip[5]
+        and abs(y2 - y) < 0.6 * near
         and width / 3 < its < 3 * width
     )
 
@@ -83,19 +84,6 @@ def strip_along(edges: Edges, strip: Strip) -> Strip:
     corners = np.array([np.polyval(line, ends) for line in lines])
     through: Strip = strips_through(corners[None], ends, ends[None])[0]
     return through
-
-
-def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
-    """Whether points measured on the frame lie along the mean."""
-    used = exact.weights > 0
-    if np.count_nonzero(used) < 4:
-        return False
-    expected = np.interp(exact.rows[used], mean.rows, mean.columns)
-    slope = (mean.columns[-1] - mean.columns[0]) / (mean.rows[-1] - mean.rows[0])
-    beyond = exact.rows[used] - np.clip(exact.rows[used], mean.rows[0], mean.rows[-1])
-    apart = np.abs(exact.columns[used] - expected - slope * beyond)
-    # The median is that low.
-    return bool(2 * np.count_nonzero(apart < STRIP.max_disagreement) > apart.size)
 
 
 def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:

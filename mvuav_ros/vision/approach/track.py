@@ -32,7 +32,6 @@ from mvuav_ros.vision.approach.strip_edges import (
 )
 from mvuav_ros.vision.approach.strips import (
     FollowedStrip,
-    agrees,
     columns_at,
     is_plausible,
     points_along,
@@ -221,8 +220,6 @@ class EdgeKinds:
         return EdgeKind(int(self._shares.argmax()))
 
 
-_PAINT = FEATURES.index('paint')
-_STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
 _OPEN = FEATURES.index('open_end')
 
 
@@ -250,7 +247,6 @@ class RunwayTrack(FollowedStrip):
         self._look, self._lines, self.kinds = EdgeLook(), SideLines(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested = 0
-        self._sharp = 0.0
         self.locked = False
 
     @property
@@ -292,30 +288,22 @@ class RunwayTrack(FollowedStrip):
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
-        dim = self.log_odds < TRACK.dim_odds
-        if self.age <= TRACK.young:
-            period = TRACK.dim_period if dim else 1
-        elif dim:
-            period *= 2
-        if self._rested < period and self.age > 1:
-            if shown and not dim and (self.locked or self.points is not None):
+        young = self.age <= TRACK.young and self.log_odds > TRACK.dim_odds
+        if self._rested < period and self.age > 1 and not young:
+            # About a mean of strips, steps that are not there say nothing of their kind.
+            if shown and self.points is not None and self.kinds.likeliest is not EdgeKind.STRIPS:
                 strip = self.strip()
-                wide = _width(strip) >= LINES.max_width
-                if wide and self.kinds.likeliest is EdgeKind.STRIPS:
-                    # About a mean of strips, steps that are not there say nothing of their kind.
-                    self.points = self._predicted()
-                else:
-                    self._measure(view, strip, strip[1] + strip[4:6], weighed=False)
+                self._measure(view, strip, strip[1] + strip[4:6], weighed=False)
             elif self.points is not None:
                 self.points = self._predicted()
             return
         share, self._rested = float(self._rested), 0
         self._lock()
+        seen = True
         if self.locked:
             strip = self.strip()
             self._measure(view, strip, strip[1] + strip[4:6], weighed=True)
             self._see_ends(view)
-            seen = True
         else:
             seen = self._weigh(view, share)
         self._found = []
@@ -331,17 +319,9 @@ class RunwayTrack(FollowedStrip):
     def _lock(self) -> None:
         """Near the ground everything around a runway has straight edges, too."""
         exact = self.kinds.share(EdgeKind.STEP, EdgeKind.LINE)
-        if self.locked:
-            self.locked = exact > TRACK.unlock_share
-            return
-        strip = self.strip()
-        self.locked = (
-            _width(strip) > TRACK.lock_width
-            and self.age > TRACK.lock_age
-            and self.log_odds > TRACK.lock_odds
-            and exact > TRACK.lock_share
-            and (self.agreement > TRACK.lock_agreement or self._sharp > TRACK.lock_support)
-        )
+        near = _width(self.strip()) > TRACK.lock_width and self.age > TRACK.lock_age
+        begins = near and self.log_odds > TRACK.lock_odds and exact > TRACK.lock_share
+        self.locked = begins or (self.locked and exact > TRACK.unlock_share)
 
     def _weigh(self, view: View, share: float) -> bool:
         """Weigh all strips that may be the runway; whether there are any."""
@@ -360,7 +340,6 @@ class RunwayTrack(FollowedStrip):
         memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
         self.log_odds += memory * (now - self.log_odds)
         strips, shares = self._hypotheses.weigh(measured, odds, share, frame)
-        self._look.paint_lead = float(features[best, _PAINT] - features[best, _STEPS].sum())
         likeliest = strips[int(shares.argmax())]
         rows = likeliest[1] + likeliest[4:6]
         corners = columns_at(strips, rows)
@@ -376,41 +355,35 @@ class RunwayTrack(FollowedStrip):
         return True
 
     def _measure(
-        self,
-        view: View,
-        strip: Strip,
-        rows: NDArray[np.float64],
-        *,
-        weighed: bool,
+        self, view: View, strip: Strip, rows: NDArray[np.float64], *, weighed: bool
     ) -> None:
         """Find the edges about a strip between two rows, by the likeliest kind that is seen."""
         corners = columns_at(strip[None], rows)[0]
         width = float(corners[1, 1] - corners[0, 1])
-        mean = points_along(corners, rows, self._spread)
-        measured = {EdgeKind.STRIPS: mean} if weighed and not self.locked else {}
+        measured: dict[EdgeKind, Edges | None] = {}
+        if weighed and not self.locked:
+            measured[EdgeKind.STRIPS] = points_along(corners, rows, self._spread)
+        # Between weighings one kind is enough: lines, unless colour shows the steps.
+        order = [EdgeKind.STEP]
+        if width < LINES.max_width:
+            by_steps = self._look.coloured and self.kinds.likeliest is not EdgeKind.LINE
+            order.insert(1 if weighed or by_steps else 0, EdgeKind.LINE)
         evidence: dict[EdgeKind, float] = {}
-        # Between weighings no other kind is looked for where one is all but certain.
-        likeliest = self.kinds.likeliest
-        sure = not weighed and self.kinds.share(likeliest) > TRACK.lock_share
-        lines_alone = sure and likeliest is EdgeKind.LINE
-        coloured = self._look.coloured and not lines_alone
-        if weighed or coloured or width >= LINES.max_width:
-            self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
-        steps = measured.get(EdgeKind.STEP)
-        # Far away a line is thinner than a pixel, and colour shows the edge better.
-        enough = (coloured and width < TRACK.lock_width) or (sure and not lines_alone)
-        if steps is None or not enough:
-            by_colour = steps if coloured else None
-            known = by_colour or (self._predicted() if weighed else None)
-            lines = self._lines.find(view.frame, strip, known, coloured=by_colour is not None)
-            evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
-            if lines is not None:
-                measured[EdgeKind.LINE] = lines
-            elif EdgeKind.STEP not in evidence:
-                self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
+        for kind in order:
+            if kind is EdgeKind.STEP:
+                edges, odds = self._find_steps(view, strip, weighed=weighed)
+            else:
+                by_colour = measured.get(EdgeKind.STEP) if self._look.coloured else None
+                known = by_colour or (self._predicted() if weighed else None)
+                edges = self._lines.find(view.frame, strip, known, coloured=bool(by_colour))
+                odds = TRACK.lines_seen[edges is not None]
+            measured[kind], evidence[kind] = edges, odds
+            if edges is not None and not weighed:
+                break
         self.kinds.take_in(evidence)
-        distinct = EdgeKind.LINE in measured or (self._look.coloured and EdgeKind.STEP in measured)
-        self.distinct += max(TRACK.memory, 1.0 / self.age) * (float(distinct) - self.distinct)
+        seen = EdgeKind.STEP if self._look.coloured else EdgeKind.LINE
+        distinct = measured.get(EdgeKind.LINE) or measured.get(seen)
+        self.distinct += max(TRACK.memory, 1.0 / self.age) * (bool(distinct) - self.distinct)
         self.points = measured.get(self.kinds.likeliest)
         if self.points is not None:
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
@@ -430,43 +403,24 @@ class RunwayTrack(FollowedStrip):
         rows = strip[1] + strip[4:6]
         return points_along(columns_at(strip[None], rows)[0], rows, self._spread)
 
-    def _find_steps(
-        self,
-        view: View,
-        strip: Strip,
-        mean: Edges,
-        measured: dict[EdgeKind, Edges],
-        evidence: dict[EdgeKind, float],
-        *,
-        weighed: bool,
-    ) -> None:
-        """Find the steps along both edges."""
-        width = _width(strip)
-        wide = width >= TRACK.wide
-        steps = self._look.find(view.frame, strip, wide=wide)
-        if wide and weighed and support(steps) < TRACK.lock_support:
+    def _find_steps(self, view: View, strip: Strip, *, weighed: bool) -> tuple[Edges | None, float]:
+        """The steps along both edges, if they are seen, and the log odds of that kind."""
+        steps = self._look.find(view.frame, strip)
+        if weighed and support(steps) < TRACK.plain_support:
             # Strips are found on an image that is the coarser the wider they are.
-            coarse = self._look.find(view.frame, strip, wide=wide, far_off=True)
+            coarse = self._look.find(view.frame, strip, far_off=True)
             if support(coarse) > support(steps) + TRACK.min_support:
-                steps = self._look.find(view.frame, strip_along(coarse, strip), wide=wide)
-        clear = support(steps)
+                steps = self._look.find(view.frame, strip_along(coarse, strip))
+        clear, width = support(steps), _width(strip)
+        # Between weighings the strip's place is no more than a guess: plain steps are better.
+        needed = TRACK.min_support if weighed or self.locked else TRACK.plain_support
+        # Far away the clearest steps are those of lines, unless they have a colour.
+        if clear <= needed or not (width >= TRACK.wide or self._look.coloured):
+            return None, TRACK.steps_away
         odds = TRACK.support_odds * (clear - TRACK.min_support)
         if self._look.coloured and width < TRACK.colour_width:
             odds += TRACK.colour_odds
-        # Between weighings the strip's place is no more than a guess: plain steps are better.
-        needed = TRACK.min_support if weighed or self.locked else TRACK.lock_support
-        if (wide and clear > needed) or all(map(agrees, steps, mean)):
-            measured[EdgeKind.STEP] = steps
-            if weighed:
-                self._sharp += TRACK.sharp_memory * (clear - self._sharp)
-        else:
-            odds = min(odds, TRACK.steps_away)
-            if weighed and self.kinds.share(EdgeKind.STEP) > 0.5:
-                # Strips that differ much have a mean that may be none of them.
-                held = self._look.find(view.frame, self.strip(), wide=wide)
-                if support(held) > TRACK.min_support:
-                    measured[EdgeKind.STEP] = held
-        evidence[EdgeKind.STEP] = odds
+        return steps, odds
 
     def _see_ends(self, view: View) -> None:
         """See where it ends in the newest frame."""

@@ -108,8 +108,6 @@ class EdgesTuning:
     widths_per_step: float = 12.0  # width of the strip over the length of a step
     usual_rank: float = 0.15  # rank, from the worst, of the line whose votes are usual
     min_contrast: float = 1.5  # grey levels: less gives no direction
-    # textures by which paint is more evident than steps, before edges are looked for in it
-    min_paint_lead: float = 1.0
     clear_contrast: float = 12.0  # grey levels that are plain to see
     # grey levels of the opponent colours between pavement and grass by day
     colour_contrast: float = 30.0
@@ -132,7 +130,6 @@ class LinesTuning:
     away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
-    min_clear: float = 0.01  # from 0 to 1, from which a line is compared with the other side's
     step: float = 0.02  # between samples across an edge
     reach: float = 0.5  # of the samples on both sides of an expected edge
     max_away: float = 0.32  # between a line's middle and the expected edge
@@ -141,14 +138,13 @@ class LinesTuning:
     max_turned: float = 0.24  # between a line's places at the far and at the near end
     # share of a line's clearness lost per width that it moves from end to end
     turned_cost: float = 1.67
-    max_fine_step: float = 0.6  # px between samples across a line that has been found
-    inside: float = 0.06  # of a line's middle, where its brightest place may be
-    beyond: float = 0.16  # of a line's middle, where its outer side may be
+    beyond: float = 0.16  # of a line's middle, up to which its outer side is looked for
     apart: float = 0.12  # between lines that are not one
+    most: int = 4  # lines along an edge that are compared
     noise: float = 0.5  # grey levels of ridges that are taken to be everywhere
     max_width: float = 90.0  # px of the near end, beyond which threshold markings are distinguished
     min_clearness: float = 1.2  # of the fainter line, in usual ridges of the place
-    min_depth: float = 2.0  # grey levels below a line that are dark
+    min_depth: float = 2.0  # grey levels by which it becomes darker outside of a line
     max_ridge: float = 4.0  # usual ridges: more counts as that, so that one lamp is not a line
 
 
@@ -269,7 +265,6 @@ class StripTuning:
     top_row: float = 6.0
     min_below_top: float = 8.0  # px; less is a letter at the top. Text on the motorway
     max_above: float = 1.0  # heights of the image by which the vanishing point may lie above it
-    max_disagreement: float = 2.0  # px between edges measured on the frame and the mean
     point_sigma: float = 0.7  # px of one edge point
     correlated_rows: float = 3.0  # neighbouring rows that err alike
     yaw_sigma: float = 1.2  # px per frame
@@ -302,6 +297,7 @@ class TrackTuning:
     cold: tuple[float, float] = (40.0, 1.0)
     memory: float = 0.06  # share of a weighed frame in what a track remembers
     young: int = 5  # frames in which a track is weighed every time
+    dim_odds: float = -1.5  # log odds below which it is not worth that
     min_tolerance: float = 3.0  # px by which an edge may be wrong
     tolerance_share: float = 0.05  # widths, likewise
     # px of the near end, from which lines are so far apart that edges are the clearest steps
@@ -313,18 +309,13 @@ class TrackTuning:
     shoulder_range: tuple[float, float] = (0.3, 0.6)
     strips_around: int = 8  # tried around the mean each time
     miss_memory: float = 0.15  # share of a frame that does not show it in what a track remembers
-    # log odds below which nothing is reported, and lines are not worth their time
-    dim_odds: float = -1.5
-    dim_period: int = 4  # frames from one weighing to the next of a young track that is
     missed_odds: float = -4.0  # log odds of a weighing in which nothing is there
     # px from which a runway is followed by its edges alone: near the ground all has straight
     # edges
     lock_width: float = 30.0
     lock_age: int = 20  # frames, likewise
     lock_odds: float = 0.5  # log odds, likewise
-    lock_agreement: float = 0.4  # agreement, likewise
-    lock_support: float = 0.7  # or support of the steps, averaged over the last weighings
-    sharp_memory: float = 0.3  # share of a new weighing in that
+    plain_support: float = 0.7  # of steps that need no strips beside them
     lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
     unlock_share: float = 0.5  # the same, below which it is no longer
     first_kinds: tuple[float, float, float] = (0.6, 0.2, 0.2)  # of strips, steps and lines
@@ -366,26 +357,19 @@ class TrackerTuning:
 class RoadTuning:
     """Of roads' lanes and pipelines. The country and the forest road."""
 
-    min_flank: float = 1.5  # px beside an edge that are compared
-    max_flank: float = 24.0  # px, likewise
-    first_depth: float = 2.0  # px below the vanishing point, from which rows count
+    first_depth: float = 4.0  # px below the vanishing point, from which rows count
+    farther: float = 0.7  # depths of the far end, from which on edges are looked for
     ceiling: float = 4.0  # floors: the contrast that counts most
-    # widths over the camera's height that are tried
-    ratios: tuple[float, float, float] = (0.1, 0.2, 0.4)
-    samples: int = 6  # rows compared
-    taper: float = 0.45  # depth of a band's first row, in depths of its last
-    narrowest: float = 3.0  # px; a narrower near end says nothing
-    max_beyond: float = 0.2  # widths outside the image at which a vanishing point is looked for
-    search_share: float = 0.25  # of all places, looked up in one frame
-    max_of_band: int = 3  # strips of a band
     # share of the image's height below which lines may meet: the camera looks ahead
     highest: float = 0.3
     lowest: float = 0.72  # share of the image's height above which they may
+    meeting_reach: float = 8.0  # px from a known horizon, at which they may
     paint_reach: int = 6  # px: paint is brighter than what is so far to its left and to its right
     paint_contrast: float = 12.0  # grey levels
+    usual_steps: float = 90.0  # percentile of steps, above which they may be a pipeline's edges
     min_votes: int = 14  # of a line
     max_lines: int = 24  # that are paired
-    max_lanes: int = 12  # candidates
+    max_strips: int = 16  # candidates of a search
     flattest: float = 4.0  # columns per row
     same_place: float = 6.0  # px on the lowest row between lines that are the same
     same_slope: float = 0.15  # columns per row, likewise
@@ -404,10 +388,9 @@ class RoadTuning:
     max_tracks: int = 4  # followed at a time
     switch_margin: float = 0.26  # log odds by which another track must be better than that shown
     search_period: int = 4  # frames from one search to the next while a track is shown
-    max_wider: float = 2.0  # widths of one strip over another, up to which both may be the same
-    max_started: int = 3  # candidates of a search that are followed
+    max_wider: float = 1.5  # widths of one strip over another, up to which both may be the same
+    max_started: int = 6  # candidates of a search that are tried
     min_land: int = 8  # rows
-    rows_above_horizon: int = 24  # that are kept
     trial_frames: int = 12  # after which a track of less than ``min_quality`` is given up
     min_quality: float = 0.5  # share of ``start_score``
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +17,7 @@ from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.self_calibration import Estimate, SelfCalibration
 
 Array = NDArray[np.float64]
+Frame = tuple[Image, float, MarkerTrackerParameters]
 
 AGREED = 3  # Frames that must give another focal length before names are given by it
 ANOTHER = 0.006  # Part by which it must differ from the one in use, or half a deviation; and
@@ -50,19 +50,22 @@ class CalibratedTracker:
         middle = rig.positions.mean(axis=0)
         self._extent = float(np.linalg.norm(rig.positions - middle, axis=1).max())
         self._camera: CameraModel | None = None
-        self._tracker = IdentityTracker(rig)
-        self._forget()
+        self._begin((0, 0))
 
     def set_camera(self, camera: CameraModel | None) -> None:
         """Take a calibration, or that there is none; what was known under another one is lost."""
         if camera != self._camera:
             self._camera = camera
-            self._tracker.set_camera(camera)
-            self._forget()
+            self._begin((0, 0))
 
-    def _forget(self) -> None:
+    def _begin(self, size: tuple[int, int]) -> None:
+        """Begin with images of a size, px."""
+        self._size = size
+        self._tracker = _tracker(self._rig, self._camera)
         self._check: SelfCalibration | None = None
-        self._size = (0, 0)
+        if self._camera is not None and _is_calibrated(self._camera, size):
+            self._check = SelfCalibration(self._rig.positions, self._camera)
+        # One without the calibration, while nothing has been named with it.
         self._trial: IdentityTracker | None = None
         self._has_named = False
         self._frames = self._differing = 0
@@ -76,44 +79,23 @@ class CalibratedTracker:
         size = image.width, image.height
         if size != self._size:
             self._begin(size)
-        result = self._tracker.track(image, time, parameters)
+        frame = image, time, parameters
+        result = self._tracker.track(*frame)
         if self._check is None:
             return result
         if any(_is_seen(marker) for marker in result.markers):
             self._has_named, self._trial = True, None
             if time >= self._next:
-                result = self._learn(self._check, result, image, time, parameters)
+                result = self._learn(self._check, result, frame)
         elif not self._has_named:
-            result = self._name_without(self._check, result, image, time, parameters)
+            result = self._name_without(self._check, result, frame)
         return replace(result, camera_doubt=self._doubt) if self._doubt else result
 
-    def _begin(self, size: tuple[int, int]) -> None:
-        """Begin with images of a size, px."""
-        camera = self._camera
-        if self._learnt[0]:
-            self._tracker = IdentityTracker(self._rig)
-            self._tracker.set_camera(camera)
-        self._forget()
-        self._size = size
-        if camera is None:
-            return
-        try:
-            camera.check(*size)
-        except CalibrationError:
-            return
-        self._check = SelfCalibration(self._rig.positions, camera)
-
-    def _learn(
-        self,
-        check: SelfCalibration,
-        result: MarkerResult,
-        image: Image,
-        time: float,
-        parameters: MarkerTrackerParameters,
-    ) -> MarkerResult:
+    def _learn(self, check: SelfCalibration, result: MarkerResult, frame: Frame) -> MarkerResult:
         """Hold a frame's named lights against the calibration."""
+        time, count = frame[1], len(result.markers)
         seen = [index for index, marker in enumerate(result.markers) if _is_seen(marker)]
-        taken = check.add(seen, _places([result.markers[index] for index in seen]))
+        taken = check.add(seen, _places(result)[seen])
         estimate = check.estimate()
         if not taken or estimate is None or not estimate.fits:
             self._next = time + 2.0 * FIRST_STEP
@@ -124,14 +106,10 @@ class CalibratedTracker:
         self._step = FIRST_STEP if differing else min(2.0 * self._step, MAX_STEP)
         self._next = time + self._step
         # What one frame alone shows may be another light.
-        if self._differing < 2 or len(check) < AGREED or len(seen) < len(result.markers):
+        if self._differing < 2 or len(check) < AGREED or len(seen) < count:
             return result
-        again = self._with_learnt(estimate, image, time, parameters)
-        apart = _places(again.markers) - _places(result.markers)
-        if not (np.hypot(*apart.T) < SAME_LIGHT).all():
-            return result
-        self._take(estimate)
-        return again
+        again = self._with_learnt(estimate, frame, _places(result))
+        return again or result
 
     def _differs(self, check: SelfCalibration, estimate: Estimate) -> bool:
         """Whether camera and rig are others than those in use.
@@ -151,12 +129,7 @@ class CalibratedTracker:
         return usual > max(NEEDED, 2.0 * better)
 
     def _name_without(
-        self,
-        check: SelfCalibration,
-        result: MarkerResult,
-        image: Image,
-        time: float,
-        parameters: MarkerTrackerParameters,
+        self, check: SelfCalibration, result: MarkerResult, frame: Frame
     ) -> MarkerResult:
         """Name the lights without the calibration where nothing was found with it."""
         self._frames += 1
@@ -166,35 +139,38 @@ class CalibratedTracker:
         if self._frames > TRIED and self._frames % RESTED:
             return result
         self._trial = self._trial or IdentityTracker(self._rig)
-        named = self._trial.track(image, time, parameters)
+        named = self._trial.track(*frame)
         if not all(_is_seen(marker) for marker in named.markers):
             return result
-        check.add(range(len(named.markers)), _places(named.markers))
+        check.add(range(count), _places(named))
         estimate = check.estimate()
         if estimate is None or not estimate.fits or len(check) < AGREED:
             return result
-        again = self._with_learnt(estimate, image, time, parameters)
-        if not all(_is_seen(marker) for marker in again.markers):
+        again = self._with_learnt(estimate, frame)
+        if again is None:
             return result
         self._has_named, self._trial = True, None
-        self._take(estimate)
         self._report(estimate)
-        self._next = time + FIRST_STEP
+        self._next = frame[1] + FIRST_STEP
         return again
 
     def _with_learnt(
-        self, estimate: Estimate, image: Image, time: float, parameters: MarkerTrackerParameters
-    ) -> MarkerResult:
-        """What a tracker finds in a frame that begins with it and with what the lights show."""
-        assert self._camera is not None
-        self._other = IdentityTracker(estimate.of_rig(self._rig))
-        self._other.set_camera(estimate.of_camera(self._camera))
-        return self._other.track(image, time, parameters)
+        self, estimate: Estimate, frame: Frame, places: Array | None = None
+    ) -> MarkerResult | None:
+        """Go on with what the lights show, if all are named by it, in the same places (n, 2), px.
 
-    def _take(self, estimate: Estimate) -> None:
-        """Go on with that tracker."""
-        self._tracker, self._learnt = self._other, (estimate.shift, estimate.offsets)
+        The tracker begins with this frame, in which it finds the result.
+        """
+        assert self._camera is not None
+        tracker = _tracker(estimate.of_rig(self._rig), estimate.of_camera(self._camera))
+        again = tracker.track(*frame)
+        if not all(_is_seen(marker) for marker in again.markers):
+            return None
+        if places is not None and (np.hypot(*(_places(again) - places).T) >= SAME_LIGHT).any():
+            return None
+        self._tracker, self._learnt = tracker, (estimate.shift, estimate.offsets)
         self._differing = 0
+        return again
 
     def _report(self, estimate: Estimate) -> None:
         """Say what contradicts the calibration."""
@@ -208,10 +184,24 @@ class CalibratedTracker:
             )
 
 
+def _tracker(rig: MarkerRig, camera: CameraModel | None) -> IdentityTracker:
+    tracker = IdentityTracker(rig)
+    tracker.set_camera(camera)
+    return tracker
+
+
+def _is_calibrated(camera: CameraModel, size: tuple[int, int]) -> bool:
+    try:
+        camera.check(*size)
+    except CalibrationError:
+        return False
+    return True
+
+
 def _is_seen(marker: Marker) -> bool:
     return marker.state is MarkerState.DETECTED
 
 
-def _places(markers: Sequence[Marker]) -> Array:
+def _places(result: MarkerResult) -> Array:
     """(n, 2), px."""
-    return np.array([(marker.x, marker.y) for marker in markers]).reshape(-1, 2)
+    return np.array([(marker.x, marker.y) for marker in result.markers])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import clipped, measure_windows
+from mvuav_ros.vision.markers.centroid import CentroidMeter, clipped, cutter_of
 from mvuav_ros.vision.markers.lights import (
     MAX_BLOBS,
     Blobs,
@@ -38,59 +38,25 @@ Array = NDArray[np.float64]
 MAX_CLUSTERS = 1000
 
 
-def bright_pixels(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The mask's pixels in the program's scan order: column by column, each from the top.
+def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
+    """Group bright pixels around seeds: the first pixel left, with all within T of it.
+
+    The scan goes column by column, each from the top. A group is every pixel left with x in
+    [x_seed, x_seed + T] and |y - y_seed| <= T, bounds included; its centre is the mean of its
+    pixels. A light wider than T falls into several groups; lights closer than T share one.
 
     Args:
         mask: (height, width) uint8, non-zero where bright.
-
-    Returns:
-        x and y, each (n,) int32, px.
-
-    Raises:
-        GroupingError: more than 5 % of the frame is bright.
-    """
-    height = mask.shape[0]
-    if not count_bright(mask):
-        return np.empty(0, np.int32), np.empty(0, np.int32)
-    points = cv2.findNonZero(mask).reshape(-1, 2)
-    x, y = np.divmod(np.sort(points[:, 0] * height + points[:, 1]), height)
-    return x.astype(np.int32), y.astype(np.int32)
-
-
-def group_pixels(
-    x: NDArray[np.int32], y: NDArray[np.int32], grouping_distance: int
-) -> list[Cluster]:
-    """Group pixels around seeds: the first pixel left, with all within T of it.
-
-    A group is every pixel left with x in [x_seed, x_seed + T] and |y - y_seed| <= T, bounds
-    included; its centre is the mean of its pixels. A light wider than T falls into several
-    groups; lights closer than T share one.
-
-    Args:
-        x: (n,) px, in scan order (see `bright_pixels`).
-        y: (n,) px.
         grouping_distance: T, px.
 
     Returns:
-        The clusters in scan order of their seeds.
+        (n, 3): x, y (px) and area (px), in scan order of the seeds.
 
     Raises:
-        GroupingError: there are more than `MAX_CLUSTERS`.
+        GroupingError: more than 5 % of the frame is bright, or there are more than `MAX_CLUSTERS`.
     """
-    if len(x) == 0:
-        return []
-    mask = np.zeros((int(y.max()) + 1, int(x[-1]) + 1), np.uint8)
-    mask[y, x] = 255
-    return [Cluster(x, y, int(area)) for x, y, area in _group(mask, grouping_distance).tolist()]
-
-
-def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
-    """The same of all of a mask's bright pixels: (n, 3), x, y (px) and area (px)."""
-    return _group(mask, grouping_distance) if count_bright(mask) else np.empty((0, 3))
-
-
-def _group(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
+    if not count_bright(mask):
+        return np.empty((0, 3))
     reach = min(grouping_distance, max(mask.shape))
     # Column after column, as the scan goes: the search for the next seed is one over bytes. With
     # a dark edge all groups' windows are of one size.
@@ -177,8 +143,8 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
     """The same as an array, (n, 3): x and y (px), area (px)."""
     gray = image.gray()
     if parameters.by_components:
-        lights = Blobs(gray, parameters).measure(parameters.threshold, parameters.weighted)[:, :3]
-        return np.asarray(lights[np.lexsort((lights[:, 1], lights[:, 0]))])
+        spots = sorted(Blobs(gray, parameters).measure())
+        return np.array([spot[:3] for spot in spots], np.float64).reshape(-1, 3)
     lights = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
     lights = lights[area_fits(lights[:, 2], parameters)]
     return weigh(gray, lights, parameters.threshold) if parameters.weighted else lights
@@ -195,8 +161,14 @@ def weigh(gray: Pixels, lights: Array, level: float) -> Array:
     x, y, area = lights.T
     reach = np.sqrt(area / math.pi) + DARK_EDGE
     bounds = np.round((x - reach, x + reach, y - reach, y + reach))
-    measured = measure_windows(gray, clipped(bounds, gray), level, weighted=True)[:, :3]
-    return np.where((measured[:, 2] == area)[:, None], measured, lights)
+    windows, size = clipped(bounds, gray), (gray.shape[1], gray.shape[0])
+    meter = CentroidMeter(level, weighted=True)
+    found = meter.measure_all(cutter_of(gray), windows, size, [None] * len(windows))
+    alone = [
+        seen[0][:3] if seen and seen[0].area == light[2] else light
+        for seen, light in zip(found, lights.tolist(), strict=True)
+    ]
+    return np.array(alone, np.float64)
 
 
 def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:

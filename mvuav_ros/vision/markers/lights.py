@@ -14,16 +14,17 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import (
+    NOWHERE,
     CentroidMeter,
     Detection,
     clipped,
     cutter,
-    measure_pixels,
-    measure_windows,
+    cutter_of,
 )
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
 
 
 class Lens:
@@ -100,18 +101,7 @@ def count_bright(mask: Mask) -> int:
 MAX_BLOBS = 400
 LONGEST = 3.0
 """Sides of the box around a piece that may still be a light, one over the other."""
-MAX_LABELLED = 0.4  # Part of the rows with bright pixels from which on all are labelled at once
 MIN_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
-
-
-class Blob(NamedTuple):
-    """Where a piece lies, inclusive px."""
-
-    x0: int
-    x1: int
-    y0: int
-    y1: int
-    area: int
 
 
 class Blobs:
@@ -119,6 +109,10 @@ class Blobs:
 
     Unlike the thesis's groups around seeds a piece may be of any width, and two lights are two
     pieces for as long as a dark pixel lies between them.
+
+    Attributes:
+        stats: (n, 5), x, y, width, height and area of each (px), in the order of their first
+            pixels, row by row.
     """
 
     def __init__(self, gray: Pixels, parameters: MarkerTrackerParameters) -> None:
@@ -127,67 +121,50 @@ class Blobs:
         Raises:
             GroupingError: the frame is too bright or too noisy to hold markers.
         """
-        mask = threshold(gray, parameters.threshold)
         self._gray = gray
-        self._chosen = np.empty(0, np.intp)
-        self._stats: NDArray[Any] = np.empty((0, 5), np.int32)
-        if not count_bright(mask):
-            return
-        self._numbers, stats = label(mask)
-        count = self._count = len(stats)
-        chosen = np.flatnonzero(area_fits(stats[1:, cv2.CC_STAT_AREA], parameters))
-        if len(chosen) > MAX_BLOBS:
-            raise GroupingError(f'{count - 1} clusters above the threshold')
-        self._chosen = chosen + 1
-        self._stats = stats[self._chosen]
+        self._meter = CentroidMeter(parameters.threshold, parameters.weighted)
+        mask = threshold(gray, parameters.threshold)
+        count_bright(mask)
+        self._labels, stats = label(mask)
+        fits = area_fits(stats[:, cv2.CC_STAT_AREA], parameters)
+        self._numbers = 1 + np.flatnonzero(fits[1:])  # of the pieces within the limits
+        if len(self._numbers) > MAX_BLOBS:
+            raise GroupingError(f'{len(stats) - 1} clusters above the threshold')
+        self.stats = stats[self._numbers].astype(np.intp)
 
-    def __len__(self) -> int:
-        return len(self._chosen)
+    def may_be_lights(self) -> Integers:
+        """The rows in `stats` of those that are compact enough to be looked at more closely."""
+        _, _, width, height, area = self.stats.T
+        is_long = np.maximum(width, height) > LONGEST * np.minimum(width, height)
+        is_filled = area >= MIN_FILLED * width * height
+        return np.flatnonzero(is_filled & ~(is_long & (area > 4)))
 
-    @property
-    def boxes(self) -> list[Blob]:
-        """The pieces, in the order of their first pixels, row by row."""
-        return [
-            Blob(x, x + width - 1, y, y + height - 1, area)
-            for x, y, width, height, area in self._stats.tolist()
-        ]
-
-    def measure(
-        self, level: float, weighted: bool, chosen: Sequence[int] | None = None
-    ) -> NDArray[np.float64]:
-        """The places of all pieces, or of some by their numbers in `boxes`.
+    def measure(self, chosen: Integers | None = None) -> list[Detection]:
+        """The lights of all pieces, or of some by their rows in `stats`.
 
         What belongs to other pieces does not count.
-
-        Returns:
-            (n, 4): x and y (px), area (px), spread (see `Detection`).
         """
-        chosen = range(len(self)) if chosen is None else chosen
-        stats = self._stats[chosen]
-        measured = np.empty((len(stats), 4))
-        x, y, width, height, area = stats.T.astype(np.intp)
+        chosen = np.arange(len(self.stats)) if chosen is None else chosen
+        x, y, width, height, area = self.stats[chosen].T
         windows = clipped((x - 1, x + width, y - 1, y + height), self._gray)
         # The window around a thin slanting line would be far larger than the line.
-        compact = np.flatnonzero((width + 2) * (height + 2) <= 4 * area + 64)
-        measured[compact] = measure_windows(self._gray, windows[compact], level, weighted)
-        alone = np.zeros(len(stats), np.bool_)
-        alone[compact] = measured[compact, 2] == area[compact]
-        crowded = np.flatnonzero(~alone)
-        if len(crowded):
-            pixels, owner = self._own_pixels(self._chosen[chosen][crowded])
-            measured[crowded] = measure_pixels(
-                self._gray, pixels, owner, len(crowded), level, weighted
-            )
-        return measured
-
-    def _own_pixels(self, numbers: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """The pixels of some pieces in the flattened frame, and which piece's each is."""
-        index = np.full(self._count, -1)
-        index[numbers] = np.arange(len(numbers))
-        bright = np.flatnonzero(self._numbers)
-        owner = index[self._numbers.ravel()[bright]]
-        own = owner >= 0
-        return bright[own], owner[own]
+        compact = (width + 2) * (height + 2) <= 4 * area + 64
+        looked = [windows[i] if small else NOWHERE for i, small in enumerate(compact.tolist())]
+        cut = cutter_of(self._gray)
+        size = self._gray.shape[1], self._gray.shape[0]
+        found = self._meter.measure_all(cut, looked, size, [None] * len(looked))
+        spots = {
+            index: seen[0]
+            for index, (seen, own) in enumerate(zip(found, area.tolist(), strict=True))
+            if seen and seen[0].area == own
+        }
+        crowded = [index for index in range(len(windows)) if index not in spots]
+        around = [windows[index] for index in crowded]
+        labels = cutter_of(self._labels)
+        numbers = self._numbers[chosen][crowded].tolist()
+        patches = [cut(*w) * (labels(*w) == n) for w, n in zip(around, numbers, strict=True)]
+        spots.update(zip(crowded, self._meter.measure_own(patches, around), strict=True))
+        return [spots[index] for index in range(len(windows))]
 
 
 def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -199,50 +176,19 @@ def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         (height, width), each pixel's number, 0 where it is dark; and (1 + pieces, 5), their boxes
         and areas by OpenCV's columns, of which the first row, that of the dark, is of no use.
     """
-    # In pairs, as OpenCV numbers the pieces by the pair of rows in which they begin.
-    bright = np.bitwise_or.reduce(_words(mask), axis=1)
-    pairs = np.flatnonzero(np.bitwise_or.reduce(bright.reshape(-1, 2), axis=1))
-    ends = np.flatnonzero(np.diff(pairs) > 1)
-    first = pairs[np.concatenate(([0], ends + 1))] if len(pairs) else pairs
-    last = pairs[np.concatenate((ends, [-1]))] if len(pairs) else pairs
-    if len(pairs) > MAX_LABELLED * len(mask) / 2:
-        return _label_all(mask)
-    numbers = np.zeros(mask.shape, np.int32)
-    found = [np.zeros((1, 5), np.int32)]
-    count = 0
-    for top, bottom in zip((2 * first).tolist(), (2 * last + 2).tolist(), strict=True):
-        band = mask[top:bottom]
-        own, stats = _label_all(band)
-        stats[:, cv2.CC_STAT_TOP] += top
-        if count:
-            np.add(own, count, out=own, where=own > 0)
-        numbers[top:bottom] = own
-        found.append(stats[1:])
-        count += len(stats) - 1
-    return numbers, np.concatenate(found)
-
-
-def _label_all(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    _, numbers, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    return np.asarray(numbers, np.int32), np.asarray(stats, np.int32)
-
-
-def _words(mask: Mask) -> NDArray[np.unsignedinteger]:
-    """A mask's rows, of which there are an even number, as long words where they can be."""
-    height, width = mask.shape
-    if height % 2:
-        mask = np.concatenate((mask, np.zeros((1, width), np.uint8)))
-    if width % 8 == 0 and mask.flags.c_contiguous:
-        return mask.view(np.uint64)
-    return mask
-
-
-def may_be_light(box: Blob) -> bool:
-    """Whether a piece is compact enough to be looked at more closely."""
-    width, height = box.x1 - box.x0 + 1, box.y1 - box.y0 + 1
-    if max(width, height) > LONGEST * min(width, height) and box.area > 4:
-        return False
-    return box.area >= MIN_FILLED * width * height
+    height = len(mask)
+    bright = cv2.reduce(mask, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel() > 0
+    # In pairs, as OpenCV numbers the pieces by the pair of rows in which they begin, each with the
+    # next one: a dark pair keeps apart what is none of one piece.
+    pairs = np.logical_or.reduceat(bright, np.arange(0, height, 2))
+    pairs[1:] |= pairs[:-1].copy()
+    rows = np.flatnonzero(np.repeat(pairs, 2)[:height])
+    labels = np.zeros(mask.shape, np.int32)
+    if not len(rows):
+        return labels, np.zeros((1, 5), np.int32)
+    _, labels[rows], stats, _ = cv2.connectedComponentsWithStats(mask[rows], connectivity=8)
+    stats[1:, cv2.CC_STAT_TOP] = rows[stats[1:, cv2.CC_STAT_TOP]]
+    return labels, np.asarray(stats, np.int32)
 
 
 ROUND = 1.4  # Spread of a spot that may be a light
@@ -300,14 +246,10 @@ class Lights:
             GroupingError: it is too bright or too noisy to hold markers.
         """
         blobs = Blobs(frame.image.gray(), frame.parameters)
-        boxes = blobs.boxes
-        chosen = [number for number, box in enumerate(boxes) if may_be_light(box)]
+        chosen = blobs.may_be_lights()
         if len(chosen) > MAX_MEASURED:
-            chosen = _most_useful(chosen, boxes, around)
-        measured = blobs.measure(frame.parameters.threshold, frame.parameters.weighted, chosen)
-        self.spots = straightened(
-            lens, [Detection(x, y, int(area), spread) for x, y, area, spread in measured.tolist()]
-        )
+            chosen = chosen[_most_useful(blobs.stats[chosen], around)]
+        self.spots = straightened(lens, blobs.measure(chosen))
 
     def __len__(self) -> int:
         return len(self.spots)
@@ -322,15 +264,13 @@ class Lights:
         return [light for light in spots if light.seen.area >= least]
 
 
-def _most_useful(
-    chosen: Sequence[int], boxes: Sequence[Blob], around: Sequence[float]
-) -> list[int]:
+def _most_useful(stats: Integers, around: Sequence[float]) -> Integers:
+    """The pieces (n, 5) that are the nearest to some places, or the largest."""
     if not len(around):
-        return sorted(chosen, key=lambda number: -boxes[number].area)[:MAX_MEASURED]
-    middles = np.array([(boxes[i].x0 + boxes[i].x1, boxes[i].y0 + boxes[i].y1) for i in chosen]) / 2
-    apart = middles[:, None] - np.reshape(around, (-1, 2))
-    nearest = np.abs(apart).max(axis=2).min(axis=1)
-    return [chosen[index] for index in np.argsort(nearest, kind='stable')[:MAX_MEASURED]]
+        return np.argsort(-stats[:, cv2.CC_STAT_AREA], kind='stable')[:MAX_MEASURED]
+    middles = stats[:, :2] + 0.5 * (stats[:, 2:4] - 1)
+    apart = np.abs(middles[:, None] - np.reshape(around, (-1, 2))).max(axis=2).min(axis=1)
+    return np.argsort(apart, kind='stable')[:MAX_MEASURED]
 
 
 def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Light]:

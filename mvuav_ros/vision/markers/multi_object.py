@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +47,7 @@ def choices(predicted: Array, seen: Array, widest: float) -> tuple[Array, Intege
 def assign(cost: Array, number: Integers) -> Integers:
     """Give detections to known lights so that most have one, and the sum of costs is least.
 
-    Pairs in which neither has another choice are taken at once; only the rest, which among
-    well-separated lights is nothing, is left to the Hungarian method.
+    Pairs without another choice are taken at once, the rest by the Hungarian method.
 
     Args:
         cost: (n, k) of each light's choices, `IMPOSSIBLE` where they cannot be a pair.
@@ -128,6 +128,8 @@ def _most_common(shifts: Array, longest: float, tolerance: float) -> list[Array]
 
 
 Mask = NDArray[np.bool_]
+_MEASURED = np.array((0, 1, 6))  # Columns of a row of a marker that are x, y and area
+_LIGHT = [('id', np.intp), ('area', float), ('sightings', np.intp), ('last_seen', float)]
 
 
 @dataclass(frozen=True)
@@ -170,10 +172,7 @@ class MultiObjectTracker:
 
     def __init__(self) -> None:
         self._motion = MotionPredictor(0)
-        self._ids = np.empty(0, np.intp)
-        self._areas: Array = np.empty(0)
-        self._sightings = np.empty(0, np.intp)
-        self._last_seen: Array = np.empty(0)
+        self._lights: NDArray[Any] = np.empty(0, _LIGHT)
         self._newest_id = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -214,16 +213,16 @@ class MultiObjectTracker:
         reach = np.minimum(reach, TUNING.widest)
         cost = (apart / np.maximum(deviations, 1.0)[:, None]) ** 2
         offset = TUNING.size_offset
-        usual, size = np.log(self._areas + offset), np.log(found[:, 2] + offset)
+        usual, size = np.log(self._lights['area'] + offset), np.log(found[:, 2] + offset)
         cost += (TUNING.size_weight * (usual[:, None] - size[number])) ** 2
         cost[apart > reach] = IMPOSSIBLE
         return assign(cost, number)
 
     def _voters(self) -> Integers:
         """The lights that can show a jump of all: well known, and seen in the last frame."""
-        known = (self._sightings >= TUNING.confirmed) & (self._last_seen == self._last_seen.max())
-        voters = np.flatnonzero(known)
-        return voters[np.argsort(-self._sightings[voters], kind='stable')[: TUNING.max_voters]]
+        sightings, last_seen = self._lights['sightings'], self._lights['last_seen']
+        voters = np.flatnonzero((sightings >= TUNING.confirmed) & (last_seen == last_seen.max()))
+        return voters[np.argsort(-sightings[voters], kind='stable')[: TUNING.max_voters]]
 
     def _update(self, time: float, given: Integers, found: Array) -> None:
         """Measure the known lights."""
@@ -231,54 +230,49 @@ class MultiObjectTracker:
         positions = np.full((len(given), 2), math.nan)
         positions[visible] = found[given[visible], :2]
         self._motion.update(positions.ravel())
-        self._last_seen[visible] = time
-        self._sightings[visible] += 1
-        change = found[given[visible], 2] - self._areas[visible]
-        self._areas[visible] += (1 - TUNING.size_memory) * change
+        lights = self._lights
+        lights['last_seen'][visible] = time
+        lights['sightings'][visible] += 1
+        change = found[given[visible], 2] - lights['area'][visible]
+        lights['area'][visible] += (1 - TUNING.size_memory) * change
 
     def _forget(self, earliest: float, given: Integers, max_hidden: int) -> Integers:
         """Forget lights that were last seen before a time (s), and the least known of too many."""
-        hidden = given < 0
-        kept = ~hidden | (self._last_seen >= earliest)
-        tentative = self._sightings < TUNING.confirmed
-        _thin_out(kept, hidden & tentative, self._sightings, TUNING.max_tentative)
-        _thin_out(kept, hidden, self._sightings, max_hidden)
+        hidden, sightings = given < 0, self._lights['sightings']
+        kept = ~hidden | (self._lights['last_seen'] >= earliest)
+        _thin_out(kept, hidden & (sightings < TUNING.confirmed), sightings, TUNING.max_tentative)
+        _thin_out(kept, hidden, sightings, max_hidden)
         if not kept.all():
             self._motion.keep(kept)
-            self._ids, self._areas = self._ids[kept], self._areas[kept]
-            self._last_seen, self._sightings = self._last_seen[kept], self._sightings[kept]
+            self._lights = self._lights[kept]
         return given[kept]
 
     def _add(self, time: float, new: Array) -> None:
         """Follow new lights, (k, 3): x, y (px), area (px)."""
-        count = len(new)
-        if count == 0:
+        if not len(new):
             return
         self._motion.add(new[:, :2])
-        self._ids = np.append(self._ids, self._newest_id + 1 + np.arange(count))
-        self._areas = np.append(self._areas, new[:, 2])
-        self._last_seen = np.append(self._last_seen, np.full(count, time))
-        self._sightings = np.append(self._sightings, np.ones(count, np.intp))
-        self._newest_id += count
+        first, self._newest_id = self._newest_id + 1, self._newest_id + len(new)
+        lights = [(first + i, area, 1, time) for i, area in enumerate(new[:, 2].tolist())]
+        self._lights = np.concatenate((self._lights, np.array(lights, _LIGHT)))
 
     def _result(self, given: Integers, found: Array, status: str) -> MarkerResult:
         motions = np.array(self._motion.motions()).reshape(-1, 4)
         now = np.array(self._motion.positions()).reshape(-1, 2)
         visible = given >= 0
         rows = np.column_stack((now, motions, np.full(len(given), math.nan)))
-        rows[visible, :2] = found[given[visible], :2]
-        rows[visible, 6] = found[given[visible], 2]
-        states = np.where(visible, MarkerState.DETECTED, MarkerState.PREDICTED)
+        rows[np.ix_(visible, _MEASURED)] = found[given[visible]]
+        states = MarkerState.PREDICTED, MarkerState.DETECTED
         markers = tuple(
-            Marker(Label.UNLABELLED, _STATES[state], *row)
-            for state, row in zip(states.tolist(), rows.tolist(), strict=True)
+            Marker(Label.UNLABELLED, states[seen], *row)
+            for seen, row in zip(visible.tolist(), rows.tolist(), strict=True)
         )
         hidden = int((~visible).sum())
         if not markers:
             status = status or 'no light in view'
         elif hidden and not status:
             status = f'{len(given) - hidden} detected, {hidden} predicted'
-        return MarkerResult(markers, status=status, ids=tuple(self._ids.tolist()))
+        return MarkerResult(markers, status=status, ids=tuple(self._lights['id'].tolist()))
 
 
 def _thin_out(kept: Mask, group: Mask, sightings: Integers, most: int) -> None:
@@ -287,6 +281,3 @@ def _thin_out(kept: Mask, group: Mask, sightings: Integers, most: int) -> None:
     if len(members) > most:
         min_known = np.argsort(sightings[members], kind='stable')
         kept[members[min_known[: len(members) - max(most, 0)]]] = False
-
-
-_STATES = {int(state): state for state in MarkerState}

@@ -21,24 +21,13 @@ ROLL, SCALE, X, Y, PITCH, YAW, FOCAL, BARREL = range(8)
 COUNT = 8
 KNOWN_FOCAL = 0.01
 """Part by which a calibrated focal length may be wrong (1 sigma)."""
+_TURNS: Complex = np.zeros((COUNT, 3), np.complex128)
+"""Of a view: log of the scale plus i times the roll, less i times the yaw, i times the pitch."""
+_TURNS[[SCALE, ROLL], 0], _TURNS[YAW, 1], _TURNS[PITCH, 2] = (1.0, 1j), -1j, 1j
 _NEAREST = 0.05
 """Least distance of a marker over the rig's: what would come to lie behind the camera."""
 _MIN_AREA = 1e-3
 """Twice that of a triangle in which three markers are not on one line, in squared units."""
-_ANGLES: Array = np.zeros((COUNT, 4))
-"""Of a view: yaw + pitch, yaw - pitch, yaw, and pitch."""
-_ANGLES[YAW, :3] = _ANGLES[PITCH, [0, 3]] = 1.0
-_ANGLES[PITCH, 1] = -1.0
-_EXPONENTS: Complex = np.zeros((COUNT, 13), np.complex128)
-"""Of a view: log of the scale plus i times the roll, plus and minus i times each of those angles;
-zero; log of the scale less that of the focal length plus i times each of the angles."""
-_EXPONENTS[:, :4], _EXPONENTS[:, 4:8], _EXPONENTS[:, 9:] = 1j * _ANGLES, -1j * _ANGLES, 1j * _ANGLES
-_EXPONENTS[SCALE] = (*[1.0] * 8, 0.0, *[1.0] * 4)
-_EXPONENTS[ROLL, :8] = 1j
-_EXPONENTS[FOCAL, 9:] = -1.0
-_NEARNESS: Array = np.zeros(COUNT)
-"""Of a view: logarithm of units per distance."""
-_NEARNESS[SCALE], _NEARNESS[FOCAL] = 1.0, -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,52 +105,50 @@ class WeakPerspective:
         Returns:
             (..., n, 2), px.
         """
-        return self.linearize(parameters)[0]
-
-    def linearize(self, parameters: Array) -> tuple[Array, Array]:
-        """Places (..., n, 2) and by how much they move with the parameters, (..., n, 2, 8)."""
         views = np.ascontiguousarray(parameters).reshape(-1, COUNT)
-        places, slopes = self.linearize_all(views)
-        count = len(self.points)
-        jacobian = slopes.reshape(len(views), COUNT, count, 2).transpose(0, 2, 3, 1)
-        before = parameters.shape[:-1]
-        return places.reshape(*before, count, 2), jacobian.reshape(*before, count, 2, COUNT)
+        return self.linearize(views)[0].reshape(*parameters.shape[:-1], -1, 2)
 
-    def linearize_all(self, views: Array) -> tuple[Array, Array]:
-        """The same of m views at once, in the order in which matrix products take it.
+    def linearize(self, views: Array) -> tuple[Array, Array]:
+        """Places of the markers and their slopes, in the order in which matrix products take it.
 
         Image points are complex numbers, x + iy from the image's centre: N / D, where N is the
         turned point in px plus the origin's place, and D its depth over the origin's. By a
         parameter p, that changes by (dN/dp - N / D dD/dp) / D.
 
         Args:
-            views: (m, 8), contiguous.
+            views: (m, 8), see `project`.
 
         Returns:
             Places (m, 2 n), x and y of each marker in turn, and by how much they move with the
             parameters, (m, 8, 2 n).
         """
-        m, n = len(views), len(self.points)
-        turned, deeper = self._turns
-        powers = np.exp(views.dot(_EXPONENTS))
-        slopes = powers[:, :9].dot(turned).reshape(m, COUNT, n)
-        depths = powers[:, 9:].view(np.float64).dot(deeper).reshape(m, COUNT, n)
-        nearness = views.dot(_NEARNESS)
-        if is_clipped := nearness.max() > self._max_nearness:
-            # The origin comes no nearer, whatever scale and focal length say.
-            excess = np.maximum(nearness - self._max_nearness, 0.0)
-            depths *= np.exp(-excess)[:, None, None]
-        larger = 1.0 / np.maximum(1.0 + depths[:, SCALE], _NEAREST)
-        if is_clipped:
-            depths[excess > 0.0, SCALE] = depths[excess > 0.0, FOCAL] = 0.0
+        px, py, pz = self.points.T
+        turn, yaw, pitch = np.exp(views.dot(_TURNS)).T[..., None]
+        flat = (px + 1j * pz) * yaw
+        across, ahead = flat.real, flat.imag
+        upright = (py + 1j * ahead) * pitch
+        down, depth = upright.real, upright.imag
+        turned = turn * (across + 1j * down)
+        # The origin comes no nearer, whatever scale and focal length say.
+        nearness = views[:, SCALE, None] - views[:, FOCAL, None]
+        near = np.exp(np.minimum(nearness, self._max_nearness))
+        larger = 1.0 / np.maximum(1.0 + near * depth, _NEAREST)
         origin = views[:, X : Y + 1].view(np.complex128) - self._middle
-        image = (slopes[:, SCALE] + origin) * larger
-        slopes -= image[:, None] * depths
+        image = (turned + origin) * larger
+        moved = image * near
+        deeper = moved * (depth * (nearness <= self._max_nearness))
+        slopes = np.zeros((len(views), COUNT, len(px)), np.complex128)
+        slopes[:, ROLL] = 1j * turned
+        slopes[:, SCALE] = turned - deeper
+        slopes[:, X], slopes[:, Y] = 1.0, 1j
+        slopes[:, PITCH] = -1j * turn * depth - moved * down
+        slopes[:, YAW] = turn * (ahead + pitch.imag * 1j * across) + moved * (pitch.real * across)
+        slopes[:, FOCAL] = deeper
         slopes *= larger[:, None]
         if self.lens.focal is None:
             image, slopes = self._bend(image, slopes, views[:, BARREL:])
         if self.offsets is not None:
-            beside = self.offsets * np.exp(views[:, SCALE] + 1j * views[:, ROLL])[:, None]
+            beside = self.offsets * turn
             image = image + beside
             slopes[:, ROLL] += 1j * beside
             slopes[:, SCALE] += beside
@@ -186,34 +173,6 @@ class WeakPerspective:
     @cached_property
     def _middle(self) -> complex:
         return complex(*self.centre.tolist())
-
-    @cached_property
-    def _turns(self) -> tuple[Complex, Array]:
-        """(9, 8 n) and (8, 8 n): what makes derivatives of the turned points of `_EXPONENTS`.
-
-        The derivatives are those by the parameters, of N and of D in `linearize_all`; those by the
-        logarithm of the scale are the turned points and their depths themselves.
-        """
-        (px, py, pz), n = self.points.T, len(self.points)
-        # By cosine and sine of each of the angles.
-        cos_sum, sin_sum, cos_less, sin_less, ca, sa, cb, sb = np.eye(8)[..., None]
-        ca_cb, sa_sb = 0.5 * (cos_less + cos_sum), 0.5 * (cos_less - cos_sum)
-        sa_cb, ca_sb = 0.5 * (sin_sum + sin_less), 0.5 * (sin_sum - sin_less)
-        qx, ahead = ca * px + sa * pz, ca * pz - sa * px
-        qy = cb * py - ca_sb * pz + sa_sb * px
-        qz = sb * py + ca_cb * pz - sa_cb * px
-        sb_qx, cb_qx = ca_sb * px + sa_sb * pz, ca_cb * px + sa_cb * pz
-        by = np.zeros((COUNT, 8, n), np.complex128)
-        by[ROLL], by[SCALE] = 1j * qx - qy, qx + 1j * qy
-        by[PITCH], by[YAW] = -1j * qz, ahead + 1j * sb_qx
-        by = by.transpose(1, 0, 2)
-        turned = np.zeros((9, COUNT, n), np.complex128)
-        turned[:4], turned[4:8] = 0.5 * (by[::2] - 1j * by[1::2]), 0.5 * (by[::2] + 1j * by[1::2])
-        turned[8, X], turned[8, Y] = 1.0, 1j
-        deeper = np.zeros((8, COUNT, n))
-        deeper[:, SCALE], deeper[:, FOCAL] = qz, -qz
-        deeper[:, PITCH], deeper[:, YAW] = qy, -cb_qx
-        return turned.reshape(9, COUNT * n), deeper.reshape(8, COUNT * n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,12 +202,13 @@ class ViewState:
         return float(self.parameters[ROLL])
 
 
-def deviations_of(jacobian: Array, covariance: Array) -> Array:
-    """How uncertain places are (1 sigma, px), (n,): the larger axis of each one's ellipse."""
-    spread = jacobian @ covariance @ jacobian.swapaxes(-1, -2)
-    mean = 0.5 * (spread[:, 0, 0] + spread[:, 1, 1])
-    half = np.hypot(0.5 * (spread[:, 0, 0] - spread[:, 1, 1]), spread[:, 0, 1])
-    return np.asarray(np.sqrt(np.maximum(mean + half, 0.0)))
+def deviations_of(slopes: Array, covariance: Array) -> Array:
+    """How uncertain places with slopes (8, 2 n) are (1 sigma, px), (n,): the ellipses' axes."""
+    spread = covariance @ slopes
+    xx, yy = (slopes * spread).sum(axis=0).reshape(-1, 2).T
+    xy = (slopes[:, ::2] * spread[:, 1::2]).sum(axis=0)
+    larger = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
+    return np.asarray(np.sqrt(np.maximum(larger, 0.0)))
 
 
 _MIN = np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0, -0.6))

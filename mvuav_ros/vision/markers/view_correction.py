@@ -176,7 +176,7 @@ class Correction:
         prior = np.ascontiguousarray(mean[:, :COUNT])
         parameters = prior if starts is None else starts
         for _ in range(iterations):
-            expected, slopes = _seen(columns, *shape.linearize_all(parameters))
+            expected, slopes = _seen(columns, *shape.linearize(parameters))
             innovation = named.places - expected
             away = prior - parameters
             if parameters is not prior:
@@ -190,7 +190,7 @@ class Correction:
                 break
         else:
             # What the last slopes predict of the residuals cannot be trusted.
-            expected, _ = _seen(columns, *shape.linearize_all(parameters))
+            expected, _ = _seen(columns, *shape.linearize(parameters))
             weighed = (named.places - expected) / noise
         change[:, :COUNT] = parameters - prior
         return cls(gain, mean, change, weighed)

@@ -87,7 +87,6 @@ class ViewTuning:
 
 TUNING = ViewTuning()
 _STATES = 2 * COUNT
-_UNITY: Array = np.eye(_STATES)
 _RATE_NOISE: Array = np.square(TUNING.rate_noise)
 _STATIONARY: Array = 0.5 * TUNING.rates_last * _RATE_NOISE  # Of the rates in the long run
 _LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
@@ -101,7 +100,7 @@ _MOVED[[X, Y]] = 1.0 / TUNING.same_place
 """Times which the changes of a view that has hardly moved are below 1."""
 _NOTHING_KNOWN = 6.0, 3000.0
 """rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
-_SAME_TIME = 1e-9  # s, by which two steps differ only as their stamps are rounded
+_SAME_TIME = 2e-9  # s, by which two steps differ only as their stamps are rounded
 _MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
 _MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exact the rig is
 
@@ -134,8 +133,9 @@ class ViewFilter:
         covariance[:COUNT, :COUNT] = view.covariance
         mean = np.concatenate((view.parameters, np.zeros(COUNT)))
         self._is_calibrated = shape.lens.focal is not None
-        walk = _WALK_NOISE * (np.arange(COUNT) < FOCAL) if self._is_calibrated else _WALK_NOISE
-        self._noises = _process_noises(walk)
+        self._walk = (
+            _WALK_NOISE * (np.arange(COUNT) < FOCAL) if self._is_calibrated else _WALK_NOISE
+        )
         count = len(shape.points)
         least, most = TUNING.bending
         few = least <= 2 * count - self.unknowns <= most
@@ -144,10 +144,10 @@ class ViewFilter:
         filters = 1 + few * count
         # (f, 16), at `time`.
         self.means: Array = np.tile(mean, (filters, 1))
-        # Of an earlier time, so many s ago, where the means have gone on alone since then.
+        # Of the frame before where the means have gone on alone since then.
         self._covariances: Array = np.tile(covariance, (filters, 1, 1))
-        self._behind = 0.0
-        self._step, self._transition = 0.0, _UNITY  # s, and what it does to states (f, 16)
+        self._is_behind = False
+        self._step, self._transition, self._noise = 0.0, *_dynamics(0.0, self._walk)
         # Prior variances by which the newest gain was found, and whether those before were alike.
         self._variances: Array = np.zeros(COUNT)
         self._is_steady = False
@@ -167,12 +167,12 @@ class ViewFilter:
     @property
     def belief(self) -> Belief:
         """At `time`; after `predict` the prior of that frame."""
-        if self._behind:
+        if self._is_behind:
             self._learn()
             before = self._covariances.reshape(-1, _STATES).dot(self._transition)
             across = self._transition.T @ before.reshape(self._covariances.shape)
-            noise = _noise_weights(self._behind).dot(self._noises).reshape(-1, COUNT) * self._motion
-            self._covariances, self._behind = across + noise.reshape(_STATES, _STATES), 0.0
+            self._covariances = across + self._noise * np.tile(self._motion, 2)
+            self._is_behind = False
             self.means[:, :COUNT] = possible(self.means[:, :COUNT])
             old, new = self._variances, self._covariances[0].diagonal()[:COUNT]
             least, most = TUNING.same_variance
@@ -208,14 +208,13 @@ class ViewFilter:
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
-        if self._behind:
-            # Nothing was committed in the last frame.
-            self._covariances = self.belief.covariance
+        # Of the last frame, even if nothing was committed there.
+        self._covariances = self.belief.covariance
         elapsed = time - self.time
         if abs(elapsed - self._step) > _SAME_TIME:
-            self._step, self._transition = elapsed, _transition(elapsed)
+            self._step, self._transition, self._noise = elapsed, *_dynamics(elapsed, self._walk)
         self.means = self.means.dot(self._transition)
-        self._behind, self.time = elapsed, time
+        self._is_behind, self.time = True, time
         if self._seen < _MIN_HOLDING:
             self._covariances = self.belief.covariance
             usual = np.clip(self._max_motion, TUNING.min_unseen, TUNING.max_unseen)
@@ -226,8 +225,8 @@ class ViewFilter:
     def places(self, view: ViewState | None = None) -> tuple[Array, Array]:
         """Where the markers should be, (n, 2) px, and how uncertain that is, (n,) px."""
         view = view or self.view
-        places, jacobian = self.shape.linearize(view.parameters)
-        return places, deviations_of(jacobian, view.covariance)
+        places, slopes = self.shape.linearize(view.parameters[None])
+        return places.reshape(-1, 2), deviations_of(slopes[0], view.covariance)
 
     def look(self, found: Mapping[int, Point]) -> ViewState:
         """The view by the named lights (px without distortion), from this frame's prior."""
@@ -263,7 +262,7 @@ class ViewFilter:
 
     def _correct_as_before(self, found: Mapping[int, Point]) -> Correction | None:
         """The same with the gain of the last frames; None where it may have changed."""
-        if not 0 < len(self._newest) < TUNING.max_kept or not self._behind:
+        if not 0 < len(self._newest) < TUNING.max_kept or not self._is_behind:
             return None
         gain, step = self._newest[0].gain, self._step
         if abs(step - self._gain_step) > TUNING.same_step * step or list(found) != gain.markers:
@@ -314,7 +313,7 @@ class ViewFilter:
             self._newest = []
         self._newest.append(correction)
         self.means, self._covariances = correction.before + correction.change, gain.after
-        self._behind = 0.0
+        self._is_behind = False
 
     def _learn(self) -> None:
         """Learn from the frames since this was last done how the view moves, and of the rig."""
@@ -351,29 +350,16 @@ class ViewFilter:
             self.rig_error += rate * (shown - self.rig_error)
 
 
-def _transition(elapsed: float) -> Array:
-    """What so many s make of states in rows, (16, 16): the rates fade."""
-    last = TUNING.rates_last
-    fade = math.exp(-elapsed / last)
-    transition, step = _UNITY.copy(), _STATES + 1
-    flat = transition.ravel()
-    flat[COUNT * _STATES :: step] = last * (1.0 - fade)
-    flat[COUNT * step :: step] = fade
-    return transition
+def _dynamics(elapsed: float, walk: Array) -> tuple[Array, Array]:
+    """What so many s make of states in rows, and the covariance that white noise adds, (16, 16).
 
-
-def _process_noises(walk: Array) -> Array:
-    """(4, 256): parts of what white noise (walk: variances per s, (8,)) adds to a covariance."""
-    rate = np.diag(_RATE_NOISE)
-    views, across, rates = ((1, 0), (0, 0)), ((0, 1), (1, 0)), ((0, 0), (0, 1))
-    parts = (views, np.diag(walk)), (views, rate), (across, rate), (rates, rate)
-    return np.array([np.kron(*part).ravel() for part in parts])
-
-
-def _noise_weights(elapsed: float) -> Array:
-    """By how much each of those parts counts after so many s."""
+    The rates fade. The noise of the parameters has these variances per s, (8,).
+    """
     last = TUNING.rates_last
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
-    faded = 0.5 * last * (1.0 - fade * fade)
-    return np.array((elapsed, elapsed**3 / 3, 0.5 * reach * reach, faded))
+    across, rates = 0.5 * reach * reach, 0.5 * last * (1.0 - fade * fade)
+    transition = np.kron(((1.0, 0.0), (reach, fade)), np.eye(COUNT))
+    noise = np.kron(((elapsed**3 / 3, across), (across, rates)), np.diag(_RATE_NOISE))
+    noise[:COUNT, :COUNT] += np.diag(elapsed * walk)
+    return np.asarray(transition), np.asarray(noise)

@@ -11,7 +11,7 @@ from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from support.node_outputs import messages_of as messages_from
 from support.places import ROOT
 
-from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import decode_image
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
@@ -61,7 +61,7 @@ def test_a_tanker_flight_and_what_the_tracker_makes_of_it(tmp_path):
         frames, messages['/truth/markers'], messages['/truth/rpy'], strict=True
     ):
         outputs = messages_from(tracker, tracker.process(frame))
-        found, true = decode_points(outputs['markers']), decode_points(truth)
+        found, true = view_points(outputs['markers']), view_points(truth)
         assert list(true['label']) == [0, 1, 2, 3, 4]
         np.testing.assert_allclose(found['x'], true['x'], atol=0.4)
         np.testing.assert_allclose(found['y'], true['y'], atol=0.4)
@@ -74,7 +74,7 @@ def test_a_runway_flight(tmp_path):
     assert result.returncode == 0, result.stderr
     messages = messages_of(bag)
     assert decode_image(messages['/image_raw'][0]).pixels.shape == (120, 160, 3)
-    lines = decode_points(messages['/truth/lines'][0])
+    lines = view_points(messages['/truth/lines'][0])
     assert len(lines) == 5
     for line in lines[np.isfinite(lines['rho'])]:
         for x, y in ((line['x'], line['y']), (line['x2'], line['y2'])):

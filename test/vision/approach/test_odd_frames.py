@@ -110,7 +110,7 @@ def test_a_recording_that_begins_again_is_searched_afresh(flight):
     processor = RunwayDetectorProcessor(RunwayDetectorParameters(mode='approach'))
 
     def status(image, index):
-        processor.process(Frame(index, 'camera', Image(image, 'bgr8')))
+        list(processor.process(Frame(index, 'camera', Image(image, 'bgr8'))))
         return processor.status
 
     grass = drawn_strip(0, **GRASS)

@@ -7,30 +7,27 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation, line_through, turn_edge
-from mvuav_ros.vision.approach.evidence import row_sums, shrink_levels
-from mvuav_ros.vision.approach.road import (
-    EdgeProfile,
-    features_of,
-    find_edges,
-    score_strips,
-)
+from mvuav_ros.vision.approach.evidence import shrink_levels
+from mvuav_ros.vision.approach.ground_motion import Registration
+from mvuav_ros.vision.approach.road import TARGETS, RoadTrack, find_strips
+from mvuav_ros.vision.approach.search import LevelledImage
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
+from mvuav_ros.vision.approach.track import View
 
 SHAPE = np.array([158.0, 70.0, -0.45, 0.35])
-FAR, NEAR = 8.0, 90.0
-LOOK = EdgeProfile()
-CONTRAST = np.array([15.0, -60.0])
+FAR = 8.0
+PIPELINE = TARGETS['pipeline']
 
 
-def strip(shape=SHAPE, far=FAR, near=NEAR, size=(320, 240), factor=1) -> np.ndarray:
-    """A grey strip on green land, each pixel the mean of 16 points."""
+def strip(shape=SHAPE, far=FAR, size=(320, 240), factor=1) -> np.ndarray:
+    """A grey strip on green land down to the lower end, each pixel the mean of 16 points."""
     x, y, left, right = shape
     fine = 4 * factor
     rows = (np.arange(size[1] * fine)[:, None] + 0.5) / fine - 0.5
     columns = (np.arange(size[0] * fine) + 0.5) / fine - 0.5
     depth = rows - y
     within = (columns > x + left * depth) & (columns < x + right * depth)
-    within &= (depth > far) & (depth < near)
+    within &= depth > far
     share = within.reshape(size[1] * factor, 4, size[0] * factor, 4).mean(axis=(1, 3))[:, :, None]
     image = (1 - share) * (60, 130, 110) + share * (150, 150, 150)
     return cv2.GaussianBlur(np.rint(image).astype(np.uint8), (0, 0), 0.8)
@@ -78,48 +75,93 @@ def test_frames_of_every_format_become_256_grey_levels(channels, dtype, level):
     assert np.allclose(pixels, level, atol=0.5)
 
 
+def lane(left=1.0, right=1.0, dashed=False, middle=False) -> np.ndarray:
+    """A lane between painted lines of so much contrast, and a line in the middle of it."""
+    rows, columns = np.mgrid[:240, :320].astype(float)
+    depth = rows - 90.0
+    image = np.full((240, 320), 90.0)
+    for slope, contrast in ((-1.3, left), (1.3, right), (-0.15, float(middle))):
+        line = (np.abs(columns - 160.0 - slope * depth) < 0.02 * depth + 0.7) & (depth > 4)
+        if dashed and slope < 0:
+            line &= np.sin(600.0 / np.maximum(depth, 1.0)) > 0.3
+        image[line] += 110.0 * contrast
+    return cv2.GaussianBlur(np.rint(image).astype(np.uint8), (0, 0), 0.7)
+
+
+def followed(image, shape, target, frames=6, factor=1) -> RoadTrack:
+    """A track of a strip, after it was seen for some frames."""
+    size = image.shape[1] // factor, image.shape[0] // factor
+    level = Derotation(*size, factor, 0.0)
+    pixels, _ = shrink_levels(image)
+    registration = Registration()
+    track = RoadTrack(target, np.array([*shape, FAR, size[1] - 1 - shape[1]]))
+    for _ in range(frames):
+        registration.take(pixels)
+        frame = LevelledFrame(image, level)
+        track.step(View(frame, LevelledImage(pixels, level), None, registration))
+    return track
+
+
+def test_lines_that_meet_are_found():
+    assert_near(find_strips(strip(), PIPELINE, 70.0), SHAPE[2:])
+    assert_near(find_strips(lane(), TARGETS['road'], None), (-1.3, 1.3))
+
+
+def assert_near(found, slopes):
+    assert np.abs(found[:, 2:4] - slopes).max(axis=1).min() < 0.05
+
+
+def test_lines_that_meet_elsewhere_are_no_pipeline():
+    assert not np.any(np.abs(find_strips(strip(), PIPELINE, 110.0)[:, 2:4] - SHAPE[2:]) < 0.05)
+
+
 def test_the_true_shape_scores_and_others_do_not():
-    table = row_sums(features_of(strip()))
-    shapes = np.array(
-        [SHAPE, SHAPE + np.array((60, 0, 0, 0)), SHAPE * (1, 1, 2.5, 2.5), SHAPE * (1, 1, 0.3, 0.3)]
-    )
-    scores = score_strips(table, shapes, LOOK)
-    assert scores.score[0] > 4
-    assert scores.score[0] > 3 * scores.score[1:].max()
-    assert scores.far[0] == pytest.approx(FAR, abs=2)
-    assert scores.near[0] == pytest.approx(NEAR, abs=2)
-    assert not scores.open_end[0]
-    # Grey on green: brighter, less colourful.
-    assert scores.contrast[0, 0] > 10
-    assert scores.contrast[0, 1] < -30
+    image = strip()
+    track = followed(image, SHAPE, PIPELINE)
+    assert track.quality > 3
+    assert track.far == pytest.approx(FAR, abs=3)
+    assert track.strip()[1] + track.near == pytest.approx(239, abs=3)
+    assert track.open_end
+    others = SHAPE + np.array((60, 0, 0, 0)), SHAPE * (1, 1, 2.5, 2.5), SHAPE * (1, 1, 0.3, 0.3)
+    for shape in others:
+        assert followed(image, shape, PIPELINE).quality < 0.3 * track.quality
 
 
 def test_no_strip_no_score():
     even = np.full((240, 320, 3), (60, 130, 110), np.uint8)
-    scores = score_strips(row_sums(features_of(even)), SHAPE[None], LOOK)
-    assert scores.score[0] == 0
+    track = followed(even, SHAPE, PIPELINE)
+    assert track.quality == 0
+    assert track.points is None
 
 
 @pytest.mark.parametrize('factor', [1, 2])
 def test_edges_are_found_to_a_fraction_of_a_pixel_from_two_pixels_away(factor):
-    image = strip(factor=factor)
-    level = Derotation(320, 240, factor, 0.0)
     guess = SHAPE + np.array((1.5, 0, 0.01, -0.015))
-    guess = np.array([*guess, FAR + 2, NEAR - 2])
-    left, right = find_edges(LevelledFrame(image, level), guess, CONTRAST, LOOK.brightness)
-    for points, slope in ((left, SHAPE[2]), (right, SHAPE[3])):
+    track = followed(strip(factor=factor), guess, PIPELINE, factor=factor)
+    assert track.points is not None
+    for points, slope in zip(track.points, SHAPE[2:], strict=True):
         used = points.weights > 0
-        assert used.mean() > 0.9
+        # The lower part of the left edge is outside of the image.
+        assert used.mean() > 0.7
         truth = SHAPE[0] + slope * (points.rows - SHAPE[1])
         assert np.abs(points.columns - truth)[used].mean() < 0.3
         assert points.support > 0.3
 
 
-def test_an_even_image_supports_no_edge():
-    even = np.full((240, 320, 3), (60, 130, 110), np.uint8)
-    frame = LevelledFrame(even, Derotation(320, 240, 1, 0.0))
-    expected = np.array([*SHAPE, FAR, NEAR])
-    for points in find_edges(frame, expected, CONTRAST, LOOK.brightness):
-        # But for the rounding of a smoothed image.
-        assert points.support < 1e-6
-        assert (points.weights == 0).all()
+@pytest.mark.parametrize('lines', [{}, {'dashed': True}, {'left': 0.3}])
+def test_a_lane_may_have_a_dashed_or_a_faint_line(lines):
+    track = followed(lane(**lines), (160.0, 90.0, -1.3, 1.3), TARGETS['road'], 12)
+    assert track.quality > TARGETS['road'].start_score
+    assert track.showable
+
+
+def test_one_line_is_no_lane():
+    track = followed(lane(left=0.0), (160.0, 90.0, -1.3, 1.3), TARGETS['road'], 12)
+    assert track.quality < TARGETS['road'].keep_score
+
+
+def test_a_line_in_the_middle_divides_a_road_into_lanes():
+    image = lane(middle=True)
+    road = followed(image, (160.0, 90.0, -1.3, 1.3), TARGETS['road'])
+    half = followed(image, (160.0, 90.0, -0.15, 1.3), TARGETS['road'])
+    assert half.rank > road.rank + 0.1

@@ -24,11 +24,11 @@ def test_wide_edges_are_found_where_a_coarse_image_did_not_show_them_exactly():
     """20 px outside of where they are expected."""
     expected = STRIP.copy()
     expected[2:4] *= 0.86
-    near = EdgeLook().find(frame(), expected, wide=True)
+    near = EdgeLook().find(frame(), expected)
     assert min(edge.support for edge in near) < TRACK.min_support
-    far = EdgeLook().find(frame(), expected, wide=True, far_off=True)
+    far = EdgeLook().find(frame(), expected, far_off=True)
     assert min(edge.support for edge in far) > 0.5
-    exact = EdgeLook().find(frame(), strip_along(far, expected), wide=True)
+    exact = EdgeLook().find(frame(), strip_along(far, expected))
     assert min(edge.support for edge in exact) > 0.9
     for edge, slope in zip(exact, STRIP[2:4], strict=True):
         true = STRIP[0] + slope * (edge.rows - STRIP[1])

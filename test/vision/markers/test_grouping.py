@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.detection import (
-    MAX_CLUSTERS,
-    bright_pixels,
-    group_mask,
-    group_pixels,
-)
+from mvuav_ros.vision.markers.detection import MAX_CLUSTERS, group_mask
 from mvuav_ros.vision.markers.lights import GroupingError
 
 
@@ -32,7 +27,6 @@ def test_it_is_what_its_definition_says(distance, share, shape):
     mask = np.where(np.random.default_rng(distance).random(shape) < share, 255, 0).astype(np.uint8)
     expected = by_definition(mask, distance)
     assert [tuple(cluster) for cluster in group_mask(mask, distance)] == expected
-    assert [tuple(c) for c in group_pixels(*bright_pixels(mask), distance)] == expected
 
 
 def test_too_much_light_and_too_many_clusters_are_refused():

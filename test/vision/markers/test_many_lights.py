@@ -23,27 +23,31 @@ def crowd(seed, encoding):
     return Image(image.astype(np.uint16) * 257 if encoding == 'mono16' else image, encoding)
 
 
+def parameters(weighted):
+    return MarkerTrackerParameters(mode='track_any', centroid='weighted' if weighted else 'binary')
+
+
 @pytest.mark.parametrize('weighted', [True, False])
 @pytest.mark.parametrize('encoding', ['mono8', 'mono16'])
 @pytest.mark.parametrize('seed', range(4))
 def test_all_at_once_is_one_by_one(seed, encoding, weighted):
     image = crowd(seed, encoding)
-    blobs = Blobs(image.gray(), MarkerTrackerParameters(mode='track_any'))
-    assert len(blobs) > 10
-    every = blobs.measure(0.7, weighted)
+    blobs = Blobs(image.gray(), parameters(weighted))
+    assert len(blobs.stats) > 10
+    every = blobs.measure()
     for number, expected in enumerate(every):
-        (alone,) = blobs.measure(0.7, weighted, [number])
-        np.testing.assert_allclose(alone, expected, atol=1e-9)
+        (alone,) = blobs.measure(np.array([number]))
+        np.testing.assert_allclose(alone, expected, atol=1e-4)
 
 
 @pytest.mark.parametrize('weighted', [True, False])
 @pytest.mark.parametrize('encoding', ['mono8', 'mono16'])
 def test_a_light_apart_from_others_is_measured_as_in_its_window(encoding, weighted):
     image = crowd(0, encoding)
-    blobs, meter = Blobs(image.gray(), MarkerTrackerParameters(mode='track_any')), CentroidMeter
-    measured, compared = blobs.measure(0.7, weighted), 0
-    for (x0, x1, y0, y1, area), place in zip(blobs.boxes, measured, strict=True):
-        window = max(x0 - 1, 0), min(x1 + 1, 259), max(y0 - 1, 0), min(y1 + 1, 199)
+    blobs, meter = Blobs(image.gray(), parameters(weighted)), CentroidMeter
+    measured, compared = blobs.measure(), 0
+    for (x, y, width, height, area), place in zip(blobs.stats.tolist(), measured, strict=True):
+        window = max(x - 1, 0), min(x + width, 259), max(y - 1, 0), min(y + height, 199)
         spot = meter(0.7, weighted).measure(cutter(image), window, (260, 200))
         if spot.area == area:
             np.testing.assert_allclose(place, spot, atol=1e-4)
@@ -53,5 +57,15 @@ def test_a_light_apart_from_others_is_measured_as_in_its_window(encoding, weight
 
 def test_no_light_at_all():
     image = Image(np.zeros((20, 20), np.uint8), 'mono8')
-    blobs = Blobs(image.gray(), MarkerTrackerParameters(mode='track_any'))
-    assert blobs.measure(0.7, True).shape == (0, 4)
+    blobs = Blobs(image.gray(), parameters(weighted=True))
+    assert not len(blobs.stats) and not blobs.measure()
+
+
+def test_a_line_is_no_light():
+    image = np.zeros((200, 260), np.uint8)
+    cv2.circle(image, (60, 120), 4, 255, -1)
+    cv2.line(image, (10, 10), (150, 170), 255, 1)
+    cv2.line(image, (200, 20), (200, 90), 255, 2)
+    blobs = Blobs(image, parameters(weighted=True))
+    assert len(blobs.stats) == 3
+    assert blobs.may_be_lights().tolist() == [blobs.stats[:, 3].argmin()]

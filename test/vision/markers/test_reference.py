@@ -6,9 +6,10 @@ from support.reference import load_trial
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import bright_pixels, group_pixels
+from mvuav_ros.vision.markers.detection import group_mask
 from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.point_operations import threshold
 
 TRIALS = sorted(f'trial{n}' for n in (1, 3))
 
@@ -43,9 +44,7 @@ def by_label(values, labels):
 
 def test_threshold_of_grey_frames_equals_the_program(trial):
     for grey, mask in zip(trial['frames'], trial['mask_packed'], strict=False):
-        x, y = bright_pixels(np.where(grey > 0.7 * 255, 255, 0).astype(np.uint8))
-        rows, columns = np.nonzero(np.unpackbits(mask, axis=-1))
-        assert sorted(zip(x, y, strict=True)) == sorted(zip(columns, rows, strict=True))
+        assert (threshold(grey, 0.7) > 0).tolist() == np.unpackbits(mask, axis=-1).tolist()
 
 
 def test_detect_gives_appendix_a(trial, frames):
@@ -127,4 +126,4 @@ def test_grouping_is_the_programs_to_the_letter(trial, frames):
             group = [(x, y) for x, y in left if x <= seed_x + 15 and abs(y - seed_y) <= 15]
             left = [pixel for pixel in left if pixel not in group]
             expected.append((*np.mean(group, axis=0), len(group)))
-        np.testing.assert_allclose(group_pixels(*bright_pixels(mask), 15), expected, atol=1e-9)
+        np.testing.assert_allclose(group_mask(mask, 15), expected, atol=1e-9)

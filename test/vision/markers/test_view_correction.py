@@ -121,9 +121,9 @@ def test_a_marker_is_held_against_the_others_and_not_against_itself(ignored):
     variances[0, 4:6] *= 100.0 if ignored else 1.0
     correction = corrected(found, variances=variances)
     others = corrected({m: place for m, place in found.items() if m != 2}).after
-    expected, slopes = SHAPE.linearize(others.mean[0, :COUNT])
-    spread = slopes[2] @ others.covariance[0, :COUNT, :COUNT] @ slopes[2].T
-    away = found[2] - expected[2]
+    ((expected,), (slopes,)) = SHAPE.linearize(others.mean[:, :COUNT])
+    spread = slopes[:, 4:6].T @ others.covariance[0, :COUNT, :COUNT] @ slopes[:, 4:6]
+    away = found[2] - expected[4:6]
     spread += NOISE**2 * np.eye(2)
     square = away @ np.linalg.solve(spread, away)
     np.testing.assert_allclose(correction.nis[2], square, rtol=0.02)
