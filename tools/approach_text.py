@@ -84,7 +84,7 @@ def _line_of_text(image: Pixels, random: np.random.Generator) -> None:
 
 
 def _symbol(image: Pixels, random: np.random.Generator) -> None:
-    """A cross, a pitch ladder, tapes with scales, brackets, rectangles, or a horizon bar."""
+    """A cross, a circle, a ladder, tapes with scales, brackets, rectangles, or a horizon bar."""
     height, width = image.shape[:2]
     colour, thick = _colour(image, random), max(1, round(random.uniform(1, 2.5) * width / 640))
     middle = np.array([0.5 * width, random.uniform(0.35, 0.6) * height])
@@ -99,7 +99,7 @@ def _symbol(image: Pixels, random: np.random.Generator) -> None:
     def high() -> float:
         return random.uniform(0.6, 0.95)
 
-    kind, angle = random.integers(6), random.uniform(-0.3, 0.3)
+    kind, angle = random.integers(7), random.uniform(-0.3, 0.3)
     along = np.array([math.cos(angle), math.sin(angle)])
     down = np.array([-along[1], along[0]])
     if kind == 0:
@@ -129,6 +129,14 @@ def _symbol(image: Pixels, random: np.random.Generator) -> None:
         last = first + random.uniform(0.04, 0.3, 2) * (width, height)
         places = (tuple(place.astype(int).tolist()) for place in (first, last))
         cv2.rectangle(image, *places, colour, thick)
+    elif kind == 5:
+        # Around the middle, or small with wings and a fin, where the aircraft flies to.
+        middle += random.uniform(-0.12, 0.12, 2) * (width, height)
+        radius = width * random.choice([random.uniform(0.01, 0.03), random.uniform(0.03, 0.1)])
+        place = tuple(np.rint(middle).astype(int).tolist())
+        cv2.circle(image, place, round(radius), colour, thick, cv2.LINE_AA)
+        for way in (along, -along, -down) if random.integers(3) else ():
+            line(middle + radius * way, middle + random.uniform(1.6, 2.6) * radius * way)
     else:
         for way in (along, -along):
             line(middle + 0.05 * width * way, middle + 0.25 * width * way)

@@ -5,8 +5,9 @@ the tuning half is used: the flights of run 3 and of run 5, the cockpit stills o
 video, two roads and the part of the UAV clip without a runway; in colour and in grey. Run 2, the
 other stills and the motorway are left for checks. The weights of strips whose edges meet above
 the image are fitted to the same flights, roads and fields cut off below their horizons, and to
-simulated flights whose camera looks down. Every image counts twice: as it is, and with text drawn
-into it (`approach_text`); of every still and flight there are images with text and no runway, too.
+simulated flights whose camera looks down. Narrow strips of the cut flights have the same weights
+as those with a horizon. Every image counts twice: as it is, and with text drawn into it
+(`approach_text`); of every still and flight there are images with text and no runway, too.
 
     python tools/fit_approach.py ../shared/footage [--above]
 """
@@ -36,7 +37,7 @@ from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.search import Candidates, LevelledImage, find_candidates
-from mvuav_ros.vision.approach.tuning import APPEARANCE
+from mvuav_ros.vision.approach.tuning import APPEARANCE, PROBABILITY
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 QUANTILES = (0.2, 0.8)
@@ -89,6 +90,7 @@ def examples(footage: Path) -> Iterator[Example]:
     run3, run5 = (footage / 'runway' / f'approach_run{number}' for number in (3, 5))
     yield from of_run(run3, 10, Allowed(3.0, 0.05), RUN_WEIGHT)
     yield from of_run(run5, 20, Allowed(4.0, 0.08), 1.0)
+    yield from of_cut_runs(footage, near_by=False)
     for clip, step in (
         ('road/straight_rural_road_720p50.mp4', 30),
         ('road/forest_road_white_edges.mp4', 30),
@@ -99,6 +101,41 @@ def examples(footage: Path) -> Iterator[Example]:
 
 def examples_above(footage: Path) -> Iterator[Example]:
     """Images of the tuning half without a horizon, of which strips meet above."""
+    yield from of_cut_runs(footage, near_by=True)
+    for name, settings in STEEP.items():
+        if name in STEEP_CHECK or name.endswith('attitude'):
+            continue
+        kind = SlabFlight if name.startswith('slabs') else BankedFlight
+        flight = kind(RunwaySettings(frames=1000, **settings))
+        last = int((flight.settings.start_distance - 20) / flight.settings.speed * 25)
+        for number, index in enumerate(range(last - 50, last + 150, 8)):
+            lines = flight.truth_at(flight.seen_at(index)).lines
+            ends = [p for line in lines[:2] for p in ((line.x2, line.y2), (line.x1, line.y1))]
+            if np.isfinite(ends).all():
+                image = both_kinds(flight.frame(index).image.pixels)[number % 2]
+                corners = ends[0], ends[2], ends[3], ends[1]
+                yield without_horizon(
+                    image, LabelledFrame('', *corners), Allowed(6.0, 0.05), text=False
+                )
+    for clip, step, horizon in (
+        ('road/straight_rural_road_720p50.mp4', 25, 0.5),
+        ('road/forest_road_white_edges.mp4', 25, 0.5),
+        ('runway/uav_a4_over_threshold_640x480.mp4', 16, 0.6),
+    ):
+        video, index = cv2.VideoCapture(str(footage / clip)), 0
+        while video.grab():
+            if index % step == 0 and not ('uav' in clip and 180 <= index < 450):
+                image = video.retrieve()[1]
+                image = both_kinds(image)[index // step % 2]
+                # Whole, and without the horizon.
+                top = 0 if index // step % 3 == 0 else int(horizon * image.shape[0])
+                for text, seen in enumerate(plain_and_with_text(np.ascontiguousarray(image[top:]))):
+                    yield without_horizon(seen, None, Allowed(3.0, 0.05), text=bool(text))
+            index += 1
+
+
+def of_cut_runs(footage: Path, *, near_by: bool) -> Iterator[Example]:
+    """Frames of the labelled approaches, cut off below their horizons."""
     runs = (
         ('approach_run3', 200, 6, Allowed(3.0, 0.05)),
         ('approach_run5', 200, 8, Allowed(4, 0.08)),
@@ -115,45 +152,30 @@ def examples_above(footage: Path) -> Iterator[Example]:
             shot = view(Shot(both_kinds(colour)[number % 2], label, line), index)
             if shot.label is not None and shot.label.near_left[1] > 12:
                 for text, seen in enumerate(plain_and_with_text(shot.image)):
-                    yield above(seen, shot.label, allowed, text=bool(text))
-    for name, settings in STEEP.items():
-        if name in STEEP_CHECK or name.endswith('attitude'):
-            continue
-        kind = SlabFlight if name.startswith('slabs') else BankedFlight
-        flight = kind(RunwaySettings(frames=1000, **settings))
-        last = int((flight.settings.start_distance - 20) / flight.settings.speed * 25)
-        for number, index in enumerate(range(last - 50, last + 150, 8)):
-            lines = flight.truth_at(flight.seen_at(index)).lines
-            ends = [p for line in lines[:2] for p in ((line.x2, line.y2), (line.x1, line.y1))]
-            if np.isfinite(ends).all():
-                image = both_kinds(flight.frame(index).image.pixels)[number % 2]
-                corners = ends[0], ends[2], ends[3], ends[1]
-                yield above(image, LabelledFrame('', *corners), Allowed(6.0, 0.05))
-    for clip, step, horizon in (
-        ('road/straight_rural_road_720p50.mp4', 25, 0.5),
-        ('road/forest_road_white_edges.mp4', 25, 0.5),
-        ('runway/uav_a4_over_threshold_640x480.mp4', 16, 0.6),
-    ):
-        video, index = cv2.VideoCapture(str(footage / clip)), 0
-        while video.grab():
-            if index % step == 0 and not ('uav' in clip and 180 <= index < 450):
-                image = video.retrieve()[1]
-                image = both_kinds(image)[index // step % 2]
-                # Whole, and without the horizon.
-                top = 0 if index // step % 3 == 0 else int(horizon * image.shape[0])
-                for text, seen in enumerate(plain_and_with_text(np.ascontiguousarray(image[top:]))):
-                    yield above(seen, None, Allowed(3.0, 0.05), text=bool(text))
-            index += 1
+                    yield without_horizon(
+                        seen, shot.label, allowed, text=bool(text), near_by=near_by
+                    )
 
 
-def above(
-    image: NDArray[Any], label: LabelledFrame | None, allowed: Allowed, *, text: bool = False
+def without_horizon(
+    image: NDArray[Any],
+    label: LabelledFrame | None,
+    allowed: Allowed,
+    *,
+    text: bool,
+    near_by: bool = True,
 ) -> Example:
-    """Candidates of an image that meet above it."""
+    """Candidates that meet above an image, or all but the wide ones of them."""
     pixels, factor = shrink_levels(image)
-    found = find_candidates(LevelledImage(pixels), -0.45 * pixels.shape[0], 0.0)
-    far = found.strips[:, 1] < APPEARANCE.min_sky_row
-    found = Candidates(found.strips[far], found.features[far])
+    height = pixels.shape[0]
+    found = find_candidates(
+        LevelledImage(pixels), -0.45 * height, 0.0 if near_by else 0.65 * height
+    )
+    used = found.strips[:, 1] < APPEARANCE.min_sky_row
+    if not near_by:
+        used &= found.features[:, FEATURES.index('width')] > PROBABILITY.min_near_by
+        used = ~used
+    found = Candidates(found.strips[used], found.features[used])
     if label is None:
         return without(found, 1.0, text=text)
     worst = np.zeros(len(found.strips))
@@ -308,9 +330,9 @@ def fit(images: list[Example]) -> dict[str, Any]:
     Among images with text runways are rarer than usual: the offset is that of images as they are.
     """
     rarer = odds([image for image in images if not image.text]) / odds(images)
-    images = [image._replace(features=np.nan_to_num(image.features)) for image in images]
     features = np.concatenate([image.features for image in images])
-    mean, deviation = features.mean(axis=0), features.std(axis=0)
+    seen = np.ma.masked_invalid(features)
+    mean, deviation = seen.mean(axis=0).filled(0.0), seen.std(axis=0).filled(0.0)
     # A feature that no image shows says nothing.
     deviation[deviation < 1e-4] = 1.0
 
@@ -318,9 +340,12 @@ def fit(images: list[Example]) -> dict[str, Any]:
         return np.clip((values - mean) / deviation, -4, 4)
 
     right = np.concatenate([image.features[image.right] for image in images])
-    knots = np.quantile(scaled(np.concatenate([right, features[::20]])), QUANTILES, axis=0)
+    knots = np.nanquantile(scaled(np.concatenate([right, features[::20]])), QUANTILES, axis=0)
+    knots = np.nan_to_num(knots)
     values = scaled(features)
     basis = np.concatenate([values, *(np.maximum(values - knot, 0) for knot in knots)], axis=1)
+    # What is not seen does not count.
+    basis = np.nan_to_num(basis)
     unit = basis.std(axis=0) + 1e-6
     problem = Problem(basis / unit, images)
     start = np.zeros(basis.shape[1] + 1)

