@@ -61,7 +61,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'told places': [(MarkerMemory, 'tell', _returns(None))],
     'rests of attempts': [(initialization, 'MAX_REST', 0)],
     'learnt calibration': [(calibrated_tracker, 'AGREED', math.inf)],
-    'far motions': [(marker_memory, 'FORGOTTEN', 0)],
 }
 """Where it is, its name there, and what stands in for it."""
 

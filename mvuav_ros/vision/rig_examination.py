@@ -52,7 +52,7 @@ class Symmetry:
 def examine(rig: MarkerRig) -> tuple[str, ...]:
     """Why names or a pose cannot be certain with a rig: a line for each reason; empty for none."""
     if len(rig.names) < 3:
-        return (f'{len(rig.names)} markers are too few for a pose, which needs three',)
+        return (f'{len(rig.names)} markers are too few for a pose, which needs four',)
     if is_straight(rig):
         return ('all markers lie on one line: there is no pose',)
     return tuple(f'the shape is symmetric: {symmetry}' for symmetry in symmetries(rig))

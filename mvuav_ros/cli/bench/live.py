@@ -1,11 +1,11 @@
-"""``mvuav bench live``: nodes as processes on real DDS, and a node that answers at once."""
+"""``mvuav bench live``: nodes as processes on real DDS, beside a subscriber that only takes."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +16,6 @@ from mvuav_ros.cli.node_processes import NodeProcess, NodeProcesses
 from mvuav_ros.sources.source import SourceError
 
 _PROCESSES = 'mvuav_ros.cli.bench.live_processes'
-FLOOR = 'floor'
 SIZES = ((640, 480), (1280, 720), (1920, 1080))
 LIMITS = {'marker_tracker': 1.3, 'runway_detector': 1.6}
 """Median latency at 640x480 may be this many times the floor's."""
@@ -39,10 +38,9 @@ class LiveResult:
     """What became of a stream of images sent, for one of its nodes.
 
     ``latency``: p50, p95 and p99 (ms) from an image's stamp to its result's arrival back at the
-    camera, of those processed; ``floor``: the same of a minimal node, which runs before and alone,
-    as it would take the processor from the others. The processor time is of all threads, per image;
-    the memory is resident, at the end, and its growth since the warm-up. ``status`` are the node's
-    newest diagnostics.
+    camera, of those processed; ``floor``: the same to the callback of a minimal subscriber. The
+    processor time is of all threads, per image; the memory is resident, at the end, and its growth
+    since the warm-up. ``status`` are the node's newest diagnostics.
     """
 
     case: LiveCase
@@ -50,11 +48,12 @@ class LiveResult:
     sent: int
     processed: int
     latency: tuple[float, float, float]
+    floor_taken: int
+    floor: tuple[float, float, float]
     cpu_ms: float
     memory_mb: float
     memory_growth_mb: float
     status: dict[str, str]
-    floor: tuple[float, float, float] = (math.nan,) * 3
 
     @property
     def ratio(self) -> float:
@@ -101,32 +100,26 @@ def live_cases(full: bool) -> list[LiveCase]:
 
 
 def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
-    """Run one stream, first for the floor; a result for each of its nodes.
+    """Run one stream; a result for each of its nodes.
 
     Raises:
         SourceError: a process failed.
     """
-    (floor,) = _run(replace(case, nodes=(FLOOR,)), seconds)
-    return [replace(each, floor=floor.latency) for each in _run(case, seconds)]
-
-
-def _run(case: LiveCase, seconds: float) -> list[LiveResult]:
     settings = ('--ros-args', '-p', f'image_transport:={case.transport}')
     with NodeProcesses() as processes:
-        nodes = {
-            name: processes.start(_PROCESSES, FLOOR, case.transport)
-            if name == FLOOR
-            else processes.start('mvuav_ros', name, *settings)
-            for name in case.nodes
-        }
-        orders = json.dumps({**asdict(case), 'seconds': seconds})
-        camera = processes.start(_PROCESSES, 'camera', orders)
+        floor = processes.start(_PROCESSES, 'floor', case.transport)
+        nodes = {name: processes.start('mvuav_ros', name, *settings) for name in case.nodes}
+        orders = {**asdict(case), 'seconds': seconds, 'subscribers': len(case.nodes) + 1}
+        camera = processes.start(_PROCESSES, 'camera', json.dumps(orders))
         camera.wait_for('begin')
         before = {name: _usage(process) for name, process in nodes.items()}
         camera.wait_for('end')
         after = {name: _usage(process) for name, process in nodes.items()}
         answer = json.loads(camera.wait_for('{'))
+        floor.interrupt()
+        floor_taken = json.loads(floor.wait_for('{'))
     sent = answer['sent']
+    floor_ms = _latencies(sent, floor_taken)
     latencies = {name: _latencies(sent, answer['results'][name]) for name in case.nodes}
     return [
         LiveResult(
@@ -135,6 +128,8 @@ def _run(case: LiveCase, seconds: float) -> list[LiveResult]:
             sent=len(sent),
             processed=len(latencies[name]),
             latency=_percentiles(latencies[name]),
+            floor_taken=len(floor_ms),
+            floor=_percentiles(floor_ms),
             cpu_ms=(after[name].cpu - before[name].cpu) * 1e3 / len(sent),
             memory_mb=after[name].memory,
             memory_growth_mb=after[name].memory - before[name].memory,

@@ -1,7 +1,7 @@
 """The processes of ``mvuav bench live`` beside the nodes: ``camera`` and ``floor``.
 
 The camera publishes images and receives the nodes' results. The floor is the least that any rclpy
-node needs that answers an image: it takes what rclpy makes of it, and publishes.
+node does with an image.
 """
 
 from __future__ import annotations
@@ -30,8 +30,7 @@ from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.processing.process_tuning import tune_process
 from mvuav_ros.vision.image import Image
 
-FLOOR = 'floor'
-RESULTS = {'marker_tracker': 'markers', 'runway_detector': 'line_params', FLOOR: 'points'}
+RESULTS = {'marker_tracker': 'markers', 'runway_detector': 'line_params'}
 PLACES = ((-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0))
 WARM_UP = 1.0
 """Seconds of images before those that count."""
@@ -75,17 +74,20 @@ def _stamped(message: bytes, stamp_ns: int) -> bytes:
 
 
 def floor(transport: str) -> None:
-    """Answer every image with a message of its stamp, until interrupted."""
+    """Take images; when interrupted, print when each came (ns) by its stamp as JSON."""
+    arrivals: dict[int, int] = {}
+
+    def take(message: RosImage | CompressedImage) -> None:
+        now = time.time_ns()
+        stamp = message.header.stamp
+        arrivals[stamp.sec * 1_000_000_000 + stamp.nanosec] = now
+
     rclpy.init()
-    node = rclpy.create_node(FLOOR)
-    results = node.create_publisher(PointCloud2, f'~/{RESULTS[FLOOR]}', QoSProfile(depth=10))
-
-    def answer(message: RosImage | CompressedImage) -> None:
-        results.publish(PointCloud2(header=message.header))
-
-    node.create_subscription(*_STREAMS[transport], answer, qos_profile_sensor_data)
+    node = rclpy.create_node('bench_floor')
+    node.create_subscription(*_STREAMS[transport], take, qos_profile_sensor_data)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
+    print(json.dumps(arrivals))
 
 
 def camera(orders: str) -> None:
@@ -123,7 +125,7 @@ def _publish(node: Any, given: dict[str, Any]) -> list[int]:
     messages = cycle([_serialized(scene(*look, index), compressed) for index in range(60)])
     publisher = node.create_publisher(*_STREAMS[given['transport']], QoSProfile(depth=10))
     end = time.monotonic() + 20.0
-    while publisher.get_subscription_count() < len(given['nodes']) and time.monotonic() < end:
+    while publisher.get_subscription_count() < given['subscribers'] and time.monotonic() < end:
         time.sleep(0.05)
     time.sleep(0.5)
     period = 1.0 / given['hz']
@@ -167,4 +169,4 @@ def _spin(node: Any, stop: Event) -> None:
 
 
 if __name__ == '__main__':
-    {'camera': camera, FLOOR: floor}[sys.argv[1]](sys.argv[2])
+    {'camera': camera, 'floor': floor}[sys.argv[1]](sys.argv[2])

@@ -33,7 +33,7 @@ def bench(
         Optional[list[str]],
         typer.Argument(
             help=f'Suites to run: {", ".join(SUITES)}; default: all of these. live: the nodes as '
-            'processes on real DDS, compared with a node that answers every image at once.'
+            'processes on real DDS, compared with a subscriber that only receives the images.'
         ),
     ] = None,
     seconds: Annotated[float, typer.Option(help='Time for each case, s.', min=0.01)] = 1.0,
@@ -64,7 +64,8 @@ def bench(
     if measured:
         _print(_HEADINGS, map(_row, measured))
     if results:
-        # From the camera's stamp to the result's arrival back at the camera.
+        # From the camera's stamp to the result's arrival back at the camera; the floor is a
+        # minimal rclpy subscriber beside the node, from the stamp to its callback.
         _print(_LIVE_HEADINGS, map(_live_row, results))
         table_console(160).print(_LEGEND)
     both: list[Measurement | LiveResult] = [*measured, *results]

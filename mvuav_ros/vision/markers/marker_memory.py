@@ -119,7 +119,6 @@ PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
 RING_EVERY = 3  # Frames in one of which a light's background is looked at
 EDGE = 4.0  # px of dark that a window shows around a light
-FORGOTTEN = 10  # Frames unseen after which a light's own motion says nothing any more
 
 
 @dataclass(slots=True)
@@ -321,8 +320,6 @@ class MarkerMemory:
             if marker.unseen:
                 marker.unseen = 0
                 marker.returning = RETURNING
-                if self.predictor.unseen(index) > FORGOTTEN:
-                    self.predictor.forget(index)
             if marker.untrusted and marker.odds >= CONFIDENCE.min_odds:
                 marker.untrusted -= 1
         self.predictor.update(positions)

@@ -245,10 +245,6 @@ class MotionPredictor:
         self._lights[[_SEEN, _IN_ROW], 2 * index : 2 * index + 2] = 0.0
         self._steady = False
 
-    def unseen(self, index: int) -> int:
-        """Frames since the light was last seen."""
-        return int(self._lights[_UNSEEN, 2 * index])
-
     def predict(self, time: float, method: str = 'kalman') -> list[float]:
         """Go on to the next frame, of a later time (s).
 
