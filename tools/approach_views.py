@@ -131,16 +131,25 @@ def _text(image: Pixels, words: str, x: float, y: float, size: float, **how: Any
     cv2.putText(image, words, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, line, cv2.LINE_AA)
 
 
+def painted_over(image: Pixels, boxes: list[Any]) -> Pixels:
+    """Without what is in polygons (n, 2) or boxes of two corners, grown by half and 3 px."""
+    mask = np.zeros(image.shape[:2], np.uint8)
+    for box in boxes:
+        corners = np.asarray(box, float)
+        if len(corners) == 2:
+            corners = corners[[[0, 0], [1, 0], [1, 1], [0, 1]], [0, 1]]
+        middle = corners.mean(axis=0)
+        grown = middle + 1.5 * (corners - middle) + np.sign(corners - middle) * 3
+        cv2.fillPoly(mask, [np.rint(grown).astype(np.int32)], 255)
+    return np.asarray(cv2.inpaint(image, mask, 3, cv2.INPAINT_TELEA))
+
+
 def without_runway(shot: Shot, index: int) -> Shot:
     """Paint over the runway with what is around it."""
     assert shot.label is not None
     label = shot.label
-    corners = np.array([label.near_left, label.near_right, label.far_right, label.far_left])
-    middle = corners.mean(axis=0)
-    grown = middle + 1.5 * (corners - middle) + np.sign(corners - middle) * 3
-    mask = np.zeros(shot.image.shape[:2], np.uint8)
-    cv2.fillPoly(mask, [np.rint(grown).astype(np.int32)], 255)
-    return shot._replace(image=cv2.inpaint(shot.image, mask, 3, cv2.INPAINT_TELEA))
+    corners = [label.near_left, label.near_right, label.far_right, label.far_left]
+    return shot._replace(image=painted_over(shot.image, [corners]))
 
 
 _YELLOW = (0, 255, 255)

@@ -32,6 +32,7 @@ from approach_views import (
     cropped,
     following,
     in_sky_or_text,
+    painted_over,
     with_text,
     without_runway,
 )
@@ -207,10 +208,11 @@ def clip(name: str, path: Path, gray: bool, step: int, text: str) -> Row:
     return detector.put(row)
 
 
-def stills(folder: Path, check: bool, frames: int, text: str) -> list[Row]:
+def stills(folder: Path, check: bool, frames: int, text: str, *, absent: bool = False) -> list[Row]:
     """Stills of one half of the videos, each shown several times; near and far group apart.
 
-    Text that is drawn changes with time, the rest does not.
+    Text that is drawn changes with time, the rest does not. Where runways are absent, they are
+    painted over, and every report is wrong.
     """
     view = with_text(text) if text else as_it_is
     boxes: dict[str, list[list[float]]] = {}
@@ -219,16 +221,18 @@ def stills(folder: Path, check: bool, frames: int, text: str) -> list[Row]:
             box = [float(line[key]) for key in ('x_min', 'y_min', 'x_max', 'y_max')]
             boxes.setdefault(line['file'], []).append(box)
     half = 'check' if check else 'tuning'
-    name = f'stills {half} {text} '.replace('  ', ' ')
+    name = f'stills {half} {text}{", no runway" if absent else ""} '.replace('  ', ' ')
     rows = {group: Row(name + group, warm_up=0) for group in ('far', 'near')}
     for name in sorted(boxes):
         if bool(int(name.split('-')[1]) // 2 % 2) != check:
             continue
         image, detector = cv2.imread(str(folder / name)), Timed()
+        if absent:
+            image = painted_over(image, [np.reshape(box, (2, 2)) for box in boxes[name]])
         shots = [view(Shot(image), number) for number in range(frames)]
         result = [detector.process(shot.image) for shot in shots][-1]
         best = 0.0
-        if result.corners is not None:
+        if result.corners is not None and not absent:
             points = np.array(result.corners)
             best = max(overlap(points, box) for box in boxes[name])
         row = rows['near' if name.startswith('1') else 'far']
@@ -270,6 +274,9 @@ def jobs(options: argparse.Namespace) -> Iterator[Job]:
             name = f'stills {"check" if check else "tuning"} {text}'.rstrip()
             make_all = partial(stills, folder, check, options.still_frames, text)
             yield Job('stills with text' if text else 'stills', name, check, make_all)
+            if text:
+                make_all = partial(make_all, absent=True)
+                yield Job('stills with text', f'{name}, no runway', check, make_all)
     for flight in (*FLIGHTS, *BANKS):
         name = f'simulated {flight}'
         one = partial(simulated, flight, step, options.cache)

@@ -5,7 +5,9 @@ the tuning half is used: the flights of run 3 and of run 5, the cockpit stills o
 video, two roads and the part of the UAV clip without a runway; in colour and in grey. Run 2, the
 other stills and the motorway are left for checks. The weights of strips whose edges meet above
 the image are fitted to the same flights, roads and fields cut off below their horizons, and to
-simulated flights whose camera looks down.
+simulated flights whose camera looks down. Narrow strips of the cut flights have the same weights
+as those with a horizon. Every image counts twice: as it is, and with text drawn into it
+(`approach_text`); of every still and flight there are images with text and no runway, too.
 
     python tools/fit_approach.py ../shared/footage [--above]
 """
@@ -13,6 +15,7 @@ simulated flights whose camera looks down.
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import math
 import sys
@@ -23,7 +26,8 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from approach_flights import STEEP, STEEP_CHECK, BankedFlight, SlabFlight
-from approach_views import Shot, following
+from approach_text import burned_in
+from approach_views import Shot, following, painted_over, without_runway
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
@@ -33,15 +37,28 @@ from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.search import Candidates, LevelledImage, find_candidates
-from mvuav_ros.vision.approach.tuning import APPEARANCE
+from mvuav_ros.vision.approach.tuning import APPEARANCE, PROBABILITY
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
-QUANTILES = (0.1, 0.35, 0.65, 0.9)
+QUANTILES = (0.2, 0.8)
 """Of the right strips' features: where the slopes of the log odds change."""
 PENALTY = 40.0
 """Of squared slopes; 20 fits the tuning half better and the stills left for checks no worse."""
 RUN_WEIGHT = 0.4
 """Of an image of run 3, of which there are many, beside any other image."""
+
+
+_SEEDS = itertools.count(1)
+
+
+def with_text(image: NDArray[Any]) -> NDArray[Any]:
+    """A copy with text that no other image has."""
+    return burned_in(image, next(_SEEDS))
+
+
+def plain_and_with_text(image: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """An image as it is, and with text."""
+    return image, with_text(image)
 
 
 class Example(NamedTuple):
@@ -51,11 +68,13 @@ class Example(NamedTuple):
         features: (n, features).
         right: (n,) whether each is the runway; those between right and wrong are left out.
         weight: of the image.
+        text: it was drawn into the image.
     """
 
     features: NDArray[np.float64]
     right: NDArray[np.bool_]
     weight: float
+    text: bool
 
 
 class Allowed(NamedTuple):
@@ -71,6 +90,7 @@ def examples(footage: Path) -> Iterator[Example]:
     run3, run5 = (footage / 'runway' / f'approach_run{number}' for number in (3, 5))
     yield from of_run(run3, 10, Allowed(3.0, 0.05), RUN_WEIGHT)
     yield from of_run(run5, 20, Allowed(4.0, 0.08), 1.0)
+    yield from of_cut_runs(footage, near_by=False)
     for clip, step in (
         ('road/straight_rural_road_720p50.mp4', 30),
         ('road/forest_road_white_edges.mp4', 30),
@@ -81,6 +101,41 @@ def examples(footage: Path) -> Iterator[Example]:
 
 def examples_above(footage: Path) -> Iterator[Example]:
     """Images of the tuning half without a horizon, of which strips meet above."""
+    yield from of_cut_runs(footage, near_by=True)
+    for name, settings in STEEP.items():
+        if name in STEEP_CHECK or name.endswith('attitude'):
+            continue
+        kind = SlabFlight if name.startswith('slabs') else BankedFlight
+        flight = kind(RunwaySettings(frames=1000, **settings))
+        last = int((flight.settings.start_distance - 20) / flight.settings.speed * 25)
+        for number, index in enumerate(range(last - 50, last + 150, 8)):
+            lines = flight.truth_at(flight.seen_at(index)).lines
+            ends = [p for line in lines[:2] for p in ((line.x2, line.y2), (line.x1, line.y1))]
+            if np.isfinite(ends).all():
+                image = both_kinds(flight.frame(index).image.pixels)[number % 2]
+                corners = ends[0], ends[2], ends[3], ends[1]
+                yield without_horizon(
+                    image, LabelledFrame('', *corners), Allowed(6.0, 0.05), text=False
+                )
+    for clip, step, horizon in (
+        ('road/straight_rural_road_720p50.mp4', 25, 0.5),
+        ('road/forest_road_white_edges.mp4', 25, 0.5),
+        ('runway/uav_a4_over_threshold_640x480.mp4', 16, 0.6),
+    ):
+        video, index = cv2.VideoCapture(str(footage / clip)), 0
+        while video.grab():
+            if index % step == 0 and not ('uav' in clip and 180 <= index < 450):
+                image = video.retrieve()[1]
+                image = both_kinds(image)[index // step % 2]
+                # Whole, and without the horizon.
+                top = 0 if index // step % 3 == 0 else int(horizon * image.shape[0])
+                for text, seen in enumerate(plain_and_with_text(np.ascontiguousarray(image[top:]))):
+                    yield without_horizon(seen, None, Allowed(3.0, 0.05), text=bool(text))
+            index += 1
+
+
+def of_cut_runs(footage: Path, *, near_by: bool) -> Iterator[Example]:
+    """Frames of the labelled approaches, cut off below their horizons."""
     runs = (
         ('approach_run3', 200, 6, Allowed(3.0, 0.05)),
         ('approach_run5', 200, 8, Allowed(4, 0.08)),
@@ -96,45 +151,33 @@ def examples_above(footage: Path) -> Iterator[Example]:
             view = following((2.0, 8.0, 14.0, 20.0)[number % 4], (1, 2, 3)[number % 3])
             shot = view(Shot(both_kinds(colour)[number % 2], label, line), index)
             if shot.label is not None and shot.label.near_left[1] > 12:
-                yield above(shot.image, shot.label, allowed)
-    for name, settings in STEEP.items():
-        if name in STEEP_CHECK or name.endswith('attitude'):
-            continue
-        kind = SlabFlight if name.startswith('slabs') else BankedFlight
-        flight = kind(RunwaySettings(frames=1000, **settings))
-        last = int((flight.settings.start_distance - 20) / flight.settings.speed * 25)
-        for number, index in enumerate(range(last - 50, last + 150, 8)):
-            lines = flight.truth_at(flight.seen_at(index)).lines
-            ends = [p for line in lines[:2] for p in ((line.x2, line.y2), (line.x1, line.y1))]
-            if np.isfinite(ends).all():
-                image = both_kinds(flight.frame(index).image.pixels)[number % 2]
-                corners = ends[0], ends[2], ends[3], ends[1]
-                yield above(image, LabelledFrame('', *corners), Allowed(6.0, 0.05))
-    for clip, step, horizon in (
-        ('road/straight_rural_road_720p50.mp4', 25, 0.5),
-        ('road/forest_road_white_edges.mp4', 25, 0.5),
-        ('runway/uav_a4_over_threshold_640x480.mp4', 16, 0.6),
-    ):
-        video, index = cv2.VideoCapture(str(footage / clip)), 0
-        while video.grab():
-            if index % step == 0 and not ('uav' in clip and 180 <= index < 450):
-                image = video.retrieve()[1]
-                image = both_kinds(image)[index // step % 2]
-                # Whole, and without the horizon.
-                top = 0 if index // step % 3 == 0 else int(horizon * image.shape[0])
-                yield above(np.ascontiguousarray(image[top:]), None, Allowed(3.0, 0.05))
-            index += 1
+                for text, seen in enumerate(plain_and_with_text(shot.image)):
+                    yield without_horizon(
+                        seen, shot.label, allowed, text=bool(text), near_by=near_by
+                    )
 
 
-def above(image: NDArray[Any], label: LabelledFrame | None, allowed: Allowed) -> Example:
-    """Candidates of an image that meet above it."""
+def without_horizon(
+    image: NDArray[Any],
+    label: LabelledFrame | None,
+    allowed: Allowed,
+    *,
+    text: bool,
+    near_by: bool = True,
+) -> Example:
+    """Candidates that meet above an image, or all but the wide ones of them."""
     pixels, factor = shrink_levels(image)
-    found = find_candidates(LevelledImage(pixels), -0.45 * pixels.shape[0], 0.0)
-    far = found.strips[:, 1] < APPEARANCE.min_sky_row
-    found = Candidates(found.strips[far], found.features[far])
+    height = pixels.shape[0]
+    found = find_candidates(
+        LevelledImage(pixels), -0.45 * height, 0.0 if near_by else 0.65 * height
+    )
+    used = found.strips[:, 1] < APPEARANCE.min_sky_row
+    if not near_by:
+        used &= found.features[:, FEATURES.index('width')] > PROBABILITY.min_near_by
+        used = ~used
+    found = Candidates(found.strips[used], found.features[used])
     if label is None:
-        none = np.zeros(len(found.strips), bool)
-        return chosen(found, none, ~none, 1.0)
+        return without(found, 1.0, text=text)
     worst = np.zeros(len(found.strips))
     for side, ends in (
         (2, (label.near_left, label.far_left)),
@@ -146,7 +189,7 @@ def above(image: NDArray[Any], label: LabelledFrame | None, allowed: Allowed) ->
             worst = np.maximum(worst, np.abs(at - x))
     width = abs(label.near_right[0] - label.near_left[0]) / factor
     error = worst / max(allowed.least, allowed.share * width)
-    return chosen(found, error <= 1, (error <= 1) | (error > 2.0), 1.0)
+    return chosen(found, error <= 1, (error <= 1) | (error > 2.0), 1.0, text=text)
 
 
 def both_kinds(image: NDArray[Any]) -> list[NDArray[Any]]:
@@ -165,29 +208,45 @@ def of_stills(folder: Path) -> Iterator[Example]:
         if int(name.split('-')[1]) // 2 % 2:
             continue
         for image in both_kinds(cv2.imread(str(folder / name))):
-            found, factor = whole(image)
-            corners = (corners_of(found.strips) + 0.5) * factor - 0.5
-            overlaps = np.max([overlap(corners, box) for box in boxes[name]], axis=0)
-            yield chosen(found, overlaps >= 0.3, (overlaps >= 0.3) | (overlaps < 0.1), 1.0)
+            for text, seen in enumerate(plain_and_with_text(image)):
+                found, factor = whole(seen)
+                corners = (corners_of(found.strips) + 0.5) * factor - 0.5
+                overlaps = np.max([overlap(corners, box) for box in boxes[name]], axis=0)
+                clear = (overlaps >= 0.3) | (overlaps < 0.1)
+                yield chosen(found, overlaps >= 0.3, clear, 1.0, text=bool(text))
+            bare = painted_over(image, [((x, y), (x2, y2)) for x, y, x2, y2 in boxes[name]])
+            yield without(whole(with_text(bare))[0], 1.0, text=True)
 
 
 def of_run(folder: Path, step: int, allowed: Allowed, weight: float) -> Iterator[Example]:
     """Frames of a labelled approach; right is an error within the tolerance."""
     with (folder / 'corners.csv').open(newline='') as file:
         labels = list(csv.DictReader(file))
+    corners = read_corners(folder / 'corners.csv')
     with (folder / 'horizon.csv').open(newline='') as file:
         horizons = list(csv.DictReader(file))
-    for label, horizon in list(zip(labels, horizons, strict=True))[::step]:
+    frames = list(zip(labels, horizons, corners, strict=True))[::step]
+    for number, (label, horizon, shape) in enumerate(frames):
         slope, row = math.radians(float(horizon['slope_deg'])), float(horizon['row_at_centre'])
         colour = cv2.imread(str(folder / label['file']))
         gray_camera = folder.name == 'approach_run5'
         for image in both_kinds(colour)[1 if gray_camera else 0 :]:
             level = Derotation(image.shape[1], image.shape[0], 1, slope)
-            levelled = LevelledImage(level.turned(image))
             middle = level.row_of(row)
-            found = find_candidates(levelled, middle - 20, middle + 50)
-            error = errors(found.strips, label, level, allowed)
-            yield chosen(found, error <= 1, (error <= 1) | (error > 1.4), weight)
+
+            def candidates(
+                seen: NDArray[Any], level: Derotation = level, middle: float = middle
+            ) -> Candidates:
+                return find_candidates(LevelledImage(level.turned(seen)), middle - 20, middle + 50)
+
+            for text, seen in enumerate(plain_and_with_text(image)):
+                found = candidates(seen)
+                error = errors(found.strips, label, level, allowed)
+                clear = (error <= 1) | (error > 1.4)
+                yield chosen(found, error <= 1, clear, weight, text=bool(text))
+            if number % 2:
+                bare = without_runway(Shot(image, shape), 0).image
+                yield without(candidates(with_text(bare)), weight, text=True)
 
 
 def of_clip(path: Path, step: int) -> Iterator[Example]:
@@ -196,9 +255,9 @@ def of_clip(path: Path, step: int) -> Iterator[Example]:
     index = 0
     while clip.grab():
         if index % step == 0 and not ('uav' in path.name and 180 <= index < 450):
-            found, _ = whole(both_kinds(clip.retrieve()[1])[index // step % 2])
-            none = np.zeros(len(found.strips), bool)
-            yield chosen(found, none, ~none, 1.0)
+            image = both_kinds(clip.retrieve()[1])[index // step % 2]
+            for text, seen in enumerate(plain_and_with_text(image)):
+                yield without(whole(seen)[0], 1.0, text=bool(text))
         index += 1
 
 
@@ -210,10 +269,20 @@ def whole(image: NDArray[Any]) -> tuple[Candidates, int]:
 
 
 def chosen(
-    found: Candidates, right: NDArray[np.bool_], clear: NDArray[np.bool_], weight: float
+    found: Candidates,
+    right: NDArray[np.bool_],
+    clear: NDArray[np.bool_],
+    weight: float,
+    *,
+    text: bool,
 ) -> Example:
     """Without the candidates that are neither right nor wrong."""
-    return Example(found.features[clear], right[clear], weight)
+    return Example(found.features[clear], right[clear], weight, text)
+
+
+def without(found: Candidates, weight: float, *, text: bool) -> Example:
+    """Of an image without a runway."""
+    return Example(found.features, np.zeros(len(found.strips), bool), weight, text)
 
 
 def corners_of(strips: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -249,11 +318,21 @@ def errors(
     return worst / max(allowed.least, allowed.share * width)
 
 
+def odds(images: list[Example]) -> float:
+    """Of an image with a runway."""
+    found = sum(image.weight for image in images if image.right.any())
+    return found / (sum(image.weight for image in images) - found)
+
+
 def fit(images: list[Example]) -> dict[str, Any]:
-    """Maximise the probability that of each image's candidates a right one, or none, is chosen."""
-    images = [image._replace(features=np.nan_to_num(image.features)) for image in images]
+    """Maximise the probability that of each image's candidates a right one, or none, is chosen.
+
+    Among images with text runways are rarer than usual: the offset is that of images as they are.
+    """
+    rarer = odds([image for image in images if not image.text]) / odds(images)
     features = np.concatenate([image.features for image in images])
-    mean, deviation = features.mean(axis=0), features.std(axis=0)
+    seen = np.ma.masked_invalid(features)
+    mean, deviation = seen.mean(axis=0).filled(0.0), seen.std(axis=0).filled(0.0)
     # A feature that no image shows says nothing.
     deviation[deviation < 1e-4] = 1.0
 
@@ -261,9 +340,12 @@ def fit(images: list[Example]) -> dict[str, Any]:
         return np.clip((values - mean) / deviation, -4, 4)
 
     right = np.concatenate([image.features[image.right] for image in images])
-    knots = np.quantile(scaled(np.concatenate([right, features[::20]])), QUANTILES, axis=0)
+    knots = np.nanquantile(scaled(np.concatenate([right, features[::20]])), QUANTILES, axis=0)
+    knots = np.nan_to_num(knots)
     values = scaled(features)
     basis = np.concatenate([values, *(np.maximum(values - knot, 0) for knot in knots)], axis=1)
+    # What is not seen does not count.
+    basis = np.nan_to_num(basis)
     unit = basis.std(axis=0) + 1e-6
     problem = Problem(basis / unit, images)
     start = np.zeros(basis.shape[1] + 1)
@@ -281,7 +363,7 @@ def fit(images: list[Example]) -> dict[str, Any]:
                 ('slopes', slopes),
             )
         },
-        'offset': round(float(solution.x[0]), 5),
+        'offset': round(float(solution.x[0]) + math.log(rarer), 5),
     }
 
 

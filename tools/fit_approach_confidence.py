@@ -29,27 +29,13 @@ UAV_RUNWAY = range(180, 451)
 """Frames of the UAV clip that may show its runway."""
 NEARBY = 4.0
 """Tolerances: a report that near is of the runway itself."""
-RUNWAY_BOUNDS = (
-    (None, None),
-    (0.0, 1.0),
-    (0.0, 1.0),
-    (0.0, 0.0),
-    (0.0, 2.5),
-    (-1.0, 0.0),
-    (0.0, 1.5),
-    (0.0, 1.5),
-)
+RUNWAY_BOUNDS = ((None, None), (0.0, 1.0), (0.0, 1.0), (0.0, 2.5), (0.0, 1.5), (0.0, 1.5))
 """Of the offset and of the weights of `Report.of_the_runway`: log odds that were themselves fitted
-count at most as such, few flights cannot tell how much attitude is worth, and
-the weight of frames followed is `MARGIN`."""
+count at most as such; few flights cannot tell how much attitude is worth."""
 PLACE_BOUNDS = ((None, None), (1.5, 2.0))
 """Likewise of `Report.of_the_place`. Nearly all frames of the runs have clear lines, which say
 where the edges are; what agreement is worth without them is from the version before."""
 PENALTY = 1.0
-MARGIN = 1.0
-"""By how much the offset is lowered, as the log odds were fitted to the same stills and are too
-sure of them; not where many different frames have spoken. With 0.35 four of 96 stills of the tuning
-half are wrong, with 1.0 two, and still half of the near ones are reported."""
 BINS = np.linspace(0.0, 1.0, 9)
 
 
@@ -90,8 +76,6 @@ def fit(rows: list[dict[str, Any]]) -> dict[str, list[float]]:
     runway = logistic(np.array(values), np.array(near, float), np.array(weights), RUNWAY_BOUNDS)
     ones = np.full(len(right), 100.0 * len(rows) / max(len(right), 1))
     place = logistic(np.array(places), np.array(right, float), ones, PLACE_BOUNDS)
-    runway[0] -= MARGIN
-    runway[3] += MARGIN
     return {'runway': np.round(runway, 3).tolist(), 'place': np.round(place, 3).tolist()}
 
 

@@ -34,8 +34,6 @@ class Profile:
         inside: rows from the far to the near end.
         run: (n,) sum of `total` above the bias over the logarithm of depth.
         last: (n,) index of the near end's row.
-        apart: (n,) logarithm of the near end's depth by the left edge over that by the right.
-        balance: (n,) fainter over stronger edge.
     """
 
     strips: Strips
@@ -48,8 +46,6 @@ class Profile:
     inside: NDArray[np.bool_]
     run: Numbers
     last: NDArray[np.intp]
-    apart: Numbers
-    balance: Numbers
 
     def mean(self, values: Any) -> Numbers:
         """(n,) mean over the strip's rows."""
@@ -93,7 +89,6 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
 
     Their near ends say which rows the strips are known by.
     """
-    count = len(strips)
     x, y, expected = (strips[:, column, None] for column in (0, 1, 5))
     rows = np.rint(y + _ROWS).astype(np.intp)
     depth = rows - y
@@ -107,40 +102,17 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     # Each channel has the sign that it has on most of the rows.
     sign = np.where((common * known[..., None]).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
     parts = common * sign
-    # Of both edges together, of the left and of the right one.
-    totals = np.concatenate([parts, *(evidence * sign)]) @ WEIGHTS
-    np.minimum(totals, APPEARANCE.max_gain, out=totals)
+    total = np.minimum(parts @ WEIGHTS, APPEARANCE.max_gain)
     used = visible & (depth >= APPEARANCE.first_depth)
     used &= (edges[1] - edges[0] >= APPEARANCE.min_width) & (depth <= 1.9 * expected)
-    worth = used / np.maximum(depth, 2.0)
-    gain = (totals - SEARCH.row_bias).reshape(3, count, -1) * worth
-    runs, firsts, ends = best_run(gain.reshape(totals.shape), APPEARANCE.slack)
-    first = firsts[:count]
-    last = np.maximum(ends[:count] - 1, first)
-    number = np.arange(count)
+    gain = (total - SEARCH.row_bias) * (used / np.maximum(depth, 2.0))
+    run, first, end = best_run(gain, APPEARANCE.slack)
+    last = np.maximum(end - 1, first)
+    number = np.arange(len(strips))
     strips = strips.copy()
     strips[:, 4], strips[:, 5] = depth[number, first], depth[number, last] + 0.5
     inside = used & (first[:, None] <= _INDEX) & (last[:, None] >= _INDEX)
-    totals = totals.reshape(3, count, -1)
-    ends = np.maximum(ends[count:].reshape(2, count) - 1, 0)
-    left_end, right_end = np.maximum(depth[number, ends], 1.0)
-    means = (totals[1:] * inside).sum(axis=2)
-    balance = means.min(axis=0) / np.maximum(means.max(axis=0), 1e-6)
-    apart = np.log(left_end / right_end)
-    return Profile(
-        strips,
-        rows,
-        depth,
-        edges,
-        visible,
-        parts,
-        totals[0],
-        inside,
-        runs[:count],
-        last,
-        apart,
-        balance,
-    )
+    return Profile(strips, rows, depth, edges, visible, parts, total, inside, run, last)
 
 
 _BELOW = np.geomspace(1.12, 2.6, 12)
@@ -149,21 +121,14 @@ _ALONG = np.linspace(0.15, 0.95, 9)
 """Between the far and the near end, where neighbours are compared."""
 _UP = np.arange(2, 16)
 """Px above the vanishing point, where no runway goes on."""
-_SCALES = np.array([1.35, 1.7, 2.2, 3.0, 0.35, 0.5, 0.7])
-"""Widths of strips around and within a strip that are compared with it, of its width."""
-_SIDE, _NONE = np.array([1.0, 2.0]), np.zeros(2)
-"""Of half its width: how much wider on one side."""
-_OUTWARDS = np.stack(
-    [np.concatenate([_SCALES - 1, _SIDE, _NONE]), np.concatenate([_SCALES - 1, _NONE, _SIDE])]
-)
-"""Of half its width: how far outside the left and the right edge of each neighbour lies."""
+_WIDER = np.array([[0.5, 1.0, 0.0, 0.0], [0.0, 0.0, 0.5, 1.0]])
+"""Widths by which strips that are compared with one begin farther left, and end farther right."""
 
 
 FEATURES = (
     'run', 'total', 'length', 'paint', 'brightness', 'colour', 'support', 'below', 'above',
-    'open_end', 'width_ratio', 'offset', 'width', 'region', 'weaker_side', 'near_end',
-    'near_end_beside', 'sky', 'sky_texture', 'skyline', 'dark', 'dark_inside', 'aspect', 'aside',
-    'greyness', 'brighter', 'apart', 'balance', 'roughness', 'room_below', 'wider', 'narrower',
+    'open_end', 'offset', 'width', 'region', 'near_end_beside', 'sky', 'sky_texture',
+    'dark_inside', 'aspect', 'aside', 'greyness', 'roughness', 'room_below',
     'wider_on_one_side', 'depth',
 )  # fmt: skip
 """Names of the columns of `describe`."""
@@ -177,14 +142,12 @@ class Scene:
         width: of the levelled working image, px of the map.
         darkest: 10th percentile of brightness, grey levels.
         brightest: 95th percentile.
-        skyline: row of the lower end of the sky in each column, px of the map.
-        first_column: of the map on the whole image.
+        first_column: of the map on the whole image, px of the map.
     """
 
     width: float
     darkest: float
     brightest: float
-    skyline: NDArray[np.float64]
     first_column: float = 0.0
 
 
@@ -199,11 +162,10 @@ def describe(
     measured = profile(image, strips)
     values = (
         _of_the_run(image, measured)
-        | _of_the_neighbours(image, measured)
         | _of_the_shape(measured, scene, level)
         | _of_the_surface(image, measured, scene)
         | _of_the_near_end(image, measured)
-        | _of_the_sky(image, measured, scene)
+        | _of_the_sky(image, measured)
     )
     table = np.array([values[name] for name in FEATURES], np.float64)
     return np.ascontiguousarray(table.T), measured.strips
@@ -223,8 +185,7 @@ def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
         'below': below,
         'room_below': room,
         'above': _above(image, of.strips),
-        'apart': np.minimum(np.abs(of.apart), 1.5),
-        'balance': np.clip(of.balance, 0, 1),
+        'wider_on_one_side': _wider_on_one_side(image, of),
     }
 
 
@@ -257,21 +218,13 @@ def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:
     return mean, count / _BELOW.size
 
 
-def _of_the_neighbours(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
-    """Evidence of wider and narrower strips along the same rows.
-
-    A streak of rubber has the runway around it, half a runway has its other half beside it.
-    """
+def _wider_on_one_side(image: EvidenceMap, of: Profile) -> Numbers:
+    """Evidence of strips along the same rows that are wider: half a runway has its other half."""
     left, right, far, near = (of.strips[:, column : column + 1] for column in (2, 3, 4, 5))
-    depth = far + (near - far) * _ALONG
-    half = 0.5 * (right - left)
-    slopes = np.stack([left - half * _OUTWARDS[0], right + half * _OUTWARDS[1]])
-    means = _sampled(image, of, slopes, depth)[0].mean(axis=2)
-    return {
-        'wider': means[:, :4].max(axis=1),
-        'narrower': means[:, 4:7].max(axis=1),
-        'wider_on_one_side': means[:, 7:].max(axis=1),
-    }
+    slopes = np.stack([left, right]) + (right - left) * (_WIDER * [[-1], [1]])[:, None]
+    found = _sampled(image, of, slopes, far + (near - far) * _ALONG)[0]
+    most: Numbers = found.mean(axis=2).max(axis=1)
+    return most
 
 
 def _above(image: EvidenceMap, strips: Strips) -> Numbers:
@@ -294,7 +247,6 @@ def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
     beyond = np.minimum(of.last + 1, APPEARANCE.rows - 1)
     return {
         'open_end': (~of.visible[number, beyond]).astype(float),
-        'width_ratio': np.log(ratio),
         'offset': np.abs(left + right) / 2 / np.maximum(ratio, 0.1),
         'width': np.log(np.maximum(width, 1)) + level * np.log(2),
         'depth': np.log(np.maximum(near, 1)) + level * np.log(2),
@@ -320,18 +272,12 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
     inside, before, after = means[:, 0], means[:, 1], means[:, 2]
     texture = _texture(image, rows, (left + right) / 2)
     one, other = (inside - before) * seen[1] / texture, (inside - after) * seen[2] / texture
-    common = in_common(one, other)
-    sides = [_length(each.mean(axis=2)) for each in (one, other)]
+    middle = inside[0].mean(axis=1) - scene.darkest
     spread = max(scene.brightest - scene.darkest, 0.0) + 1
-    beside = np.minimum(before[0].mean(axis=1), after[0].mean(axis=1))
-    middle = inside[0].mean(axis=1)
     return {
-        'region': np.minimum(_length(common.mean(axis=2)), 8),
-        'weaker_side': np.minimum(np.minimum(*sides), 8),
-        'dark': np.clip((beside - scene.darkest) / spread, 0, 1),
-        'dark_inside': np.clip((middle - scene.darkest) / spread, 0, 1),
+        'region': np.minimum(_length(in_common(one, other).mean(axis=2)), 8),
+        'dark_inside': np.clip(middle / spread, 0, 1),
         'greyness': _greyness(inside, before, after),
-        'brighter': np.clip((middle - 0.5 * (before[0] + after[0]).mean(axis=1)) / 10, -4, 4),
         'roughness': np.log(texture.mean(axis=1)),
     }
 
@@ -363,31 +309,24 @@ def _of_the_near_end(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
     into, past = means[:, :, :3].mean(axis=2), means[:, :, 3:].mean(axis=2)
     texture = _texture(image, np.rint(y + near).astype(np.intp), x + (left + right) / 2 * near)
     steps = _length((into - past) / texture[:, None]).T
-    return {
-        'near_end': np.minimum(steps[0], 8),
-        'near_end_beside': np.clip(steps[0] - np.maximum(steps[1], steps[2]), -8, 8),
-    }
+    return {'near_end_beside': np.clip(steps[0] - np.maximum(steps[1], steps[2]), -8, 8)}
 
 
 _BANDS = np.concatenate([np.linspace(-12, -4, 4), np.linspace(3, 12, 4)])
 """Rows of the sky above a vanishing point, and of the land below it."""
 
 
-def _of_the_sky(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, Numbers]:
-    x, y, near = of.strips[:, 0], of.strips[:, 1], of.strips[:, 5]
+def _of_the_sky(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
+    x, y = of.strips[:, 0], of.strips[:, 1]
     rows = np.rint(y[:, None] + _BANDS).astype(np.intp)
     means, _ = image.means(rows, x[:, None] - 20, x[:, None] + 20)
     above, below = means[0, :, :4].mean(axis=1), means[0, :, 4:].mean(axis=1)
     row = np.rint(y).astype(np.intp)
-    column = np.clip(np.rint(x).astype(np.intp), 0, scene.skyline.size - 1)
     rough_above, rough_below = _texture(image, np.stack([row - 8, row + 8]), x) - 1.0
-    values = {
-        'sky': np.clip((above - below) / 40, -3, 3),
-        'sky_texture': np.log(rough_above / rough_below),
-        'skyline': np.clip((y - scene.skyline[column]) / np.maximum(near, 5), -3, 3),
-    }
+    hidden = y < APPEARANCE.min_sky_row
     return {
-        name: np.where(y < APPEARANCE.min_sky_row, np.nan, value) for name, value in values.items()
+        'sky': np.where(hidden, np.nan, np.clip((above - below) / 40, -3, 3)),
+        'sky_texture': np.where(hidden, np.nan, np.log(rough_above / rough_below)),
     }
 
 

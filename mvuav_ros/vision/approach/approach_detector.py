@@ -62,7 +62,6 @@ class ApproachDetector:
         self._parameters = parameters or RunwayDetectorParameters()
         self._mount = mount_matrix(self._parameters.camera_mount_rpy_deg)
         self.attitude_problem = ''
-        self._lines = LineFlags(self._parameters)
         self._statistics = RunwayStatistics()
         self._camera: CameraModel | None = None
         self.reset()
@@ -73,7 +72,6 @@ class ApproachDetector:
             self.reset()
         self._parameters = parameters
         self._mount = mount_matrix(parameters.camera_mount_rpy_deg)
-        self._lines.configure(parameters)
 
     def set_camera(self, camera: CameraModel) -> None:
         """Use a calibration from the next frame on; it may be an unusable one."""
@@ -86,7 +84,7 @@ class ApproachDetector:
         self._finder: Finder | None = None
         self._had_attitude = self._upside_down = False
         self._shown: FollowedStrip | None = None
-        self._lines.reset()
+        self._last: dict[LineRole, NormalForm] = {}
 
     def reset_statistics(self) -> None:
         """Begin the statistics at zero."""
@@ -134,7 +132,7 @@ class ApproachDetector:
             found = replace(found, confidence=0.0, veto=_UPSIDE_DOWN)
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
-            self._lines.reset()
+            self._last = {}
             self._shown = found.track
         if found.track is None or self._doubtful(found):
             result = self._absent(image, stamp_ns, self._why_absent(found))
@@ -188,8 +186,7 @@ class ApproachDetector:
 
     def _absent(self, image: Pixels, stamp_ns: int, status: str) -> ApproachResult:
         height, width = image.shape[:2]
-        lines = self._lines.rows({}, {}, 0.0, (width, height))
-        self._statistics.add(lines)
+        lines = self._rows({}, {}, 0.0)
         guidance = None if self._usable_camera() is None else Guidance()
         return ApproachResult(
             stamp_ns, width, height, lines, guidance=guidance, status=status, image=image
@@ -220,8 +217,7 @@ class ApproachDetector:
             role: float(np.count_nonzero(points.weights))
             for role, points in zip(ROLES, track.points or (), strict=False)
         }
-        lines = self._lines.rows(segments, votes, found.confidence, (width, height))
-        self._statistics.add(lines)
+        lines = self._rows(segments, votes, found.confidence)
         return ApproachResult(
             stamp_ns,
             width,
@@ -233,6 +229,34 @@ class ApproachDetector:
             status='' if track.points else f'{self._parameters.target} not seen: predicted',
             image=image,
         )
+
+    def _rows(
+        self,
+        segments: dict[LineRole, Segment],
+        votes: dict[LineRole, float],
+        confidence: float,
+    ) -> tuple[RunwayLine, ...]:
+        """The result's rows, one for each of `ROLES`, of the ends of the lines that are there.
+
+        Each role's line is compared with the one before, as the thesis does (section 4.3.2.4). A
+        flagged line is reported as it is: the shape was followed as a whole, and an older line
+        would no longer be one of its edges.
+        """
+        assert self._size is not None
+        height, width = self._size
+        rows, old, self._last = [], self._last, {}
+        for index, role in enumerate(ROLES):
+            segment = segments.get(role)
+            if segment is None:
+                rows.append(RunwayLine(role=role))
+                continue
+            line = self._last[role] = line_through(*segment[0], *segment[1])
+            flags = jumps(line, old.get(role, line), self._parameters)
+            ends = _confine(line, segment, (width, height))
+            number = votes.get(role, math.nan)
+            rows.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
+        self._statistics.add(rows)
+        return tuple(rows)
 
     def _usable_camera(self) -> CameraModel | None:
         return self._checked_camera() if self._parameters.runway_width > 0 else None
@@ -348,56 +372,6 @@ class Finder:
         if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
         return 'the likeliest lies above the horizon' if above else ''
-
-
-class LineFlags:
-    """Compares each role's line with the one before, as the thesis does (section 4.3.2.4).
-
-    A flagged line is reported as it is: the shape was followed as a whole, and an older line would
-    no longer be one of its edges.
-    """
-
-    def __init__(self, parameters: RunwayDetectorParameters) -> None:
-        self.configure(parameters)
-        self.reset()
-
-    def configure(self, parameters: RunwayDetectorParameters) -> None:
-        """Use other thresholds; the lines stay known."""
-        self._parameters = parameters
-
-    def reset(self) -> None:
-        """Forget the lines."""
-        self._last: dict[LineRole, NormalForm] = {}
-
-    def rows(
-        self,
-        segments: dict[LineRole, Segment],
-        votes: dict[LineRole, float],
-        confidence: float,
-        size: tuple[int, int],
-    ) -> tuple[RunwayLine, ...]:
-        """The result's rows, one for each of `ROLES`.
-
-        Args:
-            segments: ends of the lines that are there, px on the frame.
-            votes: edge points that speak for a line, where they were counted.
-            confidence: of the shape.
-            size: width and height of the frame, px.
-        """
-        found = []
-        for index, role in enumerate(ROLES):
-            segment = segments.get(role)
-            if segment is None:
-                self._last.pop(role, None)
-                found.append(RunwayLine(role=role))
-                continue
-            line = line_through(*segment[0], *segment[1])
-            last, self._last[role] = self._last.get(role, line), line
-            flags = jumps(line, last, self._parameters)
-            ends = _confine(line, segment, size)
-            number = votes.get(role, math.nan)
-            found.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
-        return tuple(found)
 
 
 def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:

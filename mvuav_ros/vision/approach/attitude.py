@@ -215,8 +215,6 @@ class HorizonFinder:
         # Rows by which each column is moved for each slope.
         self._shift = np.rint(np.tan(self._slopes)[:, None] * columns / self._down).astype(np.intp)
         self._pad = int(np.abs(self._shift).max())
-        rows = np.arange(HORIZON.height)[None, :, None] + self._shift[:, None, :] + self._pad
-        self._index = rows * HORIZON.width + np.arange(HORIZON.width)
 
     def find(self, pixels: NDArray[Any]) -> Horizon | None:
         """In a working image of grey levels, or colours blue first; None without one."""
@@ -243,12 +241,13 @@ class HorizonFinder:
         size = HORIZON.width, HORIZON.height
         small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
         steps = self._steps(small)
-        padded = np.zeros((HORIZON.height + 2 * self._pad, HORIZON.width), np.float32)
         # Of steps alike, the upper one: sky is above all land.
         lower = (HORIZON.row_cost * np.arange(HORIZON.height, dtype=np.float32))[:, None]
         steps -= lower + HORIZON.texture_cost * _texture_above(small)
-        padded[self._pad : self._pad + HORIZON.height] = steps
-        sums = padded.take(self._index).mean(axis=2)
+        padded = np.zeros((HORIZON.width, HORIZON.height + 2 * self._pad), np.float32)
+        padded[:, self._pad : self._pad + HORIZON.height] = steps.T
+        moved = np.lib.stride_tricks.sliding_window_view(padded, HORIZON.height, axis=1)
+        sums = moved[np.arange(HORIZON.width), self._shift + self._pad].mean(axis=1)
         best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
         strength = float(sums[best, row])
         if strength <= 0:
@@ -259,32 +258,21 @@ class HorizonFinder:
         exact_row = int(row) + vertex(sums[best], int(row))
         line = int(row) + self._shift[best]
         exact_row = (exact_row + 0.5) * self._down - 0.5
-        texture, contrast = self._texture(small, line), self._contrast(small, line)
-        return Horizon(exact_row, float(slope), strength, texture, contrast)
+        return Horizon(exact_row, float(slope), strength, *self._sky(small, line))
 
-    def _texture(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
-        """Mean difference of neighbouring columns in the rows above the horizon's ``horizon``."""
-        rows = np.arange(HORIZON.height)[:, None]
-        above = (rows < horizon - HORIZON.step_rows) & (
-            rows > horizon - HORIZON.step_rows - HORIZON.sky_rows
-        )
-        above = above[:, 1:]
-        change = cv2.absdiff(blue[:, 1:], blue[:, :-1])
-        # Of what nothing can be seen, nobody knows that it is sky.
-        return (
-            float(change[above].mean())
-            if above.sum() > HORIZON.min_sky_rows * HORIZON.width
-            else math.inf
-        )
-
-    def _contrast(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
-        """How much brighter all above the ``horizon``'s rows is than the rows right below."""
+    def _sky(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> tuple[float, float]:
+        """Texture and contrast of what is above the ``horizon``'s rows, as of `Horizon`."""
         below = np.arange(HORIZON.height)[:, None] - horizon
-        land = (below > 0) & (below <= HORIZON.sky_rows)
-        above = below < 0
+        near = (below < -HORIZON.step_rows) & (below > -HORIZON.step_rows - HORIZON.sky_rows)
+        near = near[:, 1:]
+        texture = math.inf
+        # Of what nothing can be seen, nobody knows that it is sky.
+        if near.sum() > HORIZON.min_sky_rows * HORIZON.width:
+            texture = float(cv2.absdiff(blue[:, 1:], blue[:, :-1])[near].mean())
+        above, land = below < 0, (below > 0) & (below <= HORIZON.sky_rows)
         if not (land.any() and above.any()):
-            return 0.0
-        return float(blue[above].mean()) - float(blue[land].mean())
+            return texture, 0.0
+        return texture, float(blue[above].mean()) - float(blue[land].mean())
 
     def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
         """How much brighter it is above each place than below, capped."""

@@ -27,19 +27,8 @@ Table = NDArray[np.float32]
 """(channels, rows, columns + 1) sums along the rows; element x is that of the x columns before."""
 
 
-def shrunk(image: Pixels) -> tuple[Pixels, int]:
-    """A frame, not empty, about `WORKING_WIDTH` px wide, and px of the frame per px of it."""
-    height, width = image.shape[:2]
-    factor = max(1, min(round(width / WORKING_WIDTH), height))
-    return _shrunk_by(image, factor), factor
-
-
-def halved(pixels: Pixels) -> Pixels:
-    """The next level of a pyramid."""
-    return _shrunk_by(pixels, 2)
-
-
-def _shrunk_by(image: Pixels, factor: int) -> Pixels:
+def shrunk_by(image: Pixels, factor: int) -> Pixels:
+    """A frame, not smaller than a factor, with so many times fewer rows and columns."""
     if factor == 1:
         return image
     height, width = image.shape[:2]
@@ -103,8 +92,13 @@ use the lower part of the range."""
 
 
 def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
-    """A frame as `shrunk` gives it, uint8 or, for 16 bits, float32 of 256 grey levels."""
-    image, factor = shrunk(image)
+    """A frame, not empty, about `WORKING_WIDTH` px wide, and px of the frame per px of it.
+
+    It is uint8 or, for 16 bits, float32 of 256 grey levels.
+    """
+    height, width = image.shape[:2]
+    factor = max(1, min(round(width / WORKING_WIDTH), height))
+    image = shrunk_by(image, factor)
     if image.dtype == np.uint16:
         levels = image.astype(np.float32)
         brightest = float(np.percentile(levels[::4, ::4], 99))
@@ -196,13 +190,13 @@ def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = Non
     """
     channels = opponent_channels(pixels)
     brightness = channels[0]
-    evidence = np.zeros((*brightness.shape, CHANNELS), np.int8)
-    for number, channel in enumerate(channels):
-        floor = SEARCH.colour_floor if number else SEARCH.brightness_floor
-        evidence[..., number] = _quantised(_steps(channel, floor))
+    floors = (SEARCH.brightness_floor, SEARCH.colour_floor, SEARCH.colour_floor)
+    planes = [_quantised(_steps(*each)) for each in zip(channels, floors, strict=False)]
+    planes += [np.zeros_like(planes[0])] * (CHANNELS - 1 - len(planes))
     change = np.zeros_like(brightness)
     np.abs(brightness[:, 1:] - brightness[:, :-1], out=change[:, :-1])
-    evidence[..., 3] = _quantised(_paint(brightness, change))
+    planes.append(_quantised(_paint(brightness, change)))
+    evidence = np.asarray(cv2.merge(planes), np.int8)
     texture = cv2.blur(np.minimum(change, np.float32(20.0), out=change), (31, 9))
     if hidden is not None:
         evidence[hidden] = 0

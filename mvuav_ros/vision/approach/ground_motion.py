@@ -76,24 +76,20 @@ def _box(
     strip: Strip, level: Derotation, size: tuple[int, ...]
 ) -> tuple[int, int, int, int] | None:
     """First column, first row, column and row after the last one of what is compared."""
-    x, y, left, right, _, near = (float(value) for value in strip)
-    at_x, at_y = level.to_frame(x + 0.25 * (left + right) * near, y + 0.5 * near)
-    at_x, at_y = (at_x + 0.5) / level.factor - 0.5, (at_y + 0.5) / level.factor - 0.5
-    if not math.isfinite(at_x + at_y):
-        return None
-    height, width = size[:2]
-    half_wide = 0.5 * min(max(1.5 * (right - left) * near, MOTION.min_side), MOTION.max_side)
-    half_high = 0.5 * min(max(1.5 * near, MOTION.min_side), MOTION.max_side)
-    first, end = (
-        max(MOTION.reach, int(at_x - half_wide)),
-        min(width - MOTION.reach, int(at_x + half_wide)),
-    )
-    top, bottom = (
-        max(MOTION.reach, int(at_y - half_high)),
-        min(height - MOTION.reach, int(at_y + half_high)),
-    )
-    if end - first < MOTION.min_side // 2 or bottom - top < MOTION.min_side // 2:
-        return None
+    x, y, left, right, _, near = strip.tolist()
+    frame = level.to_frame(x + 0.25 * (left + right) * near, y + 0.5 * near)
+    box = []
+    for place, side, length in zip(frame, ((right - left) * near, near), size[1::-1], strict=True):
+        middle = (place + 0.5) / level.factor - 0.5
+        half = 0.5 * min(max(1.5 * side, MOTION.min_side), MOTION.max_side)
+        if not math.isfinite(middle):
+            return None
+        first = max(MOTION.reach, int(middle - half))
+        end = min(length - MOTION.reach, int(middle + half))
+        if end - first < MOTION.min_side // 2:
+            return None
+        box.append((first, end))
+    (first, end), (top, bottom) = box
     return first, top, end, bottom
 
 

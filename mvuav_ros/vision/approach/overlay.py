@@ -56,12 +56,11 @@ def draw_approach(result: ApproachResult) -> Canvas:
 
 
 def _draw_role(canvas: Canvas, line: RunwayLine, scale: float) -> None:
-    color = ROLE_COLORS[line.role]
-    first, last = (line.x, line.y), (line.x2, line.y2)
+    color, first, last = ROLE_COLORS[line.role], (line.x, line.y), (line.x2, line.y2)
     thin = line.role is LineRole.CENTRELINE
     width = 1 if thin else max(1, round(1.6 * scale - 0.6))
     if not line.corrected:
-        if not thin and width > 1:
+        if width > 1:
             draw_line(canvas, first, last, BLACK, width + 2)
         draw_line(canvas, first, last, color, width)
         return

@@ -39,11 +39,8 @@ class EvidenceWeights:
 
     def log_odds(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of (n, features) in the order of `FEATURES`; what is NaN does not count."""
-        values = np.clip(
-            (features - self.mean) / self.deviation,
-            -PROBABILITY.max_deviations,
-            PROBABILITY.max_deviations,
-        )
+        most = PROBABILITY.max_deviations
+        values = np.clip((features - self.mean) / self.deviation, -most, most)
         total = values * self.slopes[0]
         for knot, slope in zip(self.knots, self.slopes[1:], strict=True):
             total += np.maximum(values - knot, 0.0) * slope
@@ -60,7 +57,6 @@ class Report(NamedTuple):
         agreement: probability of the strips that are where the track's mean is.
         moved: frames for which it was followed and that differed from the one before.
         attitude: the horizon is known from a sensor.
-        rivals: the other tracks' odds over the track's.
         distinct: share of the last frames with clear lines along both sides, or clear colours.
         other_edges: odds that an edge is elsewhere; 1 where the image shows two places for it.
         shoulder_lines: from 0 to 1, whether shoulders have lines too, on both sides.
@@ -70,28 +66,26 @@ class Report(NamedTuple):
     agreement: float
     moved: int
     attitude: bool
-    rivals: float
     distinct: float
     other_edges: float = 0.0
     shoulder_lines: float = 0.0
 
+    @property
+    def known(self) -> float:
+        """From 0 to 1, how many different frames have spoken: a still says the same each time."""
+        return min(self.moved / PROBABILITY.known_frames, 1.0)
+
     def of_the_runway(self) -> NDArray[np.float64]:
-        """(7,) what speaks for its being the runway."""
-        values = (
-            min(max(self.log_odds, -6.0), PROBABILITY.steady_odds),
-            min(max(self.log_odds - PROBABILITY.steady_odds, 0.0), 6.0),
-            min(self.moved / PROBABILITY.known_frames, 1.0),
-            float(self.attitude),
-            math.log1p(min(self.rivals, 20.0)),
-            self.distinct,
-            self.shoulder_lines,
+        """(5,) what speaks for its being the runway."""
+        log_odds = min(max(self.log_odds, PROBABILITY.least_odds), PROBABILITY.most_odds)
+        return np.array(
+            [log_odds, self.known, float(self.attitude), self.distinct, self.shoulder_lines]
         )
-        return np.array(values)
 
     def of_the_place(self) -> NDArray[np.float64]:
         """(1,) what speaks for its edges' being within tolerance, if it is the runway."""
-        lines = self.distinct * min(self.moved / PROBABILITY.known_frames, 1.0)
-        return np.array([math.log(max(self.agreement, lines) + PROBABILITY.min_agreement)])
+        sure = max(self.agreement, self.distinct * self.known)
+        return np.array([math.log(sure + PROBABILITY.min_agreement)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +93,7 @@ class ConfidenceWeights:
     """Two logistic functions, whose product, less the odds of other edges, is the confidence.
 
     Attributes:
-        runway: (8,) offset and weights of `Report.of_the_runway`.
+        runway: (6,) offset and weights of `Report.of_the_runway`.
         place: (2,) offset and weights of `Report.of_the_place`.
     """
 
@@ -110,8 +104,8 @@ class ConfidenceWeights:
         """Probability that both edges are where they were reported.
 
         Example:
-            >>> weights = ConfidenceWeights(np.zeros(8), np.array([20.0, 0.0]))
-            >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0, 0.0)), 6)
+            >>> weights = ConfidenceWeights(np.zeros(6), np.array([20.0, 0.0]))
+            >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0)), 6)
             0.5
         """
         is_runway = _logistic(self.runway, report.of_the_runway())
@@ -138,9 +132,7 @@ def evidence_weights(which: str) -> EvidenceWeights:
 
     Those named ``above`` are of wide strips whose edges meet above the image.
     """
-    data = _fitted()
-    if which:
-        data = data[which]
+    data = _fitted()[which] if which else _fitted()
     if tuple(data['features']) != FEATURES:
         raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
     arrays = {name: np.array(data[name]) for name in ('mean', 'deviation', 'knots', 'slopes')}
@@ -149,12 +141,10 @@ def evidence_weights(which: str) -> EvidenceWeights:
 
 @cache
 def confidence_weights() -> ConfidenceWeights:
-    """The weights of the confidence; made by tools/fit_approach.py."""
-    data = _fitted()['confidence']
-    return ConfidenceWeights(np.array(data['runway']), np.array(data['place']))
+    """The weights of the confidence; made by tools/fit_approach_confidence.py."""
+    return ConfidenceWeights(**{k: np.array(v) for k, v in _fitted()['confidence'].items()})
 
 
-def _fitted() -> dict[str, Any]:
-    text = resources.files(__package__).joinpath(_FILE).read_text(encoding='utf-8')
-    data: dict[str, Any] = json.loads(text)
-    return data
+@cache
+def _fitted() -> Any:
+    return json.loads(resources.files(__package__).joinpath(_FILE).read_text(encoding='utf-8'))

@@ -21,12 +21,12 @@ from mvuav_ros.vision.approach.evidence import (
     UNIT,
     EvidenceMap,
     gather_evidence,
-    halved,
     in_common,
+    shrunk_by,
 )
 from mvuav_ros.vision.approach.strip_edges import Strip, Strips
 from mvuav_ros.vision.approach.strips import surrounding_box
-from mvuav_ros.vision.approach.tuning import SEARCH
+from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
 
 _WEIGHTS = np.array(SEARCH.weights, np.float32)
 _ROUGH_WEIGHTS = np.rint(5 * _WEIGHTS).astype(np.int16)
@@ -298,21 +298,6 @@ class Candidates(NamedTuple):
 NO_CANDIDATES = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
 
 
-def skyline_of(gray: NDArray[Any]) -> NDArray[np.float64]:
-    """The row in each column where it gets darker downwards most; of steps alike the upper one."""
-    height, step = gray.shape[0], SEARCH.sky_step
-    # Row r is the mean of the rows from r - 2 to r + 2.
-    mean = cv2.blur(gray.astype(np.float32), (7, step))
-    half = step // 2
-    rise = mean[half : height - step - half] - mean[half + step : height - half]
-    row = rise[: int(0.8 * height)].argmax(axis=0) + float(step)
-    reach = SEARCH.sky_smoothing // 2
-    padded = np.pad(row, reach, mode='edge')
-    windows = np.lib.stride_tricks.sliding_window_view(padded, SEARCH.sky_smoothing)
-    median: NDArray[np.float64] = np.partition(windows, reach, axis=1)[:, reach]
-    return median
-
-
 class LevelledImage:
     """A levelled working image and what is known of it, each part computed when it is asked for.
 
@@ -347,25 +332,30 @@ class LevelledImage:
         level = replace(self.level, slope=slope)
         return LevelledImage(self._given, level, overlaid=self._overlaid)
 
-    def scene(self, level: int, column: int = 0, row: int = 0) -> Scene:
+    def scene(self, level: int, column: int = 0) -> Scene:
         """What the image is like, in the coordinates of a part of a level of the pyramid."""
         if self.whole_scene is None:
-            pixels = self.level.turned(self._given)
+            pixels = self._given[::4, ::4]
             gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-            darkest, brightest = np.percentile(gray[::4, ::4], (10, 95)).tolist()
-            width = float(gray.shape[1])
-            self.whole_scene = Scene(width, darkest, brightest, skyline_of(gray))
-        scene, factor = self.whole_scene, 2**level
-        skyline = (scene.skyline[::factor] + 0.5) / factor - 0.5
-        skyline = skyline[min(column, skyline.size - 1) :] - row
-        return Scene(scene.width / factor, scene.darkest, scene.brightest, skyline, column)
+            darkest, brightest = np.percentile(gray, (10, 95)).tolist()
+            self.whole_scene = Scene(float(self.size[1]), darkest, brightest)
+        scene = self.whole_scene
+        return Scene(scene.width / 2**level, scene.darkest, scene.brightest, column)
 
     def search(self, level: int, jobs: list[Job], most: int) -> Candidates:
         """The best runways that a level of the pyramid shows, aligned and described."""
-        height, width = self.size_of(level)
-        image = self._part(level, (0, 0, width, height))
+        height, width = self.size[0] >> level, self.size[1] >> level
+        # Only the rows that their strips lie on.
+        ends = [(rows[0], rows[-1] + STRIP.depth_below * depth) for depth, rows in jobs if rows]
+        if not ends:
+            return NO_CANDIDATES
+        top = max(0, math.floor(min(first for first, _ in ends) - STRIP.margin_above))
+        bottom = min(height, math.ceil(max(last for _, last in ends)) + 4)
+        if bottom - top < SEARCH.min_part:
+            return NO_CANDIDATES
+        image = self._part(level, (0, top, width, bottom))
         packed = image.packed()
-        found = [fan(depth, width).find(packed, row) for depth, rows in jobs for row in rows]
+        found = [fan(depth, width).find(packed, row - top) for depth, rows in jobs for row in rows]
         best = distinct(np.concatenate([np.empty((0, 7)), *found]), most)
         if not len(best):
             return NO_CANDIDATES
@@ -373,18 +363,15 @@ class LevelledImage:
         if not valid.any():
             return NO_CANDIDATES
         features, strips = describe(image, aligned[valid], self.scene(level), level)
-        return Candidates(_to_finest(strips, level), features)
-
-    def size_of(self, level: int) -> tuple[int, int]:
-        """Height and width of a level of the pyramid, px."""
-        return self.size[0] >> level, self.size[1] >> level
+        strips[:, 1] += top
+        return Candidates(_scaled(strips, 2**level), features)
 
     def _part(self, level: int, box: Box) -> EvidenceMap:
         """Evidence of a part of a level of the pyramid."""
         left, top, right, bottom = (side << level for side in box)
         pixels = self.level.turned(self._given, (left, top, right, bottom))
         for _ in range(level):
-            pixels = halved(pixels)
+            pixels = shrunk_by(pixels, 2)
         if self._overlaid is None:
             return gather_evidence(pixels)
         hidden = self.level.turned(self._overlaid, (left, top, right, bottom)) > 0
@@ -394,9 +381,9 @@ class LevelledImage:
         """The part of the image that is needed to describe strips, on the first one's level."""
         # Of the pyramid, on which a strip's near end is neither too deep nor too shallow.
         level = max(0, math.ceil(math.log2(max(float(strips[0, 5]), 1.0) / SEARCH.max_level_depth)))
-        known = _to_level(strips, level)
+        known = _scaled(strips, 0.5**level)
         box = surrounding_box(known)
-        height, width = self.size_of(level)
+        height, width = (side >> level for side in self.size)
         left, top = max(0, int(box[0])), max(0, int(box[1]))
         right, bottom = min(width, int(box[2]) + 1), min(height, int(box[3]) + 1)
         if right - left < SEARCH.min_part or bottom - top < SEARCH.min_part:
@@ -457,9 +444,9 @@ def describe_around(
         return None
     measured[~valid] = strips[~valid]
     features = np.zeros((len(strips), len(FEATURES)))
-    scene = working.scene(part.level, *part.place)
+    scene = working.scene(part.level, part.place[0])
     features[valid], measured[valid] = describe(part.map, measured[valid], scene, part.level)
-    measured = _to_finest(measured, part.level)
+    measured = _scaled(measured, 2**part.level)
     measured[:, :2] += np.array(part.place) * 2**part.level
     return measured, features, valid
 
@@ -473,22 +460,11 @@ def ends_of(working: LevelledImage, strip: Strip) -> NDArray[np.float64] | None:
     return ends
 
 
-def _to_finest(strips: Strips, level: int) -> Strips:
-    """Strips of a level's image on the finest one."""
-    factor = 2**level
-    finest = strips.copy()
-    finest[:, :2] = (strips[:, :2] + 0.5) * factor - 0.5
-    finest[:, 4:] *= factor
-    return finest
-
-
-def _to_level(strips: Strips, level: int) -> Strips:
-    """Strips of the finest image on a level's one."""
-    factor = 2**level
-    coarse = strips.copy()
-    coarse[:, :2] = (strips[:, :2] + 0.5) / factor - 0.5
-    coarse[:, 4:] /= factor
-    return coarse
+def _scaled(strips: Strips, factor: float) -> Strips:
+    """Strips on an image that is so many times as large."""
+    scaled = strips * [1, 1, 1, 1, factor, factor]
+    scaled[:, :2] = (strips[:, :2] + 0.5) * factor - 0.5
+    return scaled
 
 
 def find_candidates(image: LevelledImage, first: float, last: float) -> Candidates:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from itertools import zip_longest
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -225,17 +224,11 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         best = self.best
         if best is None:
             return None
-        rivals = sum(
-            math.exp(min(track.log_odds - best.log_odds, 5.0))
-            for track in self.tracks
-            if track is not best
-        )
         return Report(
             best.log_odds - TRACKER.above_horizon_odds * self.above_horizon,
             best.agreement,
             best.moved,
             self._attitude,
-            rivals,
             best.distinct,
             best.other_edges,
             best.shoulder_lines,

@@ -218,8 +218,6 @@ class SearchTuning:
     min_depth: float = 4.0  # px of an aligned strip
     max_depth: float = 60.0  # px, likewise
     levels: int = 4  # of the pyramid
-    sky_step: int = 5  # rows (odd) above and below, whose difference is the skyline's step
-    sky_smoothing: int = 31  # columns of the skyline's median, odd
     min_part: int = 12  # px of the sides of the part around strips
     # px of a level: a near end below that is measured on the next one
     max_level_depth: float = 28.0
@@ -246,7 +244,8 @@ class ProbabilityTuning:
     # flights that look down 90 and more
     min_near_by: float = math.log(48.0)
     max_deviations: float = 4.0  # standard deviations: features beyond say no more
-    steady_odds: float = 2.0  # log odds above which more counts apart
+    least_odds: float = -6.0  # log odds of a track; fewer count as that
+    most_odds: float = 8.0  # likewise, more
     min_agreement: float = 0.05  # that counts as none
     known_frames: float = 50.0  # frames after which a track is known
 

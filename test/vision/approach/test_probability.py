@@ -2,7 +2,7 @@
 
 from mvuav_ros.vision.approach.probability import Report, confidence_weights
 
-DOUBTFUL = Report(log_odds=1.0, agreement=0.5, moved=0, attitude=False, rivals=0.5, distinct=0.0)
+DOUBTFUL = Report(log_odds=1.0, agreement=0.5, moved=0, attitude=False, distinct=0.0)
 
 
 def confidence(**change):
@@ -16,6 +16,7 @@ def test_what_speaks_for_a_runway_raises_it():
     assert confidence(agreement=1.0) > plain
     assert confidence(attitude=True) > plain
     assert confidence(moved=60) > confidence(moved=20) > plain
+    assert confidence(distinct=1.0) > plain
     assert confidence(shoulder_lines=1.0) > plain
 
 
@@ -27,7 +28,6 @@ def test_lines_seen_in_many_frames_tell_where_the_edges_are_though_strips_disagr
 
 
 def test_what_speaks_against_it_lowers_it():
-    assert confidence(rivals=5.0) < confidence()
     assert confidence(log_odds=-3.0) < 0.05
     assert confidence(agreement=0.0) < confidence()
 
@@ -39,4 +39,4 @@ def test_two_places_for_an_edge_leave_half_of_it():
 
 
 def test_extremes_are_probabilities_still():
-    assert 0.0 <= confidence(log_odds=-1e9, rivals=1e9) < confidence(log_odds=1e9) <= 1.0
+    assert 0.0 <= confidence(log_odds=-1e9) < confidence(log_odds=1e9) <= 1.0
