@@ -59,20 +59,14 @@ def brightness_of(pixels: Pixels) -> NDArray[np.float32]:
     return levels if pixels.ndim == 2 else np.asarray(cv2.transform(levels, OPPONENT[:1]))
 
 
-def row_sums(
-    channels: Sequence[NDArray[Any]] | NDArray[Any], first_row: int = 0, table: Table | None = None
-) -> Table:
-    """Sums along the rows of channels, which are of the rows from ``first_row`` on.
-
-    An earlier table of the same size is overwritten; its rows above stay as they are.
-    """
-    if table is None:
-        rows, columns = channels[0].shape
-        table = np.zeros((len(channels), first_row + rows, columns + 1), np.float32)
+def row_sums(channels: Sequence[NDArray[Any]] | NDArray[Any]) -> Table:
+    """Sums along the rows of channels."""
+    rows, columns = channels[0].shape
+    table = np.zeros((len(channels), rows, columns + 1), np.float32)
     for channel, sums in zip(channels, table, strict=True):
         # Several times as fast as adding up one row after the other.
         area = np.asarray(cv2.integral(channel, sdepth=cv2.CV_64F))
-        np.subtract(area[1:], area[:-1], out=sums[first_row:], casting='same_kind')
+        np.subtract(area[1:], area[:-1], out=sums, casting='same_kind')
     return table
 
 
