@@ -148,7 +148,7 @@ def test_pose_needs_a_calibration_and_the_width(calibrated, width, expected):
 
 def test_integrity_bounds_the_guidance_where_the_confidence_bears_it():
     # 0.05 of risk left for three errors: 2.39 deviations and more.
-    processor, said = flown(runway_width=30.0, integrity_risk=0.3, alert_limit=[0.0, 1e-3])
+    processor, said = flown(runway_width=30.0, integrity_risk=0.36, alert_limit=[0.0, 1e-3])
     status = said['integrity'].status[0]
     values = {each.key: each.value for each in status.values}
     assert (status.level, status.message) == (b'\1', 'alert: height')
