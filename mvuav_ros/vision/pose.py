@@ -182,7 +182,7 @@ class PoseEstimator:
         if not self._vouched_for(markers, time):
             return None
         chosen, solution = self._solve(camera, markers, image, time)
-        if solution is None or not self._vouched_for(chosen, time):
+        if solution is None:
             return None
         if len(chosen) > MIN_MARKERS:
             self._vouched = frozenset(chosen)
