@@ -14,7 +14,7 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.initialization import ANY_ROLL, CONFIRMED, Attempts, Named, initialize
+from mvuav_ros.vision.markers.initialization import CONFIRMED, Attempts, Named, Prior, initialize
 from mvuav_ros.vision.markers.lights import (
     Frame,
     GroupingError,
@@ -36,7 +36,8 @@ from mvuav_ros.vision.markers.marker_results import (
     roll_of,
 )
 from mvuav_ros.vision.markers.naming import Clutter, Search
-from mvuav_ros.vision.markers.rig_view import ROLL, WeakPerspective
+from mvuav_ros.vision.markers.initialization import ANY_ROLL, TILT
+from mvuav_ros.vision.markers.rig_view import PITCH, ROLL, SCALE, YAW, COUNT, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -154,6 +155,8 @@ class IdentityTracker:
             self._shape = WeakPerspective.of(self._rig, self._lens)
             # Any three lights look like three markers, and any four where the lens is not known.
             self._is_redundant = self._count > (3 if self._lens.focal else 4)
+            unknowns = COUNT - 2 if self._lens.focal else COUNT
+            self._fewest = min(self._count, max(self._count - 2, unknowns // 2 + 1))
             self._start_again()
         if self._body is None:
             return self._start(frame)
@@ -183,9 +186,10 @@ class IdentityTracker:
         if not self._attempts.confirmed(named):
             return self._report.nothing(f'{seen} lights in view, not yet certain')
         probation = PROBATION if self._is_redundant else UNCHECKED
-        memory = MarkerMemory(frame.time, named.lights, probation)
+        memory = MarkerMemory(frame.time, list(named.lights.values()), probation)
         self._body = FaultDetector(self._filter_of(named, frame.time)), memory
-        spots = {index: light.seen for index, light in enumerate(named.lights)}
+        self._sure = frame.time, named.view.parameters
+        spots = {index: light.seen for index, light in named.lights.items()}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
 
     def _filter_of(self, named: Named, time: float, before: ViewFilter | None = None) -> ViewFilter:
@@ -193,7 +197,7 @@ class IdentityTracker:
         assert named.view is not None
         shape = self._shape
         if not named.fits:
-            places = np.array([(light.x, light.y) for light in named.lights])
+            places = np.array([(light.x, light.y) for light in named.lights.values()])
             shape = shape.with_offsets(named.view, places)
         return ViewFilter(shape, named.view, time, before)
 
@@ -215,6 +219,7 @@ class IdentityTracker:
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
             evidence = faults.commit(named)
+            self._sure = frame.time, faults.views.means[0, :COUNT]
             self._doubts = self._unexplained = 0
             memory.remember(frame.time, spots, {}, evidence)
             if not self._is_redundant:
@@ -243,6 +248,8 @@ class IdentityTracker:
             memory.trust(search.reacquired)
         expected = self._in_image(search.expected(search.missing))
         evidence = search.finish()
+        if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:
+            self._sure = frame.time, search.views.means[0, :COUNT]
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
@@ -288,32 +295,45 @@ class IdentityTracker:
             search.faults.inflate()
         # One light without a name is often none of the body's: it has to stay twice as long, and
         # to fit a body of which most places can be checked.
+        memory, views = self._body[1], search.views
+        firm = search.found.keys() - search.suspects - memory.doubtful
+        fewest = self._count if len(firm) >= FAULTS.min_agreeing else self._fewest
         in_doubt = min(len(search.missing), nameless, 2)
-        if in_doubt == 1 and 2 * self._count - search.views.unknowns < MIN_CHECKED:
+        if in_doubt == 1 and 2 * self._count - views.unknowns < MIN_CHECKED:
             in_doubt = 0
         self._doubts = self._doubts + in_doubt if in_doubt else 0
-        if self._doubts <= 2 * PATIENCE and search.found:
+        if fewest == self._count and self._doubts <= 2 * PATIENCE and search.found:
             return
-        if len(lights) < self._count or not self._attempts.due(len(lights)):
+        if len(lights) < fewest or not self._attempts.due(len(lights)):
             return
-        views = search.views
-        deviation = ANY_ROLL if search.found else math.hypot(NEARBY_ROLL, views.deviation_of(ROLL))
-        before = views.view.roll, min(deviation, ANY_ROLL)
-        named = initialize(self._shape, lights, self._rig.names, before)
+        named = initialize(self._shape, lights, self._rig.names, self._prior(views.time), fewest)
         if named.view is None or named.view.misfit > EXACT * views.deviation:
             self._attempts.fail()
             return
         self._attempts.succeed(named)
         agrees = len(search.found) > 1 and all(
-            are_close(named.lights[index], light, SAME_SPOT)
+            index in named.lights and are_close(named.lights[index], light, SAME_SPOT)
             for index, light in search.found.items()
         )
-        if agrees and len(search.missing) < 2:
+        whole = len(named.lights) == self._count
+        if agrees and whole and len(search.missing) < 2:
             # The others have already contradicted the only light that it would add.
             self._attempts.fail()
             return
-        if agrees or (named.certain and not search.found) or self._attempts.agreed >= CONFIRMED:
+        if (agrees and whole) or (named.certain and not search.found) or self._attempts.confirmed(named):
             self._replace(search, named)
+
+    def _prior(self, time: float) -> Prior:
+        """What the view may have become since most markers agreed on it."""
+        then, view = self._sure
+        prior = Prior.at_start(self._shape)
+        elapsed = time - then
+        mean = view.copy()
+        deviations = prior.deviations.copy()
+        deviations[ROLL] = min(0.2 + 0.5 * elapsed, ANY_ROLL)
+        deviations[[PITCH, YAW]] = min(0.1 + 0.15 * elapsed, TILT)
+        deviations[SCALE] = 0.1 + 0.3 * elapsed
+        return Prior(mean, deviations)
 
     def _replace(self, search: Search, named: Named) -> None:
         """Take a body that was named afresh for the one that was followed."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import permutations
 from statistics import median_high
 from typing import NamedTuple
@@ -46,124 +46,172 @@ _TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
+_SAME_TILT = 0.2  # rad, within which two views to start from are the same
 _MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED = 16
 _FEW_SPOTS = 5
 _TRIED_AMONG_MANY = 10
 """Ways of naming that are fitted."""
+ABSENT = 22.0  # What it costs to leave a marker without a light, as in `naming.NOTHING`
+MAX_AWAY = 20.0  # Squared distance over variance from what is known of the view, if it is
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of a view before the lights of a frame are named.
+
+    Attributes:
+        mean: (8,), see `WeakPerspective.project`.
+        deviations: (8,), 1 sigma.
+    """
+
+    mean: Array
+    deviations: Array
+
+    @classmethod
+    def at_start(cls, shape: WeakPerspective) -> Prior:
+        """The camera looks at an upright body from behind, give or take."""
+        mean, deviations = np.zeros(COUNT), np.empty(COUNT)
+        mean[[X, Y]] = shape.centre
+        mean[FOCAL] = math.log(shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal)
+        deviations[ROLL], deviations[SCALE], deviations[[X, Y]] = ANY_ROLL, FREE[0], FREE[1]
+        deviations[[PITCH, YAW]] = TILT
+        deviations[FOCAL] = _FOCAL_DEVIATION if shape.lens.focal is None else KNOWN_FOCAL
+        deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
+        return cls(mean, deviations)
+
+    def away(self, views: Array) -> Array:
+        """Squared distance over variance of views (v, 8), without what the lens makes of them."""
+        apart = views[:, :FOCAL] - self.mean[:FOCAL]
+        apart[:, ROLL] = np.angle(np.exp(1j * apart[:, ROLL]))
+        return np.asarray(np.square(apart / self.deviations[:FOCAL]).sum(axis=1))
+
+
+Way = tuple[tuple[int, int], ...]
+"""Markers, and for each the index of its spot."""
 
 
 @dataclass(frozen=True, eq=False)
 class Guess:
     """One way of naming the lights."""
 
-    chosen: tuple[int, ...]  # (n,), for each of the body's lights the index of the spot
+    way: Way
     view: ViewState  # fitted to them
     cost: float  # the less, the more probable
 
 
-def guess_start(
-    shape: WeakPerspective,
-    spots: Sequence[Light],
-    roll: float = 0.0,
-    roll_deviation: float = ANY_ROLL,
+def guess_body(
+    shape: WeakPerspective, spots: Sequence[Light], prior: Prior, fewest: int
 ) -> list[Guess]:
-    """All probable ways of seeing the whole body in a number of spots, most probable first.
+    """All probable ways of seeing a body in a number of spots, most probable first.
 
     Three markers are tried on all threes of spots (`MAX_CANDIDATES` at most, px without
     distortion), in every order; the two views of each that follow say where the other markers
-    are, and the best are fitted. The roll is the expected one, with its deviation (1 sigma), rad.
+    are, and the best are fitted. The fewest of its markers must be among the spots.
     """
     places = np.array([complex(spot.x, spot.y) for spot in spots])
-    starts = _rough_guesses(shape, places, roll, roll_deviation)
+    starts = _rough_guesses(shape, places, prior, fewest)
     if not starts:
         return []
-    chosen = np.array([way for way, _ in starts], np.intp)
-    parameters = np.array([start for _, start in starts])
-    flat = np.column_stack((places.real, places.imag))
-    fits = _fit(shape, flat[chosen].reshape(len(chosen), -1), parameters)
-    guesses: dict[tuple[int, ...], Guess] = {}
-    fitted = [(way, fits.view(index)) for index, (way, _) in enumerate(starts)]
-    best = min(fitted, key=lambda guess: guess[1].cost)
-    for way, view in fitted + _variants(shape, flat, *best):
-        away = math.remainder(view.roll - roll, 2 * math.pi) / roll_deviation
-        guess = Guess(way, view, view.cost + away**2)
-        if way not in guesses or guess.cost < guesses[way].cost:
-            guesses[way] = guess
+    fitted = _fitted(shape, spots, starts, prior)
+    best = min(fitted, key=lambda guess: guess.cost)
+    guesses: dict[Way, Guess] = {}
+    for guess in fitted + _fitted(shape, spots, _variants(shape, places, best), prior):
+        if guess.way not in guesses or guess.cost < guesses[guess.way].cost:
+            guesses[guess.way] = guess
     return sorted(guesses.values(), key=lambda guess: guess.cost)
 
 
-def _variants(
-    shape: WeakPerspective, flat: Array, way: tuple[int, ...], view: ViewState
-) -> list[tuple[tuple[int, ...], ViewState]]:
+def _variants(shape: WeakPerspective, places: Complex, best: Guess) -> list[Start]:
     """The ways that differ from one in a single light, which lies near its place as well."""
-    apart = np.hypot(*(shape.project(view.parameters)[:, None] - flat).transpose(2, 0, 1))
-    ways = [
-        (*way[:marker], light, *way[marker + 1 :])
-        for marker, light in np.argwhere(apart < _REACH * view.scale).tolist()
-        if light not in way
+    seen = shape.project(best.view.parameters)
+    apart = np.abs((seen[:, 0] + 1j * seen[:, 1])[:, None] - places)
+    named = dict(best.way)
+    return [
+        (tuple((m, light if m == marker else own) for m, own in best.way), best.view.parameters)
+        for marker, light in np.argwhere(apart < _REACH * best.view.scale).tolist()
+        if marker in named and light not in named.values()
     ][: _TRIED // 2]
-    if not ways:
-        return []
-    starts = np.repeat(view.parameters[None], len(ways), axis=0)
-    fits = _fit(shape, flat[np.array(ways)].reshape(len(ways), -1), starts)
-    return [(other, fits.view(index)) for index, other in enumerate(ways)]
 
 
-def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Correction:
-    """Views of the whole body fitted to several ways of naming (m, 2 n), px, from behind or so."""
-    expected = np.zeros(COUNT)
-    expected[[X, Y]] = shape.centre
+def _fitted(
+    shape: WeakPerspective, spots: Sequence[Light], starts: Sequence[Start], prior: Prior
+) -> list[Guess]:
+    """Several ways of naming, each with the view that fits it; a missing marker costs as well."""
+    guesses = []
+    flat = np.array([(spot.x, spot.y) for spot in spots])
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
-    expected[SCALE] = median_high(starts[:, SCALE].tolist())
-    expected[FOCAL] = math.log(shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal)
-    deviations = np.empty(COUNT)
-    deviations[[ROLL, SCALE]], deviations[[X, Y]] = FREE
-    deviations[[PITCH, YAW]] = TILT
-    deviations[FOCAL] = _FOCAL_DEVIATION if shape.lens.focal is None else KNOWN_FOCAL
-    deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
-    variance = (0.3 + MODEL_ERROR * math.exp(expected[SCALE])) ** 2
-    ways, width = measured.shape
-    before = Belief(np.tile(expected, (ways, 1)), np.tile(np.diag(deviations**2), (ways, 1, 1)))
-    named = NamedPlaces(np.arange(width // 2)[None], measured)
-    noise = np.full((ways, width), variance)
-    return Correction.of(shape, before, named, noise, variance, starts, iterations=8)
+    scale = median_high([float(start[SCALE]) for _, start in starts]) if starts else 0.0
+    variance = (0.3 + MODEL_ERROR * math.exp(scale)) ** 2
+    for number in sorted({len(way) for way, _ in starts}):
+        same = [start for start in starts if len(start[0]) == number]
+        pairs = np.array([way for way, _ in same], np.intp)
+        # The roll starts from half a turn about the expected one.
+        views = np.array([start for _, start in same])
+        views[:, ROLL] += 2.0 * math.pi * np.round((prior.mean[ROLL] - views[:, ROLL]) / (2 * math.pi))
+        mean = np.tile(prior.mean, (len(same), 1))
+        if prior.deviations[SCALE] >= FREE[0]:
+            mean[:, SCALE] = scale
+        before = Belief(mean, np.tile(np.diag(prior.deviations**2), (len(same), 1, 1)))
+        named = NamedPlaces(pairs[..., 0], flat[pairs[..., 1]].reshape(len(same), -1))
+        noise = np.full((len(same), 2 * number), variance)
+        fits = Correction.of(shape, before, named, noise, variance, views, iterations=8)
+        missing = ABSENT * (len(shape.points) - number)
+        for row, (way, _) in enumerate(same):
+            view = fits.view(row)
+            guesses.append(Guess(way, view, view.cost + missing))
+    return guesses
 
 
-Start = tuple[tuple[int, ...], Array]
+Start = tuple[Way, Array]
 
 
 def _rough_guesses(
-    shape: WeakPerspective, places: Complex, roll: float, roll_deviation: float
+    shape: WeakPerspective, places: Complex, prior: Prior, fewest: int
 ) -> list[Start]:
-    """Distinct spots for all lights, and views to start the fit from; the best ones first."""
-    if len(places) < len(shape.points):
+    """Distinct spots for the lights, and views to start the fit from; the best ones first."""
+    count = len(shape.points)
+    if len(places) < fewest:
         return []
-    views = _rough_views(shape, places)
+    views = _rough_views(shape, places, count - fewest)
     views = views[np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED]
+    cost = prior.away(views)
+    if fewest < count:
+        views, cost = views[cost < MAX_AWAY], cost[cost < MAX_AWAY]
     if not len(views):
         return []
     seen = shape.project(views)
     apart = np.abs((seen[..., 0] + 1j * seen[..., 1])[..., None] - places)
+    nearest = apart.argmin(axis=2)
     beside = apart.min(axis=2) / np.exp(views[:, SCALE])[:, None]
-    near = (beside < _REACH).all(axis=1)
-    views, beside, nearest = views[near], beside[near], apart[near].argmin(axis=2)
-    ordered = np.sort(nearest, axis=1)
-    distinct = (ordered[:, 1:] > ordered[:, :-1]).all(axis=1)
-    views, beside, nearest = views[distinct], beside[distinct], nearest[distinct]
-    away = np.angle(np.exp(1j * (views[:, ROLL] - roll))) / roll_deviation
-    cost = ((beside / _ROUGH) ** 2).sum(axis=1) + away**2
-    cost += (views[:, PITCH] ** 2 + views[:, YAW] ** 2) / TILT**2
+    beside[beside >= _REACH] = np.inf
+    # Of markers with the same nearest spot only the nearest has it.
+    for spot in range(len(places)):
+        own = np.where(nearest == spot, beside, np.inf)
+        beside[(nearest == spot) & (own > own.min(axis=1, keepdims=True))] = np.inf
+    squares = np.minimum((beside / _ROUGH) ** 2, ABSENT if fewest < count else np.inf)
+    has = squares < (ABSENT if fewest < count else np.inf)
+    chosen = np.flatnonzero(has.sum(axis=1) >= fewest)
+    cost = cost[chosen] + squares[chosen].sum(axis=1)
     most = _TRIED if len(places) <= _FEW_SPOTS else _TRIED_AMONG_MANY
-    return [(tuple(nearest[i].tolist()), views[i]) for i in np.argsort(cost)[:most].tolist()]
+    starts: dict[tuple[Way, float, float], Start] = {}
+    for row in chosen[np.argsort(cost)].tolist():
+        way = tuple((m, int(nearest[row, m])) for m in np.flatnonzero(has[row]).tolist())
+        tilt = np.round(views[row, PITCH : YAW + 1] / _SAME_TILT).tolist()
+        starts.setdefault((way, *tilt), (way, views[row]))
+        if len(starts) == most:
+            break
+    return list(starts.values())
 
 
-def _rough_views(shape: WeakPerspective, places: Complex) -> Array:
+def _rough_views(shape: WeakPerspective, places: Complex, hidden: int) -> Array:
     """Views (v, 8) in which three of the markers are any three of the spots, or two any two."""
     focal = shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal
-    if shape.triangle is not None:
+    triangles = shape.triangles(hidden)
+    if triangles:
         orders = np.array(list(permutations(range(len(places)), 3)))
-        return views_of_three(shape, shape.triangle, places[orders], focal)
+        threes = places[orders]
+        return np.vstack([views_of_three(shape, three, threes, focal) for three in triangles])
     # Of markers on one line the tilt is not known.
     orders = np.array(list(permutations(range(len(places)), 2)))
     first, second = (shape.points[index, 0] + 1j * shape.points[index, 1] for index in shape.base)
@@ -194,10 +242,9 @@ that of a light that is no marker does not."""
 
 
 class Named(NamedTuple):
-    """All markers of a body, by name."""
+    """Markers of a body, by name."""
 
-    # in the rig's order, px without distortion; empty if they cannot be named.
-    lights: tuple[Light, ...] = ()
+    lights: Mapping[int, Light] = {}  # px without distortion; empty if they cannot be named
     view: ViewState | None = None  # fitted to them
     certain: bool = False  # whether one frame is enough to believe it
     fits: bool = True  # whether the body is what its rig says
@@ -209,23 +256,24 @@ def initialize(
     shape: WeakPerspective,
     lights: Lights,
     names: Sequence[str],
-    before: tuple[float, float] | None = None,
+    before: Prior | None = None,
+    fewest: int = 0,
 ) -> Named:
-    """Name a whole body of which no marker is known.
+    """Name a body of which no marker is known.
 
-    Before a loss it had a roll, which may have changed (1 sigma, rad); at the start (None) an
-    upright body is likelier than one upside down, and how exact the rig is must be seen.
+    Before a loss its view was known, and some of its markers may be hidden, but the fewest; at
+    the start (None) it must be whole, and how exact the rig is must be seen.
     """
     count = len(names)
+    fewest = fewest or count
     spots = lights.candidates(count)
-    if len(spots) < count:
+    if len(spots) < fewest:
         return Named(remark=f'{len(spots)} of {count} markers in view')
     unclear = f'{len(spots)} lights in view, {count} do not stand out'
     if len(spots) > MAX_CANDIDATES:
         return Named(remark=unclear)
-    guesses = [
-        g for g in guess_start(shape, spots, *(before or (0.0, ANY_ROLL))) if _alike(g, spots)
-    ]
+    prior = before or Prior.at_start(shape)
+    guesses = [g for g in guess_body(shape, spots, prior, fewest) if _alike(g, spots)]
     alone = len(spots) == count
     if guesses:
         best = guesses[0]
@@ -234,11 +282,11 @@ def initialize(
         free = alone and before is None and shape.lens.focal is None
         limit = LONE_MISFIT * best.view.scale if free else exact
         if best.view.misfit <= max(limit, exact) and clear:
-            chosen = tuple(spots[index] for index in best.chosen)
+            chosen = {marker: spots[index] for marker, index in best.way}
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             fits = best.view.misfit <= exact
             strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
-            odd = not free and best.view.misfit > strict
+            odd = len(chosen) < count or (not free and best.view.misfit > strict)
             return Named(chosen, best.view, alone and not odd, fits, odd, remark)
     if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
         return _as_the_thesis(shape, spots) or Named(remark=unclear)
@@ -246,7 +294,7 @@ def initialize(
 
 
 def _alike(guess: Guess, spots: Sequence[Light]) -> bool:
-    areas = [spots[index].seen.area for index in guess.chosen]
+    areas = [spots[index].seen.area for _, index in guess.way]
     return max(areas) <= MAX_RATIO * min(areas)
 
 
@@ -272,7 +320,7 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | No
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
     # Three frames must agree: nearly any five lights have some such order.
-    return Named(chosen, view, False, False)
+    return Named(dict(enumerate(chosen)), view, False, False)
 
 
 @dataclass
@@ -281,7 +329,7 @@ class Attempts:
 
     count: int  # markers of the body
     agreed: int = 0  # frames in a row that named the body alike
-    last: tuple[Light, ...] = ()  # places of its markers in the last one
+    last: Mapping[int, Light] = field(default_factory=dict)  # its markers in the last one
     _failures: int = 0
     _rest: int = 0
     _lights: int = 0
@@ -298,7 +346,7 @@ class Attempts:
 
     def fail(self) -> None:
         """No way of naming the lights stood out."""
-        self.agreed, self.last = 0, ()
+        self.agreed, self.last = 0, {}
         self._rest = min(self._failures, MAX_REST)
         self._failures = 2 * self._failures + 1 if self._failures < MAX_REST else MAX_REST
 
@@ -311,7 +359,10 @@ class Attempts:
         """Take a way of naming them; whether it is that of the last attempt."""
         assert named.view is not None
         reach = 0.5 * named.view.scale
-        alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.lights, strict=False))
+        alike = self.last.keys() == named.lights.keys() or not self.last
+        alike = alike and all(
+            are_close(light, named.lights[marker], reach) for marker, light in self.last.items()
+        )
         most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
         changed = abs(named.view.misfit - self._first_misfit) > most
         goes_on = alike and bool(self.last)

@@ -460,7 +460,7 @@ class Search:
     def replace(self, faults: FaultDetector, named: Named) -> None:
         """Take the names of a body that was named afresh."""
         self.faults, self.views, self._view = faults, faults.views, faults.views.view
-        self.found = dict(enumerate(named.lights))
+        self.found = dict(named.lights)
         self.suspects = set()
 
     def finish(self) -> Evidence:

@@ -77,16 +77,27 @@ class WeakPerspective:
         return int(first), int(second)
 
     @cached_property
-    def triangle(self) -> tuple[int, int, int] | None:
-        """The three markers of the largest triangle as seen from behind; None if on one line."""
+    def _triangles(self) -> list[tuple[int, int, int]]:
+        """All threes of markers that are not on one line, the largest as seen from behind first."""
         flat = self.points[:, 0] + 1j * self.points[:, 1]
 
         def area(three: tuple[int, int, int]) -> float:
             a, b, c = (complex(flat[marker]) for marker in three)
             return abs(((b - a).conjugate() * (c - a)).imag)
 
-        largest = max(combinations(range(len(flat)), 3), key=area, default=None)
-        return None if largest is None or area(largest) < _MIN_AREA else largest
+        threes = sorted(combinations(range(len(flat)), 3), key=area, reverse=True)
+        return [three for three in threes if area(three) >= _MIN_AREA]
+
+    def triangles(self, hidden: int) -> list[tuple[int, int, int]]:
+        """Large triangles of which one is left whichever so many markers are hidden."""
+        left = list(combinations(range(len(self.points)), hidden))
+        chosen = []
+        for three in self._triangles:
+            shown = [out for out in left if not set(three).intersection(out)]
+            if shown:
+                chosen.append(three)
+                left = [out for out in left if out not in shown]
+        return chosen
 
     @cached_property
     def _max_nearness(self) -> float:
