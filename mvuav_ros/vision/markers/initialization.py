@@ -232,8 +232,9 @@ not calibrated."""
 STRICT_MISFIT = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same misfit for some time."""
 OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
-MAX_REST = 15  # Frames between two attempts to name lights that could not be named, at most
+MAX_REST = 3  # Frames between two attempts to name lights that could not be named, at most
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
+CONFIRMED_HIDDEN = 5
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
 SAME_MISFIT = (0.2, 0.25)
@@ -353,7 +354,9 @@ class Attempts:
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""
         odd = named.odd or self._is_odd
-        return named.certain or self.agreed >= (CONFIRMED_ODD if odd else CONFIRMED)
+        whole = len(named.lights) == self.count
+        needed = (CONFIRMED_ODD if whole else CONFIRMED_HIDDEN) if odd else CONFIRMED
+        return named.certain or self.agreed >= needed
 
     def succeed(self, named: Named) -> bool:
         """Take a way of naming them; whether it is that of the last attempt."""
