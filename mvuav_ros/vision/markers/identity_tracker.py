@@ -37,7 +37,7 @@ from mvuav_ros.vision.markers.marker_results import (
 )
 from mvuav_ros.vision.markers.naming import Clutter, Search
 from mvuav_ros.vision.markers.initialization import ANY_ROLL, TILT
-from mvuav_ros.vision.markers.rig_view import PITCH, ROLL, SCALE, YAW, COUNT, WeakPerspective
+from mvuav_ros.vision.markers.rig_view import PITCH, ROLL, SCALE, YAW, FOCAL, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -155,8 +155,6 @@ class IdentityTracker:
             self._shape = WeakPerspective.of(self._rig, self._lens)
             # Any three lights look like three markers, and any four where the lens is not known.
             self._is_redundant = self._count > (3 if self._lens.focal else 4)
-            unknowns = COUNT - 2 if self._lens.focal else COUNT
-            self._fewest = min(self._count, max(self._count - 2, unknowns // 2 + 1))
             self._start_again()
         if self._body is None:
             return self._start(frame)
@@ -188,7 +186,7 @@ class IdentityTracker:
         probation = PROBATION if self._is_redundant else UNCHECKED
         memory = MarkerMemory(frame.time, list(named.lights.values()), probation)
         self._body = FaultDetector(self._filter_of(named, frame.time)), memory
-        self._sure = frame.time, named.view.parameters
+        self._sure = frame.time, named.view
         spots = {index: light.seen for index, light in named.lights.items()}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
 
@@ -219,7 +217,7 @@ class IdentityTracker:
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
             evidence = faults.commit(named)
-            self._sure = frame.time, faults.views.means[0, :COUNT]
+            self._sure = frame.time, faults.views.view
             self._doubts = self._unexplained = 0
             memory.remember(frame.time, spots, {}, evidence)
             if not self._is_redundant:
@@ -249,7 +247,7 @@ class IdentityTracker:
         expected = self._in_image(search.expected(search.missing))
         evidence = search.finish()
         if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:
-            self._sure = frame.time, search.views.means[0, :COUNT]
+            self._sure = frame.time, search.views.view
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
@@ -297,7 +295,9 @@ class IdentityTracker:
         # to fit a body of which most places can be checked.
         memory, views = self._body[1], search.views
         firm = search.found.keys() - search.suspects - memory.doubtful
-        fewest = self._count if len(firm) >= FAULTS.min_agreeing else self._fewest
+        prior = self._prior(views.time)
+        few = max(self._count - 2, 4 if prior.deviations[FOCAL] < 0.1 else 5)
+        fewest = self._count if len(firm) >= FAULTS.min_agreeing else min(self._count, few)
         in_doubt = min(len(search.missing), nameless, 2)
         if in_doubt == 1 and 2 * self._count - views.unknowns < MIN_CHECKED:
             in_doubt = 0
@@ -306,7 +306,7 @@ class IdentityTracker:
             return
         if len(lights) < fewest or not self._attempts.due(len(lights)):
             return
-        named = initialize(self._shape, lights, self._rig.names, self._prior(views.time), fewest)
+        named = initialize(self._shape, lights, self._rig.names, prior, fewest)
         if named.view is None or named.view.misfit > EXACT * views.deviation:
             self._attempts.fail()
             return
@@ -326,14 +326,15 @@ class IdentityTracker:
     def _prior(self, time: float) -> Prior:
         """What the view may have become since most markers agreed on it."""
         then, view = self._sure
-        prior = Prior.at_start(self._shape)
         elapsed = time - then
-        mean = view.copy()
-        deviations = prior.deviations.copy()
+        deviations = Prior.at_start(self._shape).deviations
         deviations[ROLL] = min(0.2 + 0.5 * elapsed, ANY_ROLL)
         deviations[[PITCH, YAW]] = min(0.1 + 0.15 * elapsed, TILT)
         deviations[SCALE] = 0.1 + 0.3 * elapsed
-        return Prior(mean, deviations)
+        if self._lens.focal is None:
+            learnt = np.sqrt(view.covariance.diagonal()[FOCAL:])
+            deviations[FOCAL:] = np.minimum(deviations[FOCAL:], learnt + 0.02)
+        return Prior(view.parameters, deviations)
 
     def _replace(self, search: Search, named: Named) -> None:
         """Take a body that was named afresh for the one that was followed."""

@@ -173,7 +173,7 @@ def _rough_guesses(
     count = len(shape.points)
     if len(places) < fewest:
         return []
-    views = _rough_views(shape, places, count - fewest)
+    views = _rough_views(shape, places, math.exp(prior.mean[FOCAL]), count - fewest)
     views = views[np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED]
     cost = prior.away(views)
     if fewest < count:
@@ -204,9 +204,10 @@ def _rough_guesses(
     return list(starts.values())
 
 
-def _rough_views(shape: WeakPerspective, places: Complex, hidden: int) -> Array:
+def _rough_views(
+    shape: WeakPerspective, places: Complex, focal: float, hidden: int
+) -> Array:
     """Views (v, 8) in which three of the markers are any three of the spots, or two any two."""
-    focal = shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal
     triangles = shape.triangles(hidden)
     if triangles:
         orders = np.array(list(permutations(range(len(places)), 3)))
