@@ -295,7 +295,7 @@ class IdentityTracker:
         # to fit a body of which most places can be checked.
         memory, views = self._body[1], search.views
         firm = search.found.keys() - search.suspects - memory.doubtful
-        prior = self._prior(views.time)
+        prior = self._prior(views)
         few = max(self._count - 2, 4 if prior.deviations[FOCAL] < 0.1 else 5)
         fewest = self._count if len(firm) >= FAULTS.min_agreeing else min(self._count, few)
         in_doubt = min(len(search.missing), nameless, 2)
@@ -307,7 +307,7 @@ class IdentityTracker:
         if len(lights) < fewest or not self._attempts.due(len(lights)):
             return
         named = initialize(self._shape, lights, self._rig.names, prior, fewest)
-        if named.view is None or named.view.misfit > EXACT * views.deviation:
+        if named.view is None or named.view.misfit > 2.0 * prior.noise:
             self._attempts.fail()
             return
         self._attempts.succeed(named)
@@ -323,10 +323,10 @@ class IdentityTracker:
         if (agrees and whole) or (named.certain and not search.found) or self._attempts.confirmed(named):
             self._replace(search, named)
 
-    def _prior(self, time: float) -> Prior:
+    def _prior(self, views: ViewFilter) -> Prior:
         """What the view may have become since most markers agreed on it."""
         then, view = self._sure
-        elapsed = time - then
+        elapsed = views.time - then
         deviations = Prior.at_start(self._shape).deviations
         deviations[ROLL] = min(0.2 + 0.5 * elapsed, ANY_ROLL)
         deviations[[PITCH, YAW]] = min(0.1 + 0.15 * elapsed, TILT)
@@ -334,7 +334,8 @@ class IdentityTracker:
         if self._lens.focal is None:
             learnt = np.sqrt(view.covariance.diagonal()[FOCAL:])
             deviations[FOCAL:] = np.minimum(deviations[FOCAL:], learnt + 0.02)
-        return Prior(view.parameters, deviations)
+        noise = math.hypot(0.15, views.rig_error * view.scale)
+        return Prior(view.parameters, deviations, 1.5 * noise)
 
     def _replace(self, search: Search, named: Named) -> None:
         """Take a body that was named afresh for the one that was followed."""

@@ -53,7 +53,7 @@ _FEW_SPOTS = 5
 _TRIED_AMONG_MANY = 10
 """Ways of naming that are fitted."""
 ABSENT = 22.0  # What it costs to leave a marker without a light, as in `naming.NOTHING`
-MAX_AWAY = 20.0  # Squared distance over variance from what is known of the view, if it is
+MAX_AWAY = 40.0  # Squared distance over variance from what is known of the view, if it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +63,12 @@ class Prior:
     Attributes:
         mean: (8,), see `WeakPerspective.project`.
         deviations: (8,), 1 sigma.
+        noise: px (1 sigma), of the markers' places, by what is known of the rig; None: nothing is.
     """
 
     mean: Array
     deviations: Array
+    noise: float | None = None
 
     @classmethod
     def at_start(cls, shape: WeakPerspective) -> Prior:
@@ -142,7 +144,7 @@ def _fitted(
     flat = np.array([(spot.x, spot.y) for spot in spots])
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
     scale = median_high([float(start[SCALE]) for _, start in starts]) if starts else 0.0
-    variance = (0.3 + MODEL_ERROR * math.exp(scale)) ** 2
+    variance = (prior.noise or 0.3 + MODEL_ERROR * math.exp(scale)) ** 2
     for number in sorted({len(way) for way, _ in starts}):
         same = [start for start in starts if len(start[0]) == number]
         pairs = np.array([way for way, _ in same], np.intp)
