@@ -297,7 +297,7 @@ class IdentityTracker:
         firm = search.found.keys() - search.suspects - memory.doubtful
         prior = self._prior(views)
         few = max(self._count - 2, 4 if prior.deviations[FOCAL] < 0.1 else 5)
-        fewest = self._count if len(firm) >= FAULTS.min_agreeing else min(self._count, few)
+        fewest = self._count if len(firm) >= FAULTS.min_firm else min(self._count, few)
         in_doubt = min(len(search.missing), nameless, 2)
         if in_doubt == 1 and 2 * self._count - views.unknowns < MIN_CHECKED:
             in_doubt = 0
