@@ -307,7 +307,7 @@ class IdentityTracker:
         if len(lights) < fewest or not self._attempts.due(len(lights)):
             return
         named = initialize(self._shape, lights, self._rig.names, prior, fewest)
-        if named.view is None or named.view.misfit > 2.0 * prior.noise:
+        if named.view is None:
             self._attempts.fail()
             return
         self._attempts.succeed(named)

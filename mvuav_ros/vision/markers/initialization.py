@@ -53,6 +53,7 @@ _FEW_SPOTS = 5
 _TRIED_AMONG_MANY = 10
 """Ways of naming that are fitted."""
 ABSENT = 22.0  # What it costs to leave a marker without a light, as in `naming.NOTHING`
+STRAY = 1e-5  # Density of lights that are none of the body's, per px²
 MAX_AWAY = 40.0  # Squared distance over variance from what is known of the view, if it is
 
 
@@ -100,6 +101,7 @@ class Guess:
     way: Way
     view: ViewState  # fitted to them
     cost: float  # the less, the more probable
+    evidence: float  # logarithm of its odds against lights that are all none of the body's
 
 
 def guess_body(
@@ -159,9 +161,11 @@ def _fitted(
         noise = np.full((len(same), 2 * number), variance)
         fits = Correction.of(shape, before, named, noise, variance, views, iterations=8)
         missing = ABSENT * (len(shape.points) - number)
+        ways = math.comb(len(shape.points), number) * math.perm(len(spots), number)
+        others = number * math.log(STRAY) + math.log(ways)
         for row, (way, _) in enumerate(same):
-            view = fits.view(row)
-            guesses.append(Guess(way, view, view.cost + missing))
+            view, evidence = fits.view(row), float(fits.evidence[row]) - others
+            guesses.append(Guess(way, view, view.cost + missing, evidence))
     return guesses
 
 
@@ -210,7 +214,7 @@ def _rough_views(
     shape: WeakPerspective, places: Complex, focal: float, hidden: int
 ) -> Array:
     """Views (v, 8) in which three of the markers are any three of the spots, or two any two."""
-    triangles = shape.triangles(hidden)
+    triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
     if triangles:
         orders = np.array(list(permutations(range(len(places)), 3)))
         threes = places[orders]
@@ -237,7 +241,9 @@ STRICT_MISFIT = (0.25, 0.001)
 OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
 MAX_REST = 3  # Frames between two attempts to name lights that could not be named, at most
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
-CONFIRMED_HIDDEN = 5
+MIN_EVIDENCE = -14.0
+CERTAIN_EVIDENCE = 0.0
+CONFIRMED_HIDDEN = 3
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
 SAME_MISFIT = (0.2, 0.25)
@@ -290,7 +296,12 @@ def initialize(
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             fits = best.view.misfit <= exact
             strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
-            odd = len(chosen) < count or (not free and best.view.misfit > strict)
+            if before is not None:
+                if best.evidence < MIN_EVIDENCE:
+                    return Named(remark=unclear)
+                certain = best.evidence > CERTAIN_EVIDENCE
+                return Named(chosen, best.view, certain, fits, len(chosen) < count, remark)
+            odd = not free and best.view.misfit > strict
             return Named(chosen, best.view, alone and not odd, fits, odd, remark)
     if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
         return _as_the_thesis(shape, spots) or Named(remark=unclear)

@@ -216,6 +216,12 @@ class Correction:
         return np.asarray((weighed * (gain.noise * weighed + moved)).sum(axis=1))
 
     @cached_property
+    def evidence(self) -> Array:
+        """(f,), logarithm of how probable the priors made the lights' places, per px² each."""
+        _, log_determinant = np.linalg.slogdet(self.gain.weight)
+        return np.asarray(0.5 * (log_determinant - self.cost) - len(self.gain.markers) * _LOG_TURN)
+
+    @cached_property
     def _rows(self) -> list[list[float]]:
         rows: list[list[float]] = self.weighed.tolist()
         return rows
