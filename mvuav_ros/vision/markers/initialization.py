@@ -195,7 +195,8 @@ def _rough_guesses(
     for spot in range(len(places)):
         own = np.where(nearest == spot, beside, np.inf)
         beside[(nearest == spot) & (own > own.min(axis=1, keepdims=True))] = np.inf
-    squares = np.minimum((beside / _ROUGH) ** 2, ABSENT if fewest < count else np.inf)
+    rough = _ROUGH if prior.noise is None else 3.0 * prior.noise / np.exp(views[:, SCALE, None])
+    squares = np.minimum((beside / rough) ** 2, ABSENT if fewest < count else np.inf)
     has = squares < (ABSENT if fewest < count else np.inf)
     chosen = np.flatnonzero(has.sum(axis=1) >= fewest)
     cost = cost[chosen] + squares[chosen].sum(axis=1)
