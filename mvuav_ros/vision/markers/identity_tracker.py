@@ -289,8 +289,6 @@ class IdentityTracker:
         unexplained = min(len(search.missing), search.unexplained) > 0 and len(search.found) < 3
         unexplained &= search.is_contradicted
         self._unexplained = self._unexplained + 1 if unexplained else 0
-        if self._unexplained > PATIENCE:
-            search.faults.inflate()
         # One light without a name is often none of the body's: it has to stay twice as long, and
         # to fit a body of which most places can be checked.
         memory, views = self._body[1], search.views
