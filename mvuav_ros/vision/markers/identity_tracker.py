@@ -14,7 +14,13 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.initialization import CONFIRMED, Attempts, Named, Prior, initialize
+from mvuav_ros.vision.markers.initialization import (
+    CONFIRMED,
+    Attempts,
+    Named,
+    Prior,
+    initialize,
+)
 from mvuav_ros.vision.markers.lights import (
     Frame,
     GroupingError,
@@ -36,8 +42,7 @@ from mvuav_ros.vision.markers.marker_results import (
     roll_of,
 )
 from mvuav_ros.vision.markers.naming import Clutter, Search
-from mvuav_ros.vision.markers.initialization import ANY_ROLL, TILT
-from mvuav_ros.vision.markers.rig_view import PITCH, ROLL, SCALE, YAW, FOCAL, WeakPerspective
+from mvuav_ros.vision.markers.rig_view import WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -97,18 +102,14 @@ class Reporter:
         return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
 
 
+MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for afresh
 SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
 GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
 WIDEST = 200.0  # px, by which a search window grows at most
-YOUNG = 1.0  # s without any marker up to which two are enough to find the body again
 PATIENCE = 5  # Frames in doubt after which the whole body is named afresh, as at the start
-NEARBY_ROLL = 0.5  # rad (1 sigma), of the roll from the last frame to this one, or over a loss
 UNCHECKED = 45
 """Frames in which a light may be another one after a doubt, where no other light could show it."""
 MIN_CHECKED = 4  # Coordinates of a body less the unknowns of its view
-EXACT = 4.0
-"""Deviations of a marker from its rig's place (root mean square) at which a body that was known
-before is another one."""
 
 
 class IdentityTracker:
@@ -143,7 +144,7 @@ class IdentityTracker:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
         self._attempts = Attempts(self._count)
-        self._doubts = self._unexplained = 0
+        self._doubts = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame, of a later time (s) than the last one."""
@@ -218,7 +219,7 @@ class IdentityTracker:
         if len(consensus.kept) == self._count:
             evidence = faults.commit(named)
             self._sure = frame.time, faults.views.view
-            self._doubts = self._unexplained = 0
+            self._doubts = 0
             memory.remember(frame.time, spots, {}, evidence)
             if not self._is_redundant:
                 spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
@@ -267,10 +268,8 @@ class IdentityTracker:
             lights = Lights(frame, self._lens, around)
         except GroupingError as error:
             return str(error)
-        fewest = 2 if frame.time - self._body[1].newest < YOUNG else 3
-        fewest = min(fewest, self._count)
         other = search.views.shape.offsets is not None and not search.found
-        nameless = search.name(lights.spots, self._clutter, fewest)
+        nameless = search.name(lights.spots, self._clutter)
         if other and len(search.found) < self._count <= len(lights):
             self._name_afresh(search, lights)
         else:
@@ -285,17 +284,16 @@ class IdentityTracker:
             self._replace(search, named)
 
     def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
-        """Name the body afresh where lights have no name and markers no light for long."""
-        unexplained = min(len(search.missing), search.unexplained) > 0 and len(search.found) < 3
-        unexplained &= search.is_contradicted
-        self._unexplained = self._unexplained + 1 if unexplained else 0
+        """Name the body afresh where few names are firm, or lights have had none for long."""
+        assert self._body is not None
+        views, memory = search.views, self._body[1]
+        then, view = self._sure
+        prior = Prior.since(self._shape, view, views.time - then, views.rig_error)
+        fewest = self._count
+        if len(search.found.keys() - search.suspects - memory.doubtful) < FAULTS.min_firm:
+            fewest = min(self._count, max(self._count - MAX_HIDDEN, prior.fewest))
         # One light without a name is often none of the body's: it has to stay twice as long, and
         # to fit a body of which most places can be checked.
-        memory, views = self._body[1], search.views
-        firm = search.found.keys() - search.suspects - memory.doubtful
-        prior = self._prior(views)
-        few = max(self._count - 2, 4 if prior.deviations[FOCAL] < 0.1 else 5)
-        fewest = self._count if len(firm) >= FAULTS.min_firm else min(self._count, few)
         in_doubt = min(len(search.missing), nameless, 2)
         if in_doubt == 1 and 2 * self._count - views.unknowns < MIN_CHECKED:
             in_doubt = 0
@@ -309,31 +307,21 @@ class IdentityTracker:
             self._attempts.fail()
             return
         self._attempts.succeed(named)
-        agrees = len(search.found) > 1 and all(
-            index in named.lights and are_close(named.lights[index], light, SAME_SPOT)
-            for index, light in search.found.items()
+        agrees = (
+            len(search.found) > 1
+            and len(named.lights) == self._count
+            and all(
+                are_close(named.lights[index], light, SAME_SPOT)
+                for index, light in search.found.items()
+            )
         )
-        whole = len(named.lights) == self._count
-        if agrees and whole and len(search.missing) < 2:
+        if agrees and len(search.missing) < 2:
             # The others have already contradicted the only light that it would add.
             self._attempts.fail()
             return
-        if (agrees and whole) or (named.certain and not search.found) or self._attempts.confirmed(named):
+        certain = named.certain and not search.found
+        if agrees or certain or self._attempts.agreed >= CONFIRMED:
             self._replace(search, named)
-
-    def _prior(self, views: ViewFilter) -> Prior:
-        """What the view may have become since most markers agreed on it."""
-        then, view = self._sure
-        elapsed = views.time - then
-        deviations = Prior.at_start(self._shape).deviations
-        deviations[ROLL] = min(0.2 + 0.5 * elapsed, ANY_ROLL)
-        deviations[[PITCH, YAW]] = min(0.1 + 0.15 * elapsed, TILT)
-        deviations[SCALE] = 0.1 + 0.3 * elapsed
-        if self._lens.focal is None:
-            learnt = np.sqrt(view.covariance.diagonal()[FOCAL:])
-            deviations[FOCAL:] = np.minimum(deviations[FOCAL:], learnt + 0.02)
-        noise = math.hypot(0.15, views.rig_error * view.scale)
-        return Prior(view.parameters, deviations, 1.5 * noise)
 
     def _replace(self, search: Search, named: Named) -> None:
         """Take a body that was named afresh for the one that was followed."""

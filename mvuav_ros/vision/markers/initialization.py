@@ -47,6 +47,15 @@ across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
 _SAME_TILT = 0.2  # rad, within which two views to start from are the same
+_CHANGES: tuple[tuple[list[int], tuple[float, float, float]], ...] = (
+    ([ROLL], (0.2, 0.5, ANY_ROLL)),
+    ([PITCH, YAW], (0.1, 0.15, TILT)),
+    ([SCALE], (0.1, 0.3, FREE[0])),
+)
+"""By how much a view changes while its body is not named (1 sigma): at once, per s, and at most."""
+_MIN_LENS_DEVIATION = 0.02  # Of focal length and barrel that were learnt from the lights
+_KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights are enough
+_NOISE = 0.2  # px (1 sigma), of a light's place
 _MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED = 16
 _FEW_SPOTS = 5
@@ -83,11 +92,34 @@ class Prior:
         deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
         return cls(mean, deviations)
 
+    @classmethod
+    def since(
+        cls, shape: WeakPerspective, view: ViewState, elapsed: float, rig_error: float
+    ) -> Prior:
+        """What a view may have become in a time (s), of a rig so exact (units of its size)."""
+        deviations = cls.at_start(shape).deviations
+        for parameters, (soon, per_second, most) in _CHANGES:
+            deviations[parameters] = min(soon + per_second * elapsed, most)
+        if shape.lens.focal is None:
+            learnt = np.sqrt(view.covariance.diagonal()[FOCAL:]) + _MIN_LENS_DEVIATION
+            deviations[FOCAL:] = np.minimum(deviations[FOCAL:], learnt)
+        return cls(view.parameters, deviations, math.hypot(_NOISE, rig_error * view.scale))
+
+    @property
+    def fewest(self) -> int:
+        """Lights that more than determine a view with what is known of the lens."""
+        return 4 if self.deviations[FOCAL] < _KNOWN_LENS else 5
+
     def away(self, views: Array) -> Array:
         """Squared distance over variance of views (v, 8), without what the lens makes of them."""
         apart = views[:, :FOCAL] - self.mean[:FOCAL]
-        apart[:, ROLL] = np.angle(np.exp(1j * apart[:, ROLL]))
+        apart[:, ROLL] = _turned(apart[:, ROLL])
         return np.asarray(np.square(apart / self.deviations[:FOCAL]).sum(axis=1))
+
+
+def _turned(angles: Array) -> Array:
+    """Angles (rad) less whole turns."""
+    return np.asarray(np.angle(np.exp(1j * angles)))
 
 
 Way = tuple[tuple[int, int], ...]
@@ -150,9 +182,9 @@ def _fitted(
     for number in sorted({len(way) for way, _ in starts}):
         same = [start for start in starts if len(start[0]) == number]
         pairs = np.array([way for way, _ in same], np.intp)
-        # The roll starts from half a turn about the expected one.
         views = np.array([start for _, start in same])
-        views[:, ROLL] += 2.0 * math.pi * np.round((prior.mean[ROLL] - views[:, ROLL]) / (2 * math.pi))
+        # From half a turn about the expected roll.
+        views[:, ROLL] = prior.mean[ROLL] + _turned(views[:, ROLL] - prior.mean[ROLL])
         mean = np.tile(prior.mean, (len(same), 1))
         if prior.deviations[SCALE] >= FREE[0]:
             mean[:, SCALE] = scale
@@ -180,23 +212,25 @@ def _rough_guesses(
     if len(places) < fewest:
         return []
     views = _rough_views(shape, places, math.exp(prior.mean[FOCAL]), count - fewest)
-    views = views[np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED]
     cost = prior.away(views)
-    if fewest < count:
-        views, cost = views[cost < MAX_AWAY], cost[cost < MAX_AWAY]
+    possible = np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED
+    if prior.noise is not None:
+        possible &= cost < MAX_AWAY
+    views, cost = views[possible], cost[possible]
     if not len(views):
         return []
     seen = shape.project(views)
     apart = np.abs((seen[..., 0] + 1j * seen[..., 1])[..., None] - places)
-    nearest = apart.argmin(axis=2)
-    beside = apart.min(axis=2) / np.exp(views[:, SCALE])[:, None]
-    beside[beside >= _REACH] = np.inf
+    nearest, beside = apart.argmin(axis=2), apart.min(axis=2)
+    scale = np.exp(views[:, SCALE, None])
+    squares = np.square(beside / (_ROUGH * scale if prior.noise is None else 3.0 * prior.noise))
+    squares[beside >= _REACH * scale] = np.inf
     # Of markers with the same nearest spot only the nearest has it.
     for spot in range(len(places)):
-        own = np.where(nearest == spot, beside, np.inf)
-        beside[(nearest == spot) & (own > own.min(axis=1, keepdims=True))] = np.inf
-    rough = _ROUGH if prior.noise is None else 3.0 * prior.noise / np.exp(views[:, SCALE, None])
-    squares = np.minimum((beside / rough) ** 2, ABSENT if fewest < count else np.inf)
+        own = np.where(nearest == spot, squares, np.inf)
+        squares[(nearest == spot) & (own > own.min(axis=1, keepdims=True))] = np.inf
+    if fewest < count:
+        squares = np.minimum(squares, ABSENT)
     has = squares < (ABSENT if fewest < count else np.inf)
     chosen = np.flatnonzero(has.sum(axis=1) >= fewest)
     cost = cost[chosen] + squares[chosen].sum(axis=1)
@@ -204,16 +238,14 @@ def _rough_guesses(
     starts: dict[tuple[Way, float, float], Start] = {}
     for row in chosen[np.argsort(cost)].tolist():
         way = tuple((m, int(nearest[row, m])) for m in np.flatnonzero(has[row]).tolist())
-        tilt = np.round(views[row, PITCH : YAW + 1] / _SAME_TILT).tolist()
-        starts.setdefault((way, *tilt), (way, views[row]))
+        pitch, yaw = np.round(views[row, PITCH : YAW + 1] / _SAME_TILT).tolist()
+        starts.setdefault((way, pitch, yaw), (way, views[row]))
         if len(starts) == most:
             break
     return list(starts.values())
 
 
-def _rough_views(
-    shape: WeakPerspective, places: Complex, focal: float, hidden: int
-) -> Array:
+def _rough_views(shape: WeakPerspective, places: Complex, focal: float, hidden: int) -> Array:
     """Views (v, 8) in which three of the markers are any three of the spots, or two any two."""
     triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
     if triangles:
@@ -242,11 +274,12 @@ STRICT_MISFIT = (0.25, 0.001)
 OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
 MAX_REST = 3  # Frames between two attempts to name lights that could not be named, at most
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
-MIN_EVIDENCE = -14.0
-CERTAIN_EVIDENCE = 0.0
-CONFIRMED_HIDDEN = 3
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
+MIN_EVIDENCE, SURE_EVIDENCE = -14.0, 0.0
+"""Logarithm of the odds of a body found again against lights that are all none of its markers: to
+be believed when `CONFIRMED`, and in one frame. On the half for choosing constants wrong bodies had
+less than -16, right ones more than -14."""
 SAME_MISFIT = (0.2, 0.25)
 """px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
 that of a light that is no marker does not."""
@@ -272,41 +305,39 @@ def initialize(
 ) -> Named:
     """Name a body of which no marker is known.
 
-    Before a loss its view was known, and some of its markers may be hidden, but the fewest; at
-    the start (None) it must be whole, and how exact the rig is must be seen.
+    At the start (no prior) it must be whole, and how exact the rig is must be seen. Before a loss
+    its view was known, and all markers but the fewest may be hidden.
     """
     count = len(names)
     fewest = fewest or count
     spots = lights.candidates(count)
     if len(spots) < fewest:
         return Named(remark=f'{len(spots)} of {count} markers in view')
-    unclear = f'{len(spots)} lights in view, {count} do not stand out'
+    unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
     if len(spots) > MAX_CANDIDATES:
-        return Named(remark=unclear)
+        return unclear
     prior = before or Prior.at_start(shape)
     guesses = [g for g in guess_body(shape, spots, prior, fewest) if _alike(g, spots)]
     alone = len(spots) == count
-    if guesses:
+    free = alone and before is None and shape.lens.focal is None
+    remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
+    if guesses and (len(guesses) == 1 or guesses[1].cost - guesses[0].cost >= DOUBT):
         best = guesses[0]
-        clear = len(guesses) == 1 or guesses[1].cost - best.cost >= DOUBT
+        chosen = {marker: spots[index] for marker, index in best.way}
+        if before is not None:
+            if best.evidence < MIN_EVIDENCE:
+                return unclear
+            return Named(chosen, best.view, best.evidence > SURE_EVIDENCE, remark=remark)
         exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
-        free = alone and before is None and shape.lens.focal is None
         limit = LONE_MISFIT * best.view.scale if free else exact
-        if best.view.misfit <= max(limit, exact) and clear:
-            chosen = {marker: spots[index] for marker, index in best.way}
-            remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
+        if best.view.misfit <= max(limit, exact):
             fits = best.view.misfit <= exact
             strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
-            if before is not None:
-                if best.evidence < MIN_EVIDENCE:
-                    return Named(remark=unclear)
-                certain = best.evidence > CERTAIN_EVIDENCE
-                return Named(chosen, best.view, certain, fits, len(chosen) < count, remark)
             odd = not free and best.view.misfit > strict
             return Named(chosen, best.view, alone and not odd, fits, odd, remark)
-    if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
-        return _as_the_thesis(shape, spots) or Named(remark=unclear)
-    return Named(remark=unclear)
+    if free and tuple(names) == TANKER_NAMES:
+        return _as_the_thesis(shape, spots) or unclear
+    return unclear
 
 
 def _alike(guess: Guess, spots: Sequence[Light]) -> bool:
@@ -369,9 +400,7 @@ class Attempts:
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""
         odd = named.odd or self._is_odd
-        whole = len(named.lights) == self.count
-        needed = (CONFIRMED_ODD if whole else CONFIRMED_HIDDEN) if odd else CONFIRMED
-        return named.certain or self.agreed >= needed
+        return named.certain or self.agreed >= (CONFIRMED_ODD if odd else CONFIRMED)
 
     def succeed(self, named: Named) -> bool:
         """Take a way of naming them; whether it is that of the last attempt."""

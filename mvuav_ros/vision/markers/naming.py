@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from functools import lru_cache
-from itertools import combinations, islice, permutations, product
+from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
@@ -16,8 +14,6 @@ from mvuav_ros.vision.markers.fault_detection import Consensus, Evidence, FaultD
 from mvuav_ros.vision.markers.initialization import DOUBT, Named, Prior, guess_body
 from mvuav_ros.vision.markers.lights import Light, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
-from mvuav_ros.vision.markers.rig_view import Array, ViewState
-from mvuav_ros.vision.markers.view_correction import NamedPlaces
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
@@ -75,35 +71,27 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
     return {m: light for m, light in best.items() if all(w.get(m) == light for w in probable)}
 
 
-MAX_COST = 24.0
-"""Squared residuals and distance from the prior over their variances, of a way that may be."""
+MIN_EVIDENCE = -5.0
+"""Logarithm of the odds of a body found again in one frame against lights of no body."""
 
 
-def reacquire(
-    views: ViewFilter, lights: Sequence[Light], fits: Fits, fewest: int
-) -> dict[int, Light] | None:
+def reacquire(views: ViewFilter, lights: Sequence[Light], fits: Fits) -> dict[int, Light]:
     """Find a body again of which nothing is in sight where it was expected.
 
     It is looked for within what the time since the loss allows (see `guess_body`). A marker is
-    named where every way that is about as probable as the best names it so.
-
-    Returns:
-        The markers named, none of them where it is not clear which they are; None where no way of
-        naming the fewest lights is possible.
+    named where every way that is about as probable as the best names it so; three are enough where
+    there are no other lights.
     """
-    # Of four lights and more some three nearly always look like three of the markers.
-    everything = len(views.shape.points)
-    fewest = max(3, fewest, min(FAULTS.min_agreeing, len(lights), everything))
+    fewest = min(max(len(lights), 3), FAULTS.min_agreeing, len(views.shape.points))
     view = views.view
-    deviations = np.sqrt(view.covariance.diagonal())
-    prior = Prior(view.parameters, np.maximum(deviations, 1e-4), views.deviation)
+    prior = Prior(view.parameters, np.sqrt(view.covariance.diagonal()), views.deviation)
     weighed = [
         (guess.cost, dict(guess.way))
         for guess in guess_body(views.shape, lights, prior, fewest)
-        if guess.evidence > -5.0 and all(fits(m, lights[light]) for m, light in guess.way)
+        if guess.evidence > MIN_EVIDENCE and all(fits(m, lights[i]) for m, i in guess.way)
     ]
     if not weighed:
-        return None
+        return {}
     agreed = {marker: lights[number] for marker, number in _shared(weighed).items()}
     return agreed if len(agreed) >= fewest else {}
 
@@ -188,10 +176,6 @@ class Search:
         # Markers found again together, after hardly any was in sight.
         self.reacquired: set[int] = set()
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
-        self.unexplained = 0  # lights that may be markers and have no name
-        # Whether lights without a name cannot be markers that return: false where it is only not
-        # clear which they are.
-        self.is_contradicted = True
         self._markers = markers
         self._view = consensus.view
         self._was_certain = float(self.views.places()[1].max()) < CERTAIN
@@ -206,11 +190,8 @@ class Search:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
 
-    def name(self, lights: Sequence[Light], clutter: Clutter, fewest: int) -> int:
-        """Give names to the lights of the frame; how many lights have none.
-
-        A body that is out of sight is found again by the fewest markers or more.
-        """
+    def name(self, lights: Sequence[Light], clutter: Clutter) -> int:
+        """Give names to the lights of the frame; how many lights have none."""
         self._clutter = clutter
         self._free = [
             light
@@ -222,7 +203,7 @@ class Search:
             if len(self.found) >= 2 and len(self.missing) >= 2:
                 self._name_joined()
         if len(self.found) < 2:
-            self._find_again(fewest)
+            self._find_again()
         self._check()
         self.alone = {
             marker
@@ -233,7 +214,6 @@ class Search:
         nameless = [light for light in self._free if light not in named]
         known = len(self.found) >= min(3, len(self._markers)) or self._was_certain
         clutter.update(nameless, self.expected(self.missing) if known else None)
-        self.unexplained = sum(not clutter.include(light) for light in nameless)
         return len(nameless)
 
     def _name_clear(self) -> None:
@@ -302,13 +282,11 @@ class Search:
         named = list(found.values())
         self._free = [light for light in self._free if light not in named]
 
-    def _find_again(self, fewest: int) -> None:
+    def _find_again(self) -> None:
         """Name a body of which at most one marker is where it was expected."""
         lights = [*self.found.values(), *self._free]
         new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
-        fewest = max(fewest, 3) if self.found else fewest
-        ways = reacquire(self.views, new, self._is_likely, fewest)
-        self.is_contradicted = ways is None
+        ways = reacquire(self.views, new, self._is_likely)
         if ways:
             self.suspects.clear()
             self.reacquired = set(ways)
