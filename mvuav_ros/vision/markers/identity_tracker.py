@@ -106,10 +106,8 @@ MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for af
 SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
 GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
 WIDEST = 200.0  # px, by which a search window grows at most
-PATIENCE = 5  # Frames in doubt after which the whole body is named afresh, as at the start
 UNCHECKED = 45
 """Frames in which a light may be another one after a doubt, where no other light could show it."""
-MIN_CHECKED = 4  # Coordinates of a body less the unknowns of its view
 
 
 class IdentityTracker:
@@ -144,7 +142,6 @@ class IdentityTracker:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
         self._attempts = Attempts(self._count)
-        self._doubts = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame, of a later time (s) than the last one."""
@@ -219,8 +216,7 @@ class IdentityTracker:
         if len(consensus.kept) == self._count:
             evidence = faults.commit(named)
             self._sure = frame.time, faults.views.view
-            self._doubts = 0
-            memory.remember(frame.time, spots, {}, evidence)
+                memory.remember(frame.time, spots, {}, evidence)
             if not self._is_redundant:
                 spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
             return self._report.result(memory, spots, frame.earliest, {}, windows)
@@ -292,13 +288,7 @@ class IdentityTracker:
         fewest = self._count
         if len(search.found.keys() - search.suspects - memory.doubtful) < FAULTS.min_firm:
             fewest = min(self._count, max(self._count - MAX_HIDDEN, prior.fewest))
-        # One light without a name is often none of the body's: it has to stay twice as long, and
-        # to fit a body of which most places can be checked.
-        in_doubt = min(len(search.missing), nameless, 2)
-        if in_doubt == 1 and 2 * self._count - views.unknowns < MIN_CHECKED:
-            in_doubt = 0
-        self._doubts = self._doubts + in_doubt if in_doubt else 0
-        if fewest == self._count and self._doubts <= 2 * PATIENCE and search.found:
+        if search.found and not (nameless and search.missing):
             return
         if len(lights) < fewest or not self._attempts.due(len(lights)):
             return
@@ -332,7 +322,6 @@ class IdentityTracker:
         search.replace(self._body[0], named)
         memory.start_afresh()
         self._attempts = Attempts(self._count)
-        self._doubts = 0
 
     def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
         """Expectations where the image would show them."""
