@@ -39,7 +39,6 @@ class FaultTuning:
     # Evidence that a marker has against it that was out of sight shortly before.
     returned: float = 50.0
     min_agreeing: int = 4  # markers that determine each other's places
-    inflate: float = 4.0  # by which the covariance is inflated where what is seen makes no sense
 
 
 TUNING = FaultTuning()
@@ -211,11 +210,6 @@ class FaultDetector:
         if max(fitted.nis) > TUNING.gate or 2 * len(rest) <= len(found):
             return Consensus(self.views.view, (), (), tuple(found))
         return Consensus(fitted.view(), tuple(rest), tuple(m for m in found if m not in rest))
-
-    def inflate(self) -> None:
-        """What was seen contradicts the view as a whole."""
-        self.views.inflate(TUNING.inflate)
-        self._corrected = None
 
     def commit(self, found: Mapping[int, Point]) -> Evidence:
         """Take a frame's named lights, which agree; what the places say for their names."""

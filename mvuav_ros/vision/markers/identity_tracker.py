@@ -216,7 +216,7 @@ class IdentityTracker:
         if len(consensus.kept) == self._count:
             evidence = faults.commit(named)
             self._sure = frame.time, faults.views.view
-                memory.remember(frame.time, spots, {}, evidence)
+            memory.remember(frame.time, spots, {}, evidence)
             if not self._is_redundant:
                 spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
             return self._report.result(memory, spots, frame.earliest, {}, windows)

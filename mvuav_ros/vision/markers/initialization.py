@@ -149,25 +149,11 @@ def guess_body(
     starts = _rough_guesses(shape, places, prior, fewest)
     if not starts:
         return []
-    fitted = _fitted(shape, spots, starts, prior)
-    best = min(fitted, key=lambda guess: guess.cost)
     guesses: dict[Way, Guess] = {}
-    for guess in fitted + _fitted(shape, spots, _variants(shape, places, best), prior):
+    for guess in _fitted(shape, spots, starts, prior):
         if guess.way not in guesses or guess.cost < guesses[guess.way].cost:
             guesses[guess.way] = guess
     return sorted(guesses.values(), key=lambda guess: guess.cost)
-
-
-def _variants(shape: WeakPerspective, places: Complex, best: Guess) -> list[Start]:
-    """The ways that differ from one in a single light, which lies near its place as well."""
-    seen = shape.project(best.view.parameters)
-    apart = np.abs((seen[:, 0] + 1j * seen[:, 1])[:, None] - places)
-    named = dict(best.way)
-    return [
-        (tuple((m, light if m == marker else own) for m, own in best.way), best.view.parameters)
-        for marker, light in np.argwhere(apart < _REACH * best.view.scale).tolist()
-        if marker in named and light not in named.values()
-    ][: _TRIED // 2]
 
 
 def _fitted(

@@ -115,7 +115,6 @@ RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
 window is placed, is not known yet."""
 SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
-SURE = 7.0
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
 RING_EVERY = 3  # Frames in one of which a light's background is looked at
@@ -344,8 +343,7 @@ class MarkerMemory:
                 # What could not be checked before is not like the frames before.
                 is_new = checked and marker.odds < CONFIDENCE.min_odds
                 marker.weigh((1.0 if is_new else usual) * (own - other))
-            unsure = marker.untrusted and marker.odds < SURE
-            if index in given or (doubtful and unsure and self._was_checked):
+            if index in given or (doubtful and marker.untrusted and self._was_checked):
                 # By fewer than two others hardly anything is known of its place.
                 followed = not (marker.untrusted or marker.unseen)
                 known = followed or not doubtful or len(firm - {index}) >= 2

@@ -310,8 +310,6 @@ class Search:
             del self.found[marker]
         self.suspects = set(consensus.suspects)
         self._view = consensus.view
-        if self.suspects and not consensus.kept:
-            self.faults.inflate()
 
     def replace(self, faults: FaultDetector, named: Named) -> None:
         """Take the names of a body that was named afresh."""

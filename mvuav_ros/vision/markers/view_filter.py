@@ -9,11 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mvuav_ros.vision.markers.rig_view import (
-    BARREL,
     COUNT,
     FOCAL,
     PITCH,
-    ROLL,
     SCALE,
     SETTLED,
     SHARED,
@@ -98,8 +96,6 @@ for _pair in ((X, Y), (PITCH, YAW)):
 _MOVED: Array = np.full(COUNT, 1.0 / TUNING.same_view)
 _MOVED[[X, Y]] = 1.0 / TUNING.same_place
 """Times which the changes of a view that has hardly moved are below 1."""
-_NOTHING_KNOWN = 6.0, 3000.0
-"""rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
 _SAME_TIME = 2e-9  # s, by which two steps differ only as their stamps are rounded
 _MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
 _MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exact the rig is
@@ -202,10 +198,6 @@ class ViewFilter:
         """Parameters that the lights alone give."""
         return COUNT - 2 if self._is_calibrated else COUNT
 
-    def deviation_of(self, parameter: int) -> float:
-        """How uncertain a parameter is (1 sigma)."""
-        return math.sqrt(self.belief.covariance.item(0, parameter, parameter))
-
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
         # Of the last frame, even if nothing was committed there.
@@ -290,16 +282,6 @@ class ViewFilter:
         one = slice(1 + marker, 2 + marker)
         self.means = np.repeat(mean[one], filters, axis=0)
         self._covariances = np.repeat(covariance[one], filters, axis=0)
-        self._newest = []
-
-    def inflate(self, factor: float) -> None:
-        """Be less certain: what was seen contradicts the view as a whole."""
-        if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
-            return
-        growth = np.full(_STATES, math.sqrt(factor))
-        if self._is_calibrated:
-            growth[[FOCAL, BARREL, COUNT + FOCAL, COUNT + BARREL]] = 1.0
-        self._covariances = growth[:, None] * growth * self.belief.covariance
         self._newest = []
 
     def commit(self, correction: Correction) -> None:
