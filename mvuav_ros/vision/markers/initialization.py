@@ -197,7 +197,7 @@ def _rough_guesses(
     count = len(shape.points)
     if len(places) < fewest:
         return []
-    views = _rough_views(shape, places, math.exp(prior.mean[FOCAL]), count - fewest)
+    views = _rough_views(shape, places, prior, count - fewest)
     cost = prior.away(views)
     possible = np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED
     if prior.noise is not None:
@@ -206,24 +206,25 @@ def _rough_guesses(
     if not len(views):
         return []
     seen = shape.project(views)
-    apart = np.abs((seen[..., 0] + 1j * seen[..., 1])[..., None] - places)
-    nearest, beside = apart.argmin(axis=2), apart.min(axis=2)
+    apart = np.square(seen[..., :1] - places.real) + np.square(seen[..., 1:] - places.imag)
+    nearest = apart.argmin(axis=2)
+    squares = np.take_along_axis(apart, nearest[..., None], axis=2)[..., 0]
     scale = np.exp(views[:, SCALE, None])
-    squares = np.square(beside / (_ROUGH * scale if prior.noise is None else 3.0 * prior.noise))
-    squares[beside >= _REACH * scale] = np.inf
-    # Of markers with the same nearest spot only the nearest has it.
-    for spot in range(len(places)):
-        own = np.where(nearest == spot, squares, np.inf)
-        squares[(nearest == spot) & (own > own.min(axis=1, keepdims=True))] = np.inf
+    has = squares < (_REACH * scale) ** 2
+    squares /= (_ROUGH * scale if prior.noise is None else 3.0 * prior.noise) ** 2
     if fewest < count:
-        squares = np.minimum(squares, ABSENT)
-    has = squares < (ABSENT if fewest < count else np.inf)
+        has &= squares < ABSENT
     chosen = np.flatnonzero(has.sum(axis=1) >= fewest)
-    cost = cost[chosen] + squares[chosen].sum(axis=1)
+    cost = cost[chosen] + np.where(has, squares, ABSENT)[chosen].sum(axis=1)
     most = _TRIED if len(places) <= _FEW_SPOTS else _TRIED_AMONG_MANY
     starts: dict[tuple[Way, float, float], Start] = {}
     for row in chosen[np.argsort(cost)].tolist():
-        way = tuple((m, int(nearest[row, m])) for m in np.flatnonzero(has[row]).tolist())
+        markers = np.flatnonzero(has[row]).tolist()
+        # Of markers with the same nearest spot only the nearest has it.
+        own = {int(nearest[row, m]): m for m in sorted(markers, key=lambda m: -squares[row, m])}
+        if len(own) < fewest:
+            continue
+        way = tuple(sorted((marker, spot) for spot, marker in own.items()))
         pitch, yaw = np.round(views[row, PITCH : YAW + 1] / _SAME_TILT).tolist()
         starts.setdefault((way, pitch, yaw), (way, views[row]))
         if len(starts) == most:
@@ -231,13 +232,22 @@ def _rough_guesses(
     return list(starts.values())
 
 
-def _rough_views(shape: WeakPerspective, places: Complex, focal: float, hidden: int) -> Array:
+def _rough_views(shape: WeakPerspective, places: Complex, prior: Prior, hidden: int) -> Array:
     """Views (v, 8) in which three of the markers are any three of the spots, or two any two."""
+    focal = math.exp(prior.mean[FOCAL])
     triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
     if triangles:
-        orders = np.array(list(permutations(range(len(places)), 3)))
-        threes = places[orders]
-        return np.vstack([views_of_three(shape, three, threes, focal) for three in triangles])
+        threes = places[np.array(list(permutations(range(len(places)), 3)))]
+        size = np.abs(threes - threes[:, [1, 2, 0]]).max(axis=1)
+        views = []
+        for three in triangles:
+            sides = shape.points[list(three)] - shape.points[np.roll(three, -1)]
+            # Px at the expected scale; foreshortened, or nearer, they look smaller or larger.
+            expected = np.linalg.norm(sides, axis=1).max() * math.exp(prior.mean[SCALE])
+            changed = math.exp(min(4.0 * prior.deviations[SCALE], FREE[0]))
+            near = (size > 0.4 * expected / changed) & (size < 1.5 * expected * changed)
+            views.append(views_of_three(shape, three, threes[near], focal))
+        return np.vstack(views)
     # Of markers on one line the tilt is not known.
     orders = np.array(list(permutations(range(len(places)), 2)))
     first, second = (shape.points[index, 0] + 1j * shape.points[index, 1] for index in shape.base)

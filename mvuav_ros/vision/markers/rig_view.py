@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 
 import numpy as np
@@ -76,27 +76,28 @@ class WeakPerspective:
         first, second = np.unravel_index(int(np.argmax(apart)), apart.shape)
         return int(first), int(second)
 
-    @cached_property
-    def _triangles(self) -> list[tuple[int, int, int]]:
-        """All threes of markers that are not on one line, the largest as seen from behind first."""
+    @cache  # noqa: B019 (a tracker has one or two shapes)
+    def triangles(self, hidden: int) -> list[tuple[int, int, int]]:
+        """Threes of markers, not on one line, of which one is left whichever so many are hidden.
+
+        The largest as seen from behind of those that are left most often.
+        """
         flat = self.points[:, 0] + 1j * self.points[:, 1]
 
         def area(three: tuple[int, int, int]) -> float:
             a, b, c = (complex(flat[marker]) for marker in three)
             return abs(((b - a).conjugate() * (c - a)).imag)
 
-        threes = sorted(combinations(range(len(flat)), 3), key=area, reverse=True)
-        return [three for three in threes if area(three) >= _MIN_AREA]
-
-    def triangles(self, hidden: int) -> list[tuple[int, int, int]]:
-        """Large triangles of which one is left whichever so many markers are hidden."""
-        left = list(combinations(range(len(self.points)), hidden))
+        threes = [three for three in combinations(range(len(flat)), 3) if area(three) >= _MIN_AREA]
+        left = set(combinations(range(len(flat)), hidden))
         chosen = []
-        for three in self._triangles:
-            shown = [out for out in left if not set(three).intersection(out)]
-            if shown:
-                chosen.append(three)
-                left = [out for out in left if out not in shown]
+        while left:
+            shown = {three: {out for out in left if not {*three} & {*out}} for three in threes}
+            best = max(threes, key=lambda three: (len(shown[three]), area(three)), default=None)
+            if best is None or not shown[best]:
+                break
+            chosen.append(best)
+            left -= shown[best]
         return chosen
 
     @cached_property
