@@ -44,7 +44,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'certain clutter': [(naming, 'CERTAIN', 0.0)],
     'suspects by evidence': [(FaultDetector, '_without_suspects', _returns(None))],
     'bank': [(view_filter.TUNING, 'bending', (1, 0))],
-    'body that is not its rig': [(IdentityTracker, '_name_afresh', _returns(None))],
     'process noise': [(ViewFilter, '_learn_motion', _returns(None))],
     'rig error': [(ViewFilter, '_learn_rig_error', _returns(None))],
     'odd start': [(initialization, 'CONFIRMED_ODD', 3)],

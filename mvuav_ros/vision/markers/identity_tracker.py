@@ -264,20 +264,8 @@ class IdentityTracker:
             lights = Lights(frame, self._lens, around)
         except GroupingError as error:
             return str(error)
-        other = search.views.shape.offsets is not None and not search.found
-        nameless = search.name(lights.spots, self._clutter)
-        if other and len(search.found) < self._count <= len(lights):
-            self._name_afresh(search, lights)
-        else:
-            self._challenge(search, lights, nameless)
+        self._challenge(search, lights, search.name(lights.spots, self._clutter))
         return ''
-
-    def _name_afresh(self, search: Search, lights: Lights) -> None:
-        """Name a body that is not quite its rig as at the start: its old view says too little."""
-        search.found.clear()
-        named = initialize(self._shape, lights, self._rig.names)
-        if named.view is not None and named.certain:
-            self._replace(search, named)
 
     def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
         """Name the body afresh where few names are firm, or lights have had none for long."""
