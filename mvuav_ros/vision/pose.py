@@ -143,7 +143,8 @@ class PoseEstimator:
     def reset(self) -> None:
         """Forget earlier frames."""
         self.reason = ''
-        self._last: tuple[Array, Array] | None = None
+        self._last: Solution | None = None
+        self._last_seen: tuple[CameraModel, list[int]] | None = None
         self._last_time = -math.inf
         self._vouched: frozenset[int] = frozenset()
         self._residuals = _ResidualNoise()
@@ -188,7 +189,7 @@ class PoseEstimator:
             self._vouched = frozenset(chosen)
         pose = self._pose(camera, chosen, solution)
         if pose is not None:
-            self._last, self._last_time = (solution.rotation, solution.translation), time
+            self._last, self._last_seen, self._last_time = solution, (camera, chosen), time
         elif len(chosen) == MIN_MARKERS:
             # Where two solutions of three lights meet, nothing says which one goes on.
             self._last = None
@@ -214,7 +215,7 @@ class PoseEstimator:
         """The pose's solution, and the markers that it is from."""
         self.reason = ''
         count = 2 * len(markers)
-        solution = self._fit(Reprojection(camera, self._points[markers], image), time)
+        solution = self._fit(camera, markers, image, time)
         usual = (TUNING.unusual * self._residuals.usual) ** 2
         if solution is None or solution.squares > count * usual:
             rest = self._without_one(camera, markers, image, time, usual)
@@ -234,16 +235,19 @@ class PoseEstimator:
         fitting = []
         for index in range(len(markers)):
             rest = markers[:index] + markers[index + 1 :]
-            view = Reprojection(camera, self._points[rest], np.delete(image, index, axis=0))
-            solution = self._fit(view, time)
+            solution = self._fit(camera, rest, np.delete(image, index, axis=0), time)
             if solution is not None and solution.squares <= 2 * len(rest) * usual:
                 fitting.append((rest, solution))
         return fitting[0] if len(fitting) == 1 else None
 
-    def _fit(self, view: Reprojection, time: float) -> Solution | None:
+    def _fit(
+        self, camera: CameraModel, markers: list[int], image: Array, time: float
+    ) -> Solution | None:
         """From the last pose, if that is fresh and nothing looks odd; else the right one of all."""
+        view = Reprojection(camera, self._points[markers], image)
         last = self._last if time - self._last_time <= TUNING.holds else None
-        followed = view.refine(*last) if last else None
+        looked = last[3:] if last and self._last_seen == (camera, markers) else None
+        followed = view.refine(last.rotation, last.translation, looked) if last else None
         count = 2 * len(view.image)
         most = TUNING.unusual * self.noise
         if most > TUNING.max_misfit:
@@ -259,7 +263,7 @@ class PoseEstimator:
         if least > count * _most_misfit(view) ** 2:
             self.reason = 'no pose fits the markers'
             return None
-        chosen = _choose(solutions, self.noise, len(view.image), last and last[0])
+        chosen = _choose(solutions, self.noise, len(view.image), last and last.rotation)
         if chosen is None:
             self.reason = 'more than one pose fits the markers'
             if last is None:

@@ -44,26 +44,33 @@ class Reprojection:
         self._points = points
         self._camera = camera
 
-    def refine(self, rotation: Array, translation: Array) -> Solution | None:
-        """The nearest minimum of the reprojection error; None behind the camera."""
+    def refine(
+        self, rotation: Array, translation: Array, looked: tuple[Array, Array] | None = None
+    ) -> Solution | None:
+        """The nearest minimum of the reprojection error; None behind the camera.
+
+        What `look` gives at the start, nearly, serves for the first step.
+        """
         try:
-            found = self._descend(rotation, translation)
+            found = self._descend(rotation, translation, looked)
         except (cv2.error, np.linalg.LinAlgError):
             return None
         # What is not finite is in the squares as well.
         depths = self._points.dot(found.rotation[2]) + found.translation[2]
         return found if math.isfinite(found.squares) and min(depths.tolist()) > 0.0 else None
 
-    def _descend(self, rotation: Array, translation: Array) -> Solution:
+    def _descend(
+        self, rotation: Array, translation: Array, looked: tuple[Array, Array] | None
+    ) -> Solution:
         """Gauss and Newton's steps on the image error, damped where they fail (Levenberg's).
 
         For any camera model: OpenCV's knows pinhole cameras alone, and goes on to differences that
         no light shows. What a small step changes is taken as the derivatives have it.
         """
-        seen, slopes = self.look(rotation, translation)
+        seen, slopes = looked or self.look(rotation, translation)
         residual, damping = (self.image - seen).ravel(), 0.0
         squares = float(residual.dot(residual))
-        for _ in range(_MAX_STEPS):
+        for number in range(_MAX_STEPS):
             normal = slopes.T.dot(slopes)
             if damping:
                 normal.reshape(-1)[::7] *= 1.0 + damping
@@ -75,7 +82,8 @@ class Reprojection:
                 continue
             step = step.ravel()
             turned, moved = rotation_of(step[:3]).dot(rotation), translation + step[3:]
-            if step.dot(step) <= _SMALL_STEP**2 * (1.0 + moved.dot(moved)):
+            is_exact = number > 0 or looked is None
+            if is_exact and step.dot(step) <= _SMALL_STEP**2 * (1.0 + moved.dot(moved)):
                 rotation, translation = turned, moved
                 residual = residual - slopes.dot(step)
                 squares = float(residual.dot(residual))

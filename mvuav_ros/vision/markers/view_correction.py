@@ -58,7 +58,7 @@ class Gain:
     Attributes:
         covariance: (f, s, s), of the priors.
         markers: those seen, in the first of them.
-        views: (f, 8), at which the places (f, 2 k), px, have their slopes.
+        at: (f, 2 k + 8), places, px, and the views at which they have their slopes.
         slopes: (f, 8, 2 k), of the places by the parameters.
         towards: (f, s, 2 k), covariance of the state with the places.
         weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
@@ -77,9 +77,10 @@ class Gain:
     ) -> None:
         """Where the markers are seen in the views by these places and slopes."""
         count = noise.shape[1]
-        self.covariance, self.markers, self.views = covariance, markers, views
-        (self.places, slopes), self.noise, self.own = seen, noise, own
-        self.slopes = slopes
+        self.covariance, self.markers, self.noise, self.own = covariance, markers, noise, own
+        places, self.slopes = seen
+        self.at = np.concatenate((places, views), axis=1)
+        slopes = self.slopes
         self.towards = covariance[:, :, :COUNT] @ slopes
         spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
         spread.reshape(-1, count * count)[:, :: count + 1] += noise
@@ -88,8 +89,14 @@ class Gain:
 
     @cached_property
     def effect(self) -> Array:
-        """(f, s + 2 k, 2 k): what makes innovations the state's change and weighed ones."""
-        return np.concatenate((self._kalman, self.weight), axis=1)
+        """(f, 4 k + s, 2 k + 8): makes places and views, less those here, three things.
+
+        The innovations, what weighs them, and the change of the state.
+        """
+        alone = np.broadcast_to(np.eye(self.noise.shape[1]), self.weight.shape)
+        by_innovations = np.concatenate((alone, self.weight, self._kalman), axis=1)
+        by_views = by_innovations @ self.slopes.transpose(0, 2, 1)
+        return np.concatenate((by_innovations, -by_views), axis=2)
 
     @cached_property
     def _kalman(self) -> Array:

@@ -267,15 +267,17 @@ class ViewFilter:
         gain, step = self._newest[0].gain, self._step
         if abs(step - self._gain_step) > TUNING.same_step * step or list(found) != gain.markers:
             return None
-        away = self.means[:, :COUNT] - gain.views
-        moved = (_MOVED * away).ravel()
+        places = [x for place in found.values() for x in place]
+        width = len(places)
+        away = np.empty((len(self.means), width + COUNT))
+        away[:, :width], away[:, width:] = places, self.means[:, :COUNT]
+        away -= gain.at
+        moved = (_MOVED * away[:, width:]).ravel()
         if moved.dot(moved) > len(away):
             return None
-        innovation = np.array(list(found.values())).ravel() - gain.places
-        innovation -= times(gain.slopes.swapaxes(1, 2), away)
-        both = times(gain.effect, innovation)
-        change, weighed = both[:, :_STATES], both[:, _STATES:]
-        if innovation[0].dot(weighed[0]) > TUNING.usual_innovation * innovation.shape[1]:
+        made = times(gain.effect, away)
+        weighed, change = made[:, width : 2 * width], made[:, 2 * width :]
+        if made[0, :width].dot(weighed[0]) > TUNING.usual_innovation * width:
             return None
         turned = (SHARED * change[:, :COUNT]).ravel()
         if turned.dot(turned) > SETTLED**2 * len(change):
