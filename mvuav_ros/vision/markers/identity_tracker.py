@@ -87,7 +87,8 @@ class Reporter:
                 markers.append(Marker(label, MarkerState.LOST))
         roll = math.nan
         if self._wings is not None:
-            roll = roll_of(*(markers[wing] for wing in self._wings))
+            left, right = self._wings
+            roll = roll_of(markers[left], markers[right])
         status = remark
         if len(spots) < len(markers):
             status = counts_of(markers) + (f' ({remark})' if remark else '')
@@ -205,8 +206,9 @@ class IdentityTracker:
             memory.tell(self._lens.to_image(places), deviations)
         spots, windows = memory.look(frame)
         found = dict(zip(spots, straightened(self._lens, list(spots.values())), strict=True))
-        for a, b in combinations(spots, 2):
-            if a in found and b in found and are_close(found[a], found[b], SAME_SPOT):
+        for (a, one), (b, other) in combinations(list(found.items()), 2):
+            is_near = abs(one[0] - other[0]) < SAME_SPOT and are_close(one, other, SAME_SPOT)
+            if is_near and a in found and b in found:
                 del found[a], found[b]
         memory.watch({index: spots[index] for index in found})
         faults.jumps = memory.jumps.evidence
