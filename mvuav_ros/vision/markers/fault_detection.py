@@ -89,6 +89,7 @@ class FaultDetector:
         self.jumps: Mapping[int, float] = {}
         self._evidence: dict[int, float] = {}
         self._corrected: tuple[object, Correction] | None = None
+        self._newest: tuple[Correction, dict[int, float]] | None = None  # evidence with its own
 
     def _correct(self, found: Mapping[int, Point]) -> Correction:
         """By all lights, and by the filters that ignore one each."""
@@ -142,10 +143,13 @@ class FaultDetector:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
         if not self.views.has_bank:
             return {}
+        if self._newest is not None and self._newest[0] is correction:
+            return self._newest[1]
         evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
         for index, marker in enumerate(correction.gain.markers):
             shown = correction.nis_of(1 + marker, index) - TUNING.allowance
             evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
+        self._newest = correction, evidence
         return evidence
 
     def _without_suspects(

@@ -89,14 +89,12 @@ class Gain:
 
     @cached_property
     def effect(self) -> Array:
-        """(f, 4 k + s, 2 k + 8): makes places and views, less those here, three things.
+        """(f, s + 2 k, 2 k + 8): makes places and views, less those here, two things.
 
-        The innovations, what weighs them, and the change of the state.
+        The change of the state, and the weighed innovations.
         """
-        alone = np.broadcast_to(np.eye(self.noise.shape[1]), self.weight.shape)
-        by_innovations = np.concatenate((alone, self.weight, self._kalman), axis=1)
-        by_views = by_innovations @ self.slopes.transpose(0, 2, 1)
-        return np.concatenate((by_innovations, -by_views), axis=2)
+        effect = np.concatenate((self._kalman, self.weight), axis=1)
+        return np.concatenate((effect, -effect @ self.slopes.transpose(0, 2, 1)), axis=2)
 
     @cached_property
     def _kalman(self) -> Array:

@@ -171,7 +171,7 @@ class ViewFilter:
             self._learn()
             before = self._covariances.reshape(-1, _STATES).dot(self._transition)
             across = self._transition.T @ before.reshape(self._covariances.shape)
-            self._covariances = across + self._noise * np.tile(self._motion, 2)
+            self._covariances = across + self._noise * np.concatenate((self._motion, self._motion))
             self._is_behind = False
             self.means[:, :COUNT] = possible(self.means[:, :COUNT])
             old, new = self._variances, self._covariances[0].diagonal()[:COUNT]
@@ -275,9 +275,10 @@ class ViewFilter:
         moved = (_MOVED * away[:, width:]).ravel()
         if moved.dot(moved) > len(away):
             return None
-        made = times(gain.effect, away)
-        weighed, change = made[:, width : 2 * width], made[:, 2 * width :]
-        if made[0, :width].dot(weighed[0]) > TUNING.usual_innovation * width:
+        both = times(gain.effect, away)
+        change, weighed = both[:, :_STATES], both[:, _STATES:]
+        innovation = away[0, :width] - away[0, width:].dot(gain.slopes[0])
+        if innovation.dot(weighed[0]) > TUNING.usual_innovation * width:
             return None
         turned = (SHARED * change[:, :COUNT]).ravel()
         if turned.dot(turned) > SETTLED**2 * len(change):
