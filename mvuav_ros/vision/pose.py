@@ -68,8 +68,8 @@ class PoseTuning:
 
 
 TUNING = PoseTuning()
-_PLACE_FIRST = np.ix_(*2 * [[3, 4, 5, 0, 1, 2]])
-"""From turns and places to the order of `Pose.covariance`."""
+_PLACE_FIRST = np.roll(np.arange(36).reshape(6, 6), (3, 3), axis=(0, 1))
+"""Where the elements of `Pose.covariance` are among those by turns and places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +138,7 @@ class PoseEstimator:
 
     def __init__(self, rig: MarkerRig) -> None:
         self._points = np.ascontiguousarray(rig.positions)
+        self._all = list(range(len(self._points)))
         self.reset()
 
     def reset(self) -> None:
@@ -176,7 +177,7 @@ class PoseEstimator:
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
-        if not math.isfinite(image.sum()):
+        if not math.isfinite(np.add.reduce(image, axis=None)):
             self.reason = 'the positions of the markers are not finite'
             return None
         markers = list(labels)
@@ -244,7 +245,8 @@ class PoseEstimator:
         self, camera: CameraModel, markers: list[int], image: Array, time: float
     ) -> Solution | None:
         """From the last pose, if that is fresh and nothing looks odd; else the right one of all."""
-        view = Reprojection(camera, self._points[markers], image)
+        points = self._points if markers == self._all else self._points[markers]
+        view = Reprojection(camera, points, image)
         last = self._last if time - self._last_time <= TUNING.holds else None
         looked = last[3:] if last and self._last_seen == (camera, markers) else None
         followed = view.refine(last.rotation, last.translation, looked) if last else None
@@ -283,10 +285,10 @@ class PoseEstimator:
         if spread is None or not _is_known(spread, translation, share):
             self.reason = 'the pose is too uncertain'
             return None
-        if labels != list(range(len(self._points))):
+        if labels != self._all:
             seen = camera.project(self._points.dot(rotation.T), tvec=translation)
         misfit = math.sqrt(squares / count)
-        return Pose(rotation, translation, spread[_PLACE_FIRST], seen, misfit)
+        return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, misfit)
 
 
 def _most_misfit(view: Reprojection) -> float:

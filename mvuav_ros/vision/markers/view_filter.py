@@ -95,6 +95,9 @@ _ALIKE = np.eye(COUNT)
 for _pair in ((X, Y), (PITCH, YAW)):
     _ALIKE[np.ix_(_pair, _pair)] = 0.5
 """Averages over parameters whose motions are alike."""
+_BLOCKS: Array = np.kron(np.eye(4).reshape(4, 2, 2), np.eye(COUNT)).reshape(4, -1)
+"""The four quarters of a matrix of states (16, 16), each with ones on its diagonal, flat."""
+_NOISE_BLOCKS: Array = _BLOCKS * np.tile(_RATE_NOISE, 2 * _STATES)
 _MOVED: Array = np.full(COUNT, 1.0 / TUNING.same_view)
 _MOVED[[X, Y]] = 1.0 / TUNING.same_place
 """Times which the changes of a view that has hardly moved are below 1."""
@@ -362,7 +365,8 @@ def _dynamics(elapsed: float, walk: Array) -> tuple[Array, Array]:
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
     across, rates = 0.5 * reach * reach, 0.5 * last * (1.0 - fade * fade)
-    transition = np.kron(((1.0, 0.0), (reach, fade)), np.eye(COUNT))
-    noise = np.kron(((elapsed**3 / 3, across), (across, rates)), np.diag(_RATE_NOISE))
-    noise[:COUNT, :COUNT] += np.diag(elapsed * walk)
-    return np.asarray(transition), np.asarray(noise)
+    # Every frame's own where stamps jitter: products of constants instead of four `np.kron`.
+    transition = np.dot((1.0, 0.0, reach, fade), _BLOCKS)
+    noise = np.dot((elapsed**3 / 3, across, across, rates), _NOISE_BLOCKS)
+    noise[: COUNT * (_STATES + 1) : _STATES + 1] += elapsed * walk
+    return transition.reshape(_STATES, _STATES), noise.reshape(_STATES, _STATES)
