@@ -88,25 +88,25 @@ class FaultDetector:
         # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
         self._evidence: dict[int, float] = {}
-        self._corrected: tuple[object, Correction] | None = None
-        self._newest: tuple[Correction, dict[int, float]] | None = None  # evidence with its own
+        # For what, and the evidence against each marker with this frame's.
+        self._corrected: tuple[object, Correction, dict[int, float]] | None = None
 
-    def _correct(self, found: Mapping[int, Point]) -> Correction:
-        """By all lights, and by the filters that ignore one each."""
+    def _correct(self, found: Mapping[int, Point]) -> tuple[Correction, dict[int, float]]:
+        """By all lights, and by the filters that ignore one each; and the evidence with it."""
         key = self.untrusted, list(found.items())
         last = self._corrected
         if last is not None and last[1].before is self.views.means and last[0] == key:
-            return last[1]
+            return last[1:]
         untrusted = self.untrusted.intersection(found)
         if len(found) - len(untrusted) < TUNING.min_firm:
             untrusted.clear()
         correction = self.views.correct(found, untrusted)
-        self._corrected = key, correction
-        return correction
+        self._corrected = key, correction, self._added(correction)
+        return self._corrected[1:]
 
     def nis_of(self, found: Mapping[int, Point]) -> dict[int, float]:
         """For each named light how far it lies from where the others put it (see `Correction`)."""
-        return dict(zip(found, self._correct(found).nis, strict=True))
+        return dict(zip(found, self._correct(found)[0].nis, strict=True))
 
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree, by this frame and by those before it.
@@ -116,10 +116,9 @@ class FaultDetector:
         """
         if not found:
             return Consensus(self.views.view, ())
-        correction = self._correct(found)
+        correction, evidence = self._correct(found)
         markers = tuple(found)
         contradicted = max(correction.nis) > TUNING.gate
-        evidence = self._added(correction)
         most = max(evidence.values(), default=0.0)
         if not contradicted and most < TUNING.enough:
             return Consensus(correction.view, markers)
@@ -143,13 +142,10 @@ class FaultDetector:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
         if not self.views.has_bank:
             return {}
-        if self._newest is not None and self._newest[0] is correction:
-            return self._newest[1]
         evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
         for index, marker in enumerate(correction.gain.markers):
             shown = correction.nis_of(1 + marker, index) - TUNING.allowance
             evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
-        self._newest = correction, evidence
         return evidence
 
     def _without_suspects(
@@ -225,10 +221,9 @@ class FaultDetector:
         """Take a frame's named lights, which agree; what the places say for their names."""
         if not found:
             return NO_EVIDENCE
-        correction = self._correct(found)
-        self._evidence = self._added(correction)
-        over = max(max(self._evidence.values(), default=0.0) - TUNING.max_evidence, 0.0)
-        self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in self._evidence.items()}
+        correction, evidence = self._correct(found)
+        over = max(max(evidence.values(), default=0.0) - TUNING.max_evidence, 0.0)
+        self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in evidence.items()}
         self.views.commit(correction)
         redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
         return Evidence(correction.log_likelihoods(), redundancy)

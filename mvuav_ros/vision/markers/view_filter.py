@@ -350,8 +350,10 @@ class ViewFilter:
     def _learn_rig_error(self, newest: list[Correction], seen: int) -> None:
         """How well markers that agree fit shows how exact the rig is; less exact only slowly."""
         share = 2.0 * math.sqrt(seen / max(2 * seen - 6, 1)) / math.exp(self.means.item(0, SCALE))
-        for correction in newest:
-            shown = min(max(share * correction.misfit(), self._rig_errors[0]), self._rig_errors[1])
+        residuals = np.array([one.weighed[0] for one in newest]) * newest[0].gain.noise[0]
+        least, most = self._rig_errors
+        for squares in np.square(residuals).sum(axis=1).tolist():
+            shown = min(max(share * math.sqrt(squares / seen), least), most)
             rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
             self.rig_error += rate * (shown - self.rig_error)
 
