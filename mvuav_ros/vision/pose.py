@@ -12,12 +12,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion, rpy
-from mvuav_ros.vision.reprojection import (
-    MIN_MARKERS,
-    Reprojection,
-    Solution,
-    inverse,
-)
+from mvuav_ros.vision.reprojection import MIN_MARKERS, Reprojection, Solution
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
@@ -248,8 +243,8 @@ class PoseEstimator:
         points = self._points if markers == self._all else self._points[markers]
         view = Reprojection(camera, points, image)
         last = self._last if time - self._last_time <= TUNING.holds else None
-        looked = last[3:] if last and self._last_seen == (camera, markers) else None
-        followed = view.refine(last.rotation, last.translation, looked) if last else None
+        known = last if self._last_seen == (camera, markers) else None
+        followed = view.refine(last.rotation, last.translation, known) if last else None
         count = 2 * len(view.image)
         most = TUNING.unusual * self.noise
         if most > TUNING.max_misfit:
@@ -274,13 +269,12 @@ class PoseEstimator:
 
     def _pose(self, camera: CameraModel, labels: list[int], solution: Solution) -> Pose | None:
         """What is published of a solution, if it is known well enough."""
-        rotation, translation, squares, seen, slopes = solution
+        rotation, translation, squares, seen, slopes, spread = solution
         count = len(slopes)
-        spread = inverse(slopes.T.dot(slopes))
         if spread is not None:
             noise = self.noise
             shown = math.sqrt(squares / (count - 6)) if count > 6 else 0.0
-            spread *= max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2
+            spread = spread * max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2
         share = TUNING.of_three if count == 2 * MIN_MARKERS else 1.0
         if spread is None or not _is_known(spread, translation, share):
             self.reason = 'the pose is too uncertain'
