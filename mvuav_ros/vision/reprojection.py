@@ -61,9 +61,7 @@ class Reprojection:
         depths = self._points.dot(found.rotation[2]) + found.translation[2]
         return found if math.isfinite(found.squares) and min(depths.tolist()) > 0.0 else None
 
-    def _descend(
-        self, rotation: Array, translation: Array, last: Solution | None
-    ) -> Solution:
+    def _descend(self, rotation: Array, translation: Array, last: Solution | None) -> Solution:
         """Gauss and Newton's steps on the image error, damped where they fail (Levenberg's).
 
         For any camera model: OpenCV's knows pinhole cameras alone, and goes on to differences that
