@@ -50,8 +50,7 @@ class Reprojection:
     ) -> Solution | None:
         """The nearest minimum of the reprojection error; None behind the camera.
 
-        With a solution for another image of these markers, which is where to start, the first step
-        goes by its slopes.
+        The last image's solution, if it is where to start, has the slopes for the first step.
         """
         try:
             found = self._descend(rotation, translation, last)
@@ -67,8 +66,7 @@ class Reprojection:
         For any camera model: OpenCV's knows pinhole cameras alone, and goes on to differences that
         no light shows. What a small step changes is taken as the derivatives have it.
         """
-        seen, slopes = last[3:5] if last else self.look(rotation, translation)
-        spread = last.spread if last else None
+        seen, slopes, spread = last[3:] if last else (*self.look(rotation, translation), None)
         residual, damping = (self.image - seen).ravel(), 0.0
         squares = float(residual.dot(residual))
         for number in range(_MAX_STEPS):
@@ -78,8 +76,7 @@ class Reprojection:
                 continue
             step = spread.dot(slopes.T.dot(residual))
             turned, moved = rotation_of(step[:3]).dot(rotation), translation + step[3:]
-            is_exact = number > 0 or last is None
-            if is_exact and step.dot(step) <= _SMALL_STEP**2 * (1.0 + moved.dot(moved)):
+            if (number or not last) and step.dot(step) <= _SMALL_STEP**2 * (1.0 + moved.dot(moved)):
                 rotation, translation = turned, moved
                 residual = residual - slopes.dot(step)
                 squares = float(residual.dot(residual))

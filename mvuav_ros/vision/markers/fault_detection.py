@@ -56,20 +56,14 @@ class Evidence(NamedTuple):
 NO_EVIDENCE = Evidence({}, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Consensus:
+class Consensus(NamedTuple):
     """What a set of named lights agrees on."""
 
-    seen: ViewState | Callable[[], ViewState]  # the view by the markers that agree
+    view: Callable[[], ViewState]  # by the markers that agree
     kept: tuple[int, ...]  # those markers
     dropped: tuple[int, ...] = ()  # the ones that contradict them
     # one of which, or some, must be another light; which ones, later frames show.
     suspects: tuple[int, ...] = ()
-
-    @property
-    def view(self) -> ViewState:
-        """By the markers that agree."""
-        return self.seen if isinstance(self.seen, ViewState) else self.seen()
 
 
 class FaultDetector:
@@ -115,7 +109,7 @@ class FaultDetector:
         are, all that they may be are suspects.
         """
         if not found:
-            return Consensus(self.views.view, ())
+            return Consensus(partial(self.views.look, {}), ())
         correction, evidence = self._correct(found)
         markers = tuple(found)
         contradicted = max(correction.nis) > TUNING.gate
@@ -123,7 +117,7 @@ class FaultDetector:
         if not contradicted and most < TUNING.enough:
             return Consensus(correction.view, markers)
         if len(markers) < 2:
-            return Consensus(self.views.view, (), markers)
+            return Consensus(partial(self.views.look, {}), (), markers)
         if len(markers) > 2 and most > TUNING.doubt:
             consensus = self._without_suspects(found, correction, evidence)
             if consensus is not None:
@@ -167,13 +161,13 @@ class FaultDetector:
         if max(correction.nis_of(row, index) for index in others) > TUNING.gate:
             return None
         if len(suspects) > 1:
-            seen = partial(correction.view, row)
-            return Consensus(seen, tuple(m for m in found if m not in suspects), (), suspects)
+            rest = tuple(m for m in found if m not in suspects)
+            return Consensus(partial(correction.view, row), rest, (), suspects)
         kept = {m: place for m, place in found.items() if m != worst}
         self.views.exclude(worst)
         self._corrected = None
         self._evidence = {}
-        return Consensus(self.views.look(kept), tuple(kept), (worst,))
+        return Consensus(partial(self.views.look, kept), tuple(kept), (worst,))
 
     def _without(self, found: Mapping[int, Point], number: int) -> Consensus | None:
         """The consensus of all but a number of markers; None where none agree."""
@@ -196,7 +190,7 @@ class FaultDetector:
             if cost < least + TUNING.doubt:
                 kept &= set(rest)
         names = tuple(markers[i] for i in sorted(kept))
-        view = self.views.look({marker: found[marker] for marker in names})
+        view = partial(self.views.look, {marker: found[marker] for marker in names})
         others = tuple(m for m in found if m not in names)
         if len(others) > number:
             return Consensus(view, names, (), others)
@@ -209,8 +203,8 @@ class FaultDetector:
             del rest[list(rest)[fitted.nis.index(max(fitted.nis))]]
             fitted = self.views.fit(NamedPlaces.of(rest))
         if max(fitted.nis) > TUNING.gate or 2 * len(rest) <= len(found):
-            return Consensus(self.views.view, (), (), tuple(found))
-        return Consensus(fitted.view(), tuple(rest), tuple(m for m in found if m not in rest))
+            return Consensus(partial(self.views.look, {}), (), (), tuple(found))
+        return Consensus(fitted.view, tuple(rest), tuple(m for m in found if m not in rest))
 
     def inflate(self) -> None:
         """What was seen contradicts the view as a whole."""

@@ -87,8 +87,7 @@ class Reporter:
                 markers.append(Marker(label, MarkerState.LOST))
         roll = math.nan
         if self._wings is not None:
-            left, right = self._wings
-            roll = roll_of(markers[left], markers[right])
+            roll = roll_of(*(markers[wing] for wing in self._wings))
         status = remark
         if len(spots) < len(markers):
             status = counts_of(markers) + (f' ({remark})' if remark else '')

@@ -33,8 +33,7 @@ class JumpTuning:
 
     fewest: int = 3  # lights whose middle one shows how all have moved
     deviations: float = 4.5  # of what is usual, from which on it has
-    # px, of what is usual at least: a light's place may step by `MAX_PULL` with its background.
-    least: float = 0.04
+    least: float = 0.04  # px, of that at least: `MAX_PULL` comes and goes with the background
     alone: float = 0.5  # part of its jump by which all others must be nearer to their places
     learning: float = 0.05  # per frame, of what is usual
     forgetting: float = 0.9  # per frame, of the evidence of a jump

@@ -373,8 +373,7 @@ class MotionPredictor:
             error = measured - self._prediction
             lights[_VARIANCE] += (1 - TUNING.level_memory) * (error * error - lights[_VARIANCE])
         innovation = errors[_FILTER]
-        state = lights[_STATE]
-        state += self._settled * innovation
+        lights[_STATE] += self._settled * innovation
         # Places and innovations move down by one.
         lights[_PLACES.start + 1 : _HISTORY.stop] = lights[_PLACES.start : _LINEAR]
         lights[_LAST : _PLACES.start + 1], lights[_LAGGED.start] = measured, innovation

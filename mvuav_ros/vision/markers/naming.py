@@ -315,7 +315,7 @@ class Search:
         # clear which they are.
         self.is_contradicted = True
         self._markers = markers
-        self._view = consensus.view
+        self._view = consensus.view()
         self._was_certain = float(self.views.places()[1].max()) < CERTAIN
 
     @property
@@ -453,7 +453,7 @@ class Search:
         for marker in consensus.dropped:
             del self.found[marker]
         self.suspects = set(consensus.suspects)
-        self._view = consensus.view
+        self._view = consensus.view()
         if self.suspects and not consensus.kept:
             self.faults.inflate()
 

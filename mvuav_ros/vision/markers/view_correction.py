@@ -78,9 +78,8 @@ class Gain:
         """Where the markers are seen in the views by these places and slopes."""
         count = noise.shape[1]
         self.covariance, self.markers, self.noise, self.own = covariance, markers, noise, own
-        places, self.slopes = seen
-        self.at = np.concatenate((places, views), axis=1)
-        slopes = self.slopes
+        places, slopes = seen
+        self.at, self.slopes = np.concatenate((places, views), axis=1), slopes
         self.towards = covariance[:, :, :COUNT] @ slopes
         spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
         spread.reshape(-1, count * count)[:, :: count + 1] += noise
@@ -89,10 +88,7 @@ class Gain:
 
     @cached_property
     def effect(self) -> Array:
-        """(f, s + 2 k, 2 k + 8): makes places and views, less those here, two things.
-
-        The change of the state, and the weighed innovations.
-        """
+        """(f, s + 2 k, 2 k + 8): makes what differs from `at` a change and weighed innovations."""
         effect = np.concatenate((self._kalman, self.weight), axis=1)
         return np.concatenate((effect, -effect @ self.slopes.transpose(0, 2, 1)), axis=2)
 
@@ -221,23 +217,18 @@ class Correction:
         return np.asarray((weighed * (gain.noise * weighed + moved)).sum(axis=1))
 
     @cached_property
-    def _rows(self) -> list[list[float]]:
-        rows: list[list[float]] = self.weighed.tolist()
-        return rows
-
-    @cached_property
     def nis(self) -> list[float]:
         """For each marker how far it lies from where the main filter's others put it."""
         return self._squares()
 
     def nis_of(self, row: int, index: int) -> float:
         """How far a marker lies from where a filter's others put it (chi², two degrees)."""
-        x, y = self._rows[row][2 * index], self._rows[row][2 * index + 1]
+        x, y = self.weighed.item(row, 2 * index), self.weighed.item(row, 2 * index + 1)
         xx, xy, yy, _ = self.gain.distances(row)[index]
         return (xx * x + xy * y) * x + yy * y * y
 
     def _squares(self, beside: bool = False) -> list[float]:
-        weighed, factors = self._rows[0], self.gain.distances(0, beside)
+        weighed, factors = self.weighed[0].tolist(), self.gain.distances(0, beside)
         return [
             (xx * x + xy * y) * x + yy * y * y
             for (xx, xy, yy, _), x, y in zip(factors, weighed[::2], weighed[1::2], strict=True)

@@ -95,9 +95,9 @@ _ALIKE = np.eye(COUNT)
 for _pair in ((X, Y), (PITCH, YAW)):
     _ALIKE[np.ix_(_pair, _pair)] = 0.5
 """Averages over parameters whose motions are alike."""
-_BLOCKS: Array = np.kron(np.eye(4).reshape(4, 2, 2), np.eye(COUNT)).reshape(4, -1)
+_BLOCKS: Array = np.asarray(np.kron(np.eye(4).reshape(4, 2, 2), np.eye(COUNT)).reshape(4, -1))
 """The four quarters of a matrix of states (16, 16), each with ones on its diagonal, flat."""
-_NOISE_BLOCKS: Array = _BLOCKS * np.tile(_RATE_NOISE, 2 * _STATES)
+_NOISE_BLOCKS: Array = np.asarray(_BLOCKS * np.tile(_RATE_NOISE, 2 * _STATES))
 _MOVED: Array = np.full(COUNT, 1.0 / TUNING.same_view)
 _MOVED[[X, Y]] = 1.0 / TUNING.same_place
 """Times which the changes of a view that has hardly moved are below 1."""
@@ -141,10 +141,9 @@ class ViewFilter:
         )
         count = len(shape.points)
         least, most = TUNING.bending
-        few = least <= 2 * count - self.unknowns <= most
         # Whether each marker has a filter that all but ignores it.
-        self.has_bank = few
-        filters = 1 + few * count
+        self.has_bank = least <= 2 * count - self.unknowns <= most
+        filters = 1 + self.has_bank * count
         # (f, 16), at `time`.
         self.means: Array = np.tile(mean, (filters, 1))
         # Of the frame before where the means have gone on alone since then.
@@ -194,11 +193,6 @@ class ViewFilter:
         """Of a measured marker from where the view has it (1 sigma, px)."""
         scale = math.exp(self.means.item(0, SCALE))
         return math.hypot(TUNING.noise, self.rig_error * scale)
-
-    @property
-    def doubted_deviation(self) -> float:
-        """The same of a marker that is doubted."""
-        return max(TUNING.doubted * self.deviation, TUNING.min_doubted)
 
     @property
     def unknowns(self) -> int:
@@ -255,7 +249,8 @@ class ViewFilter:
         if again is not None:
             return again
         before = self.belief  # Learns how exact the rig is
-        own, wide = self.deviation**2, self.doubted_deviation**2
+        usual = self.deviation
+        own, wide = usual**2, max(TUNING.doubted * usual, TUNING.min_doubted) ** 2
         noise = np.full((len(self.means), 2 * len(found)), own)
         if untrusted or self.has_bank:
             for index, marker in enumerate(found):
