@@ -205,8 +205,9 @@ class IdentityTracker:
             memory.tell(self._lens.to_image(places), deviations)
         spots, windows = memory.look(frame)
         found = dict(zip(spots, straightened(self._lens, list(spots.values())), strict=True))
-        for a, b in combinations(spots, 2):
-            if a in found and b in found and are_close(found[a], found[b], SAME_SPOT):
+        for (a, one), (b, other) in combinations(list(found.items()), 2):
+            is_near = abs(one[0] - other[0]) < SAME_SPOT and are_close(one, other, SAME_SPOT)
+            if is_near and a in found and b in found:
                 del found[a], found[b]
         memory.watch({index: spots[index] for index in found})
         faults.jumps = memory.jumps.evidence

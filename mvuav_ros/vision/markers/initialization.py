@@ -239,15 +239,15 @@ def _rough_views(shape: WeakPerspective, places: Complex, prior: Prior, hidden: 
     if triangles:
         threes = places[np.array(list(permutations(range(len(places)), 3)))]
         size = np.abs(threes - threes[:, [1, 2, 0]]).max(axis=1)
-        views = []
+        seen = []
         for three in triangles:
             sides = shape.points[list(three)] - shape.points[np.roll(three, -1)]
             # Px at the expected scale; foreshortened, or nearer, they look smaller or larger.
             expected = np.linalg.norm(sides, axis=1).max() * math.exp(prior.mean[SCALE])
             changed = math.exp(min(4.0 * prior.deviations[SCALE], FREE[0]))
             near = (size > 0.4 * expected / changed) & (size < 1.5 * expected * changed)
-            views.append(views_of_three(shape, three, threes[near], focal))
-        return np.vstack(views)
+            seen.append(views_of_three(shape, three, threes[near], focal))
+        return np.vstack(seen)
     # Of markers on one line the tilt is not known.
     orders = np.array(list(permutations(range(len(places)), 2)))
     first, second = (shape.points[index, 0] + 1j * shape.points[index, 1] for index in shape.base)

@@ -177,7 +177,7 @@ class Search:
         self.reacquired: set[int] = set()
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._markers = markers
-        self._view = consensus.view
+        self._view = consensus.view()
         self._was_certain = float(self.views.places()[1].max()) < CERTAIN
 
     @property
@@ -309,7 +309,7 @@ class Search:
         for marker in consensus.dropped:
             del self.found[marker]
         self.suspects = set(consensus.suspects)
-        self._view = consensus.view
+        self._view = consensus.view()
 
     def replace(self, faults: FaultDetector, named: Named) -> None:
         """Take the names of a body that was named afresh."""
