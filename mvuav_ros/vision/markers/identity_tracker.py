@@ -42,7 +42,7 @@ from mvuav_ros.vision.markers.marker_results import (
     roll_of,
 )
 from mvuav_ros.vision.markers.naming import Clutter, Search
-from mvuav_ros.vision.markers.rig_view import WeakPerspective
+from mvuav_ros.vision.markers.rig_view import Array, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -188,14 +188,13 @@ class IdentityTracker:
         spots = {index: light.seen for index, light in named.lights.items()}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
 
-    def _filter_of(self, named: Named, time: float, before: ViewFilter | None = None) -> ViewFilter:
+    def _filter_of(self, named: Named, time: float) -> ViewFilter:
         """Begin to follow the view of a whole body."""
         assert named.view is not None
         shape = self._shape
         if not named.fits:
-            places = np.array([(light.x, light.y) for light in named.lights.values()])
-            shape = shape.with_offsets(named.view, places)
-        return ViewFilter(shape, named.view, time, before)
+            shape = shape.with_offsets(named.view, _places(named))
+        return ViewFilter(shape, named.view, time)
 
     def _follow(self, frame: Frame, faults: FaultDetector, memory: MarkerMemory) -> MarkerResult:
         memory.predict(frame.time)
@@ -281,7 +280,7 @@ class IdentityTracker:
             return
         if len(lights) < fewest or not self._attempts.due(len(lights)):
             return
-        named = initialize(self._shape, lights, self._rig.names, prior, fewest)
+        named = initialize(views.shape, lights, self._rig.names, prior, fewest)
         if named.view is None:
             self._attempts.fail()
             return
@@ -298,15 +297,18 @@ class IdentityTracker:
             # The others have already contradicted the only light that it would add.
             self._attempts.fail()
             return
-        certain = named.certain and not search.found
+        certain = named.certain and search.found.keys() == search.given
         if agrees or certain or self._attempts.agreed >= CONFIRMED:
             self._replace(search, named)
 
     def _replace(self, search: Search, named: Named) -> None:
         """Take a body that was named afresh for the one that was followed."""
-        assert self._body is not None
-        old, memory = self._body
-        views = self._filter_of(named, old.views.time, old.views)
+        assert self._body is not None and named.view is not None
+        old, memory = self._body[0].views, self._body[1]
+        shape = old.shape
+        if shape.offsets is not None and len(named.lights) == self._count:
+            shape = shape.with_offsets(named.view, _places(named))
+        views = ViewFilter(shape, named.view, old.time, old)
         self._body = FaultDetector(views), memory
         search.replace(self._body[0], named)
         memory.start_afresh()
@@ -319,3 +321,8 @@ class IdentityTracker:
             index: Expectation(x, y, e.deviation)
             for (index, e), (x, y) in zip(expected.items(), places, strict=True)
         }
+
+
+def _places(named: Named) -> Array:
+    """(n, 2), px without distortion."""
+    return np.array([(light.x, light.y) for light in named.lights.values()])

@@ -323,7 +323,8 @@ def initialize(
         if before is not None:
             if best.evidence < MIN_EVIDENCE:
                 return unclear
-            return Named(chosen, best.view, best.evidence > SURE_EVIDENCE, remark=remark)
+            certain = best.evidence > SURE_EVIDENCE or (alone and len(chosen) == count)
+            return Named(chosen, best.view, certain, remark=remark)
         exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
         limit = LONE_MISFIT * best.view.scale if free else exact
         if best.view.misfit <= max(limit, exact):
