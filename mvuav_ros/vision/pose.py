@@ -12,12 +12,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion, rpy
-from mvuav_ros.vision.reprojection import (
-    MIN_MARKERS,
-    Reprojection,
-    Solution,
-    inverse,
-)
+from mvuav_ros.vision.reprojection import MIN_MARKERS, Reprojection, Solution
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
@@ -68,8 +63,8 @@ class PoseTuning:
 
 
 TUNING = PoseTuning()
-_PLACE_FIRST = np.ix_(*2 * [[3, 4, 5, 0, 1, 2]])
-"""From turns and places to the order of `Pose.covariance`."""
+_PLACE_FIRST = np.roll(np.arange(36).reshape(6, 6), (3, 3), axis=(0, 1))
+"""Where the elements of `Pose.covariance` are among those by turns and places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,12 +133,14 @@ class PoseEstimator:
 
     def __init__(self, rig: MarkerRig) -> None:
         self._points = np.ascontiguousarray(rig.positions)
+        self._all = list(range(len(self._points)))
         self.reset()
 
     def reset(self) -> None:
         """Forget earlier frames."""
         self.reason = ''
-        self._last: tuple[Array, Array] | None = None
+        self._last: Solution | None = None
+        self._last_seen: tuple[CameraModel, list[int]] | None = None
         self._last_time = -math.inf
         self._vouched: frozenset[int] = frozenset()
         self._residuals = _ResidualNoise()
@@ -175,7 +172,7 @@ class PoseEstimator:
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
-        if not math.isfinite(image.sum()):
+        if not math.isfinite(np.add.reduce(image, axis=None)):
             self.reason = 'the positions of the markers are not finite'
             return None
         markers = list(labels)
@@ -188,7 +185,7 @@ class PoseEstimator:
             self._vouched = frozenset(chosen)
         pose = self._pose(camera, chosen, solution)
         if pose is not None:
-            self._last, self._last_time = (solution.rotation, solution.translation), time
+            self._last, self._last_seen, self._last_time = solution, (camera, chosen), time
         elif len(chosen) == MIN_MARKERS:
             # Where two solutions of three lights meet, nothing says which one goes on.
             self._last = None
@@ -214,7 +211,7 @@ class PoseEstimator:
         """The pose's solution, and the markers that it is from."""
         self.reason = ''
         count = 2 * len(markers)
-        solution = self._fit(Reprojection(camera, self._points[markers], image), time)
+        solution = self._fit(camera, markers, image, time)
         usual = (TUNING.unusual * self._residuals.usual) ** 2
         if solution is None or solution.squares > count * usual:
             rest = self._without_one(camera, markers, image, time, usual)
@@ -234,16 +231,20 @@ class PoseEstimator:
         fitting = []
         for index in range(len(markers)):
             rest = markers[:index] + markers[index + 1 :]
-            view = Reprojection(camera, self._points[rest], np.delete(image, index, axis=0))
-            solution = self._fit(view, time)
+            solution = self._fit(camera, rest, np.delete(image, index, axis=0), time)
             if solution is not None and solution.squares <= 2 * len(rest) * usual:
                 fitting.append((rest, solution))
         return fitting[0] if len(fitting) == 1 else None
 
-    def _fit(self, view: Reprojection, time: float) -> Solution | None:
+    def _fit(
+        self, camera: CameraModel, markers: list[int], image: Array, time: float
+    ) -> Solution | None:
         """From the last pose, if that is fresh and nothing looks odd; else the right one of all."""
+        points = self._points if markers == self._all else self._points[markers]
+        view = Reprojection(camera, points, image)
         last = self._last if time - self._last_time <= TUNING.holds else None
-        followed = view.refine(*last) if last else None
+        known = last if self._last_seen == (camera, markers) else None
+        followed = view.refine(last.rotation, last.translation, known) if last else None
         count = 2 * len(view.image)
         most = TUNING.unusual * self.noise
         if most > TUNING.max_misfit:
@@ -259,7 +260,7 @@ class PoseEstimator:
         if least > count * _most_misfit(view) ** 2:
             self.reason = 'no pose fits the markers'
             return None
-        chosen = _choose(solutions, self.noise, len(view.image), last and last[0])
+        chosen = _choose(solutions, self.noise, len(view.image), last and last.rotation)
         if chosen is None:
             self.reason = 'more than one pose fits the markers'
             if last is None:
@@ -268,21 +269,20 @@ class PoseEstimator:
 
     def _pose(self, camera: CameraModel, labels: list[int], solution: Solution) -> Pose | None:
         """What is published of a solution, if it is known well enough."""
-        rotation, translation, squares, seen, slopes = solution
+        rotation, translation, squares, seen, slopes, spread = solution
         count = len(slopes)
-        spread = inverse(slopes.T.dot(slopes))
         if spread is not None:
             noise = self.noise
             shown = math.sqrt(squares / (count - 6)) if count > 6 else 0.0
-            spread *= max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2
+            spread = spread * max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2
         share = TUNING.of_three if count == 2 * MIN_MARKERS else 1.0
         if spread is None or not _is_known(spread, translation, share):
             self.reason = 'the pose is too uncertain'
             return None
-        if labels != list(range(len(self._points))):
+        if labels != self._all:
             seen = camera.project(self._points.dot(rotation.T), tvec=translation)
         misfit = math.sqrt(squares / count)
-        return Pose(rotation, translation, spread[_PLACE_FIRST], seen, misfit)
+        return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, misfit)
 
 
 def _most_misfit(view: Reprojection) -> float:

@@ -34,6 +34,7 @@ class Solution(NamedTuple):
     seen: Array  # (n, 2), px: where the markers should be seen
     # (2n, 6), of that by small turns about the optical axes (rad) and by the translation (m).
     slopes: Array
+    spread: Array | None  # (6, 6), (JᵀJ)⁻¹ with these slopes J; None where there is no inverse
 
 
 class Reprojection:
@@ -44,38 +45,38 @@ class Reprojection:
         self._points = points
         self._camera = camera
 
-    def refine(self, rotation: Array, translation: Array) -> Solution | None:
-        """The nearest minimum of the reprojection error; None behind the camera."""
+    def refine(
+        self, rotation: Array, translation: Array, last: Solution | None = None
+    ) -> Solution | None:
+        """The nearest minimum of the reprojection error; None behind the camera.
+
+        The last image's solution, if it is where to start, has the slopes for the first step.
+        """
         try:
-            found = self._descend(rotation, translation)
+            found = self._descend(rotation, translation, last)
         except (cv2.error, np.linalg.LinAlgError):
             return None
         # What is not finite is in the squares as well.
         depths = self._points.dot(found.rotation[2]) + found.translation[2]
         return found if math.isfinite(found.squares) and min(depths.tolist()) > 0.0 else None
 
-    def _descend(self, rotation: Array, translation: Array) -> Solution:
+    def _descend(self, rotation: Array, translation: Array, last: Solution | None) -> Solution:
         """Gauss and Newton's steps on the image error, damped where they fail (Levenberg's).
 
         For any camera model: OpenCV's knows pinhole cameras alone, and goes on to differences that
         no light shows. What a small step changes is taken as the derivatives have it.
         """
-        seen, slopes = self.look(rotation, translation)
+        seen, slopes, spread = last[3:] if last else (*self.look(rotation, translation), None)
         residual, damping = (self.image - seen).ravel(), 0.0
         squares = float(residual.dot(residual))
-        for _ in range(_MAX_STEPS):
-            normal = slopes.T.dot(slopes)
-            if damping:
-                normal.reshape(-1)[::7] *= 1.0 + damping
-            regular, step = cv2.solve(
-                normal, slopes.T.dot(residual)[:, None], flags=cv2.DECOMP_CHOLESKY
-            )
-            if not regular:
+        for number in range(_MAX_STEPS):
+            spread = _spread_of(slopes, damping) if spread is None else spread
+            if spread is None:
                 damping = max(10.0 * damping, _DAMPING)
                 continue
-            step = step.ravel()
+            step = spread.dot(slopes.T.dot(residual))
             turned, moved = rotation_of(step[:3]).dot(rotation), translation + step[3:]
-            if step.dot(step) <= _SMALL_STEP**2 * (1.0 + moved.dot(moved)):
+            if (number or not last) and step.dot(step) <= _SMALL_STEP**2 * (1.0 + moved.dot(moved)):
                 rotation, translation = turned, moved
                 residual = residual - slopes.dot(step)
                 squares = float(residual.dot(residual))
@@ -88,8 +89,11 @@ class Reprojection:
                 residual, squares, damping = left, less, 0.1 * damping
             else:
                 damping = max(10.0 * damping, _DAMPING)
+            spread = None
+        if damping or spread is None:
+            spread = _spread_of(slopes)
         seen = self.image - residual.reshape(-1, 2)
-        return Solution(rotation, translation, squares, seen, slopes)
+        return Solution(rotation, translation, squares, seen, slopes, spread)
 
     def look(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
         """Where the markers should be seen, and the slopes of that (see `Solution`)."""
@@ -171,7 +175,10 @@ def rotation_of(rvec: Array) -> Array:
     return np.asarray(cv2.Rodrigues(rvec)[0], np.float64)
 
 
-def inverse(matrix: Array) -> Array | None:
-    """Of a symmetric positive matrix; None where it has none."""
-    regular, inverted = cv2.invert(matrix, flags=cv2.DECOMP_CHOLESKY)
+def _spread_of(slopes: Array, damping: float = 0.0) -> Array | None:
+    """(JᵀJ)⁻¹ with slopes J, whose diagonal grows by the damping; None where there is none."""
+    normal = slopes.T.dot(slopes)
+    if damping:
+        normal.reshape(-1)[::7] *= 1.0 + damping
+    regular, inverted = cv2.invert(normal, flags=cv2.DECOMP_CHOLESKY)
     return np.asarray(inverted, np.float64) if regular else None

@@ -156,6 +156,22 @@ def test_the_refinement_ends_where_opencvs_does(distortion):
         np.testing.assert_allclose(found.slopes, slopes, rtol=1e-3, atol=5e-2)
 
 
+def test_the_slopes_of_the_last_pose_lead_to_the_same_pose():
+    rng = np.random.default_rng(5)
+    rotation, translation, last = OPTICAL_FROM_BODY, np.array((2.0, -1.0, 100.0)), None
+    for _ in range(20):
+        rotation = rotation @ from_rpy(*rng.normal(0, 0.02, 3))
+        translation = translation + rng.normal(0, 0.2, 3)
+        image = seen(rotation, translation) + rng.normal(0, 0.1, (5, 2))
+        view = Reprojection(CAMERA, TANKER_747.positions, image)
+        alone = view.refine(rotation, translation)
+        last = view.refine(last.rotation, last.translation, last) if last else alone
+        np.testing.assert_allclose(last.rotation, alone.rotation, atol=1e-6)
+        np.testing.assert_allclose(last.translation, alone.translation, atol=1e-4)
+        normal = last.slopes.T @ last.slopes
+        np.testing.assert_allclose(normal @ last.spread, np.eye(6), atol=1e-6)
+
+
 @pytest.mark.parametrize('model', ['plumb_bob', 'equidistant'])
 def test_the_slopes_are_the_differences_of_places(model):
     distortion = (-0.15, 0.04, 0.001, -0.001, 0.0) if model == 'plumb_bob' else (0.1, -0.02, 0, 0)

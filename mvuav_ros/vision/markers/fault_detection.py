@@ -39,7 +39,6 @@ class FaultTuning:
     # Evidence that a marker has against it that was out of sight shortly before.
     returned: float = 50.0
     min_agreeing: int = 4  # markers that determine each other's places
-    inflate: float = 4.0  # by which the covariance is inflated where what is seen makes no sense
 
 
 TUNING = FaultTuning()
@@ -56,20 +55,14 @@ class Evidence(NamedTuple):
 NO_EVIDENCE = Evidence({}, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Consensus:
+class Consensus(NamedTuple):
     """What a set of named lights agrees on."""
 
-    seen: ViewState | Callable[[], ViewState]  # the view by the markers that agree
+    view: Callable[[], ViewState]  # by the markers that agree
     kept: tuple[int, ...]  # those markers
     dropped: tuple[int, ...] = ()  # the ones that contradict them
     # one of which, or some, must be another light; which ones, later frames show.
     suspects: tuple[int, ...] = ()
-
-    @property
-    def view(self) -> ViewState:
-        """By the markers that agree."""
-        return self.seen if isinstance(self.seen, ViewState) else self.seen()
 
 
 class FaultDetector:
@@ -88,24 +81,25 @@ class FaultDetector:
         # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
         self._evidence: dict[int, float] = {}
-        self._corrected: tuple[object, Correction] | None = None
+        # For what, and the evidence against each marker with this frame's.
+        self._corrected: tuple[object, Correction, dict[int, float]] | None = None
 
-    def _correct(self, found: Mapping[int, Point]) -> Correction:
-        """By all lights, and by the filters that ignore one each."""
+    def _correct(self, found: Mapping[int, Point]) -> tuple[Correction, dict[int, float]]:
+        """By all lights, and by the filters that ignore one each; and the evidence with it."""
         key = self.untrusted, list(found.items())
         last = self._corrected
         if last is not None and last[1].before is self.views.means and last[0] == key:
-            return last[1]
+            return last[1:]
         untrusted = self.untrusted.intersection(found)
         if len(found) - len(untrusted) < TUNING.min_firm:
             untrusted.clear()
         correction = self.views.correct(found, untrusted)
-        self._corrected = key, correction
-        return correction
+        self._corrected = key, correction, self._added(correction)
+        return self._corrected[1:]
 
     def nis_of(self, found: Mapping[int, Point]) -> dict[int, float]:
         """For each named light how far it lies from where the others put it (see `Correction`)."""
-        return dict(zip(found, self._correct(found).nis, strict=True))
+        return dict(zip(found, self._correct(found)[0].nis, strict=True))
 
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree, by this frame and by those before it.
@@ -114,16 +108,15 @@ class FaultDetector:
         are, all that they may be are suspects.
         """
         if not found:
-            return Consensus(self.views.view, ())
-        correction = self._correct(found)
+            return Consensus(partial(self.views.look, {}), ())
+        correction, evidence = self._correct(found)
         markers = tuple(found)
         contradicted = max(correction.nis) > TUNING.gate
-        evidence = self._added(correction)
         most = max(evidence.values(), default=0.0)
         if not contradicted and most < TUNING.enough:
             return Consensus(correction.view, markers)
         if len(markers) < 2:
-            return Consensus(self.views.view, (), markers)
+            return Consensus(partial(self.views.look, {}), (), markers)
         if len(markers) > 2 and most > TUNING.doubt:
             consensus = self._without_suspects(found, correction, evidence)
             if consensus is not None:
@@ -167,13 +160,13 @@ class FaultDetector:
         if max(correction.nis_of(row, index) for index in others) > TUNING.gate:
             return None
         if len(suspects) > 1:
-            seen = partial(correction.view, row)
-            return Consensus(seen, tuple(m for m in found if m not in suspects), (), suspects)
+            rest = tuple(m for m in found if m not in suspects)
+            return Consensus(partial(correction.view, row), rest, (), suspects)
         kept = {m: place for m, place in found.items() if m != worst}
         self.views.exclude(worst)
         self._corrected = None
         self._evidence = {}
-        return Consensus(self.views.look(kept), tuple(kept), (worst,))
+        return Consensus(partial(self.views.look, kept), tuple(kept), (worst,))
 
     def _without(self, found: Mapping[int, Point], number: int) -> Consensus | None:
         """The consensus of all but a number of markers; None where none agree."""
@@ -196,7 +189,7 @@ class FaultDetector:
             if cost < least + TUNING.doubt:
                 kept &= set(rest)
         names = tuple(markers[i] for i in sorted(kept))
-        view = self.views.look({marker: found[marker] for marker in names})
+        view = partial(self.views.look, {marker: found[marker] for marker in names})
         others = tuple(m for m in found if m not in names)
         if len(others) > number:
             return Consensus(view, names, (), others)
@@ -209,22 +202,16 @@ class FaultDetector:
             del rest[list(rest)[fitted.nis.index(max(fitted.nis))]]
             fitted = self.views.fit(NamedPlaces.of(rest))
         if max(fitted.nis) > TUNING.gate or 2 * len(rest) <= len(found):
-            return Consensus(self.views.view, (), (), tuple(found))
-        return Consensus(fitted.view(), tuple(rest), tuple(m for m in found if m not in rest))
-
-    def inflate(self) -> None:
-        """What was seen contradicts the view as a whole."""
-        self.views.inflate(TUNING.inflate)
-        self._corrected = None
+            return Consensus(partial(self.views.look, {}), (), (), tuple(found))
+        return Consensus(fitted.view, tuple(rest), tuple(m for m in found if m not in rest))
 
     def commit(self, found: Mapping[int, Point]) -> Evidence:
         """Take a frame's named lights, which agree; what the places say for their names."""
         if not found:
             return NO_EVIDENCE
-        correction = self._correct(found)
-        self._evidence = self._added(correction)
-        over = max(max(self._evidence.values(), default=0.0) - TUNING.max_evidence, 0.0)
-        self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in self._evidence.items()}
+        correction, evidence = self._correct(found)
+        over = max(max(evidence.values(), default=0.0) - TUNING.max_evidence, 0.0)
+        self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in evidence.items()}
         self.views.commit(correction)
         redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
         return Evidence(correction.log_likelihoods(), redundancy)

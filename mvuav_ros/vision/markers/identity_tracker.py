@@ -14,7 +14,13 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.initialization import ANY_ROLL, CONFIRMED, Attempts, Named, initialize
+from mvuav_ros.vision.markers.initialization import (
+    CONFIRMED,
+    Attempts,
+    Named,
+    Prior,
+    initialize,
+)
 from mvuav_ros.vision.markers.lights import (
     Frame,
     GroupingError,
@@ -36,7 +42,7 @@ from mvuav_ros.vision.markers.marker_results import (
     roll_of,
 )
 from mvuav_ros.vision.markers.naming import Clutter, Search
-from mvuav_ros.vision.markers.rig_view import ROLL, WeakPerspective
+from mvuav_ros.vision.markers.rig_view import Array, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -96,18 +102,12 @@ class Reporter:
         return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
 
 
+MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for afresh
 SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
 GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
 WIDEST = 200.0  # px, by which a search window grows at most
-YOUNG = 1.0  # s without any marker up to which two are enough to find the body again
-PATIENCE = 5  # Frames in doubt after which the whole body is named afresh, as at the start
-NEARBY_ROLL = 0.5  # rad (1 sigma), of the roll from the last frame to this one, or over a loss
 UNCHECKED = 45
 """Frames in which a light may be another one after a doubt, where no other light could show it."""
-MIN_CHECKED = 4  # Coordinates of a body less the unknowns of its view
-EXACT = 4.0
-"""Deviations of a marker from its rig's place (root mean square) at which a body that was known
-before is another one."""
 
 
 class IdentityTracker:
@@ -142,7 +142,6 @@ class IdentityTracker:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
         self._attempts = Attempts(self._count)
-        self._doubts = self._unexplained = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame, of a later time (s) than the last one."""
@@ -183,19 +182,19 @@ class IdentityTracker:
         if not self._attempts.confirmed(named):
             return self._report.nothing(f'{seen} lights in view, not yet certain')
         probation = PROBATION if self._is_redundant else UNCHECKED
-        memory = MarkerMemory(frame.time, named.lights, probation)
+        memory = MarkerMemory(frame.time, list(named.lights.values()), probation)
         self._body = FaultDetector(self._filter_of(named, frame.time)), memory
-        spots = {index: light.seen for index, light in enumerate(named.lights)}
+        self._sure = frame.time, named.view
+        spots = {index: light.seen for index, light in named.lights.items()}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
 
-    def _filter_of(self, named: Named, time: float, before: ViewFilter | None = None) -> ViewFilter:
+    def _filter_of(self, named: Named, time: float) -> ViewFilter:
         """Begin to follow the view of a whole body."""
         assert named.view is not None
         shape = self._shape
         if not named.fits:
-            places = np.array([(light.x, light.y) for light in named.lights])
-            shape = shape.with_offsets(named.view, places)
-        return ViewFilter(shape, named.view, time, before)
+            shape = shape.with_offsets(named.view, _places(named))
+        return ViewFilter(shape, named.view, time)
 
     def _follow(self, frame: Frame, faults: FaultDetector, memory: MarkerMemory) -> MarkerResult:
         memory.predict(frame.time)
@@ -205,8 +204,9 @@ class IdentityTracker:
             memory.tell(self._lens.to_image(places), deviations)
         spots, windows = memory.look(frame)
         found = dict(zip(spots, straightened(self._lens, list(spots.values())), strict=True))
-        for a, b in combinations(spots, 2):
-            if a in found and b in found and are_close(found[a], found[b], SAME_SPOT):
+        for (a, one), (b, other) in combinations(list(found.items()), 2):
+            is_near = abs(one[0] - other[0]) < SAME_SPOT and are_close(one, other, SAME_SPOT)
+            if is_near and a in found and b in found:
                 del found[a], found[b]
         memory.watch({index: spots[index] for index in found})
         faults.jumps = memory.jumps.evidence
@@ -215,7 +215,7 @@ class IdentityTracker:
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
             evidence = faults.commit(named)
-            self._doubts = self._unexplained = 0
+            self._sure = frame.time, faults.views.view
             memory.remember(frame.time, spots, {}, evidence)
             if not self._is_redundant:
                 spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
@@ -243,6 +243,8 @@ class IdentityTracker:
             memory.trust(search.reacquired)
         expected = self._in_image(search.expected(search.missing))
         evidence = search.finish()
+        if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:
+            self._sure = frame.time, search.views.view
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
@@ -262,69 +264,55 @@ class IdentityTracker:
             lights = Lights(frame, self._lens, around)
         except GroupingError as error:
             return str(error)
-        fewest = 2 if frame.time - self._body[1].newest < YOUNG else 3
-        fewest = min(fewest, self._count)
-        other = search.views.shape.offsets is not None and not search.found
-        nameless = search.name(lights.spots, self._clutter, fewest)
-        if other and len(search.found) < self._count <= len(lights):
-            self._name_afresh(search, lights)
-        else:
-            self._challenge(search, lights, nameless)
+        self._challenge(search, lights, search.name(lights.spots, self._clutter))
         return ''
 
-    def _name_afresh(self, search: Search, lights: Lights) -> None:
-        """Name a body that is not quite its rig as at the start: its old view says too little."""
-        search.found.clear()
-        named = initialize(self._shape, lights, self._rig.names)
-        if named.view is not None and named.certain:
-            self._replace(search, named)
-
     def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
-        """Name the body afresh where lights have no name and markers no light for long."""
-        unexplained = min(len(search.missing), search.unexplained) > 0 and len(search.found) < 3
-        unexplained &= search.is_contradicted
-        self._unexplained = self._unexplained + 1 if unexplained else 0
-        if self._unexplained > PATIENCE:
-            search.faults.inflate()
-        # One light without a name is often none of the body's: it has to stay twice as long, and
-        # to fit a body of which most places can be checked.
-        in_doubt = min(len(search.missing), nameless, 2)
-        if in_doubt == 1 and 2 * self._count - search.views.unknowns < MIN_CHECKED:
-            in_doubt = 0
-        self._doubts = self._doubts + in_doubt if in_doubt else 0
-        if self._doubts <= 2 * PATIENCE and search.found:
+        """Name the body afresh where few names are firm, or lights have had none for long."""
+        assert self._body is not None
+        views, memory = search.views, self._body[1]
+        then, view = self._sure
+        prior = Prior.since(self._shape, view, views.time - then, views.rig_error)
+        fewest = self._count
+        if len(search.found.keys() - search.suspects - memory.doubtful) < FAULTS.min_firm:
+            fewest = min(self._count, max(self._count - MAX_HIDDEN, prior.fewest))
+        if search.found and not (nameless and search.missing):
             return
-        if len(lights) < self._count or not self._attempts.due(len(lights)):
+        if len(lights) < fewest or not self._attempts.due(len(lights)):
             return
-        views = search.views
-        deviation = ANY_ROLL if search.found else math.hypot(NEARBY_ROLL, views.deviation_of(ROLL))
-        before = views.view.roll, min(deviation, ANY_ROLL)
-        named = initialize(self._shape, lights, self._rig.names, before)
-        if named.view is None or named.view.misfit > EXACT * views.deviation:
+        named = initialize(views.shape, lights, self._rig.names, prior, fewest)
+        if named.view is None:
             self._attempts.fail()
             return
         self._attempts.succeed(named)
-        agrees = len(search.found) > 1 and all(
-            are_close(named.lights[index], light, SAME_SPOT)
-            for index, light in search.found.items()
+        agrees = (
+            len(search.found) > 1
+            and len(named.lights) == self._count
+            and all(
+                are_close(named.lights[index], light, SAME_SPOT)
+                for index, light in search.found.items()
+            )
         )
         if agrees and len(search.missing) < 2:
             # The others have already contradicted the only light that it would add.
             self._attempts.fail()
             return
-        if agrees or (named.certain and not search.found) or self._attempts.agreed >= CONFIRMED:
+        certain = named.certain and search.found.keys() == search.given
+        if agrees or certain or self._attempts.agreed >= CONFIRMED:
             self._replace(search, named)
 
     def _replace(self, search: Search, named: Named) -> None:
         """Take a body that was named afresh for the one that was followed."""
-        assert self._body is not None
-        old, memory = self._body
-        views = self._filter_of(named, old.views.time, old.views)
+        assert self._body is not None and named.view is not None
+        old, memory = self._body[0].views, self._body[1]
+        shape = old.shape
+        if shape.offsets is not None and len(named.lights) == self._count:
+            shape = shape.with_offsets(named.view, _places(named))
+        views = ViewFilter(shape, named.view, old.time, old)
         self._body = FaultDetector(views), memory
         search.replace(self._body[0], named)
         memory.start_afresh()
         self._attempts = Attempts(self._count)
-        self._doubts = 0
 
     def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
         """Expectations where the image would show them."""
@@ -333,3 +321,8 @@ class IdentityTracker:
             index: Expectation(x, y, e.deviation)
             for (index, e), (x, y) in zip(expected.items(), places, strict=True)
         }
+
+
+def _places(named: Named) -> Array:
+    """(n, 2), px without distortion."""
+    return np.array([(light.x, light.y) for light in named.lights.values()])

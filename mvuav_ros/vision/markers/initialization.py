@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import permutations
 from statistics import median_high
 from typing import NamedTuple
@@ -46,124 +46,208 @@ _TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
+_SAME_TILT = 0.2  # rad, within which two views to start from are the same
+_CHANGES: tuple[tuple[list[int], tuple[float, float, float]], ...] = (
+    ([ROLL], (0.2, 0.5, ANY_ROLL)),
+    ([PITCH, YAW], (0.1, 0.15, TILT)),
+    ([SCALE], (0.1, 0.3, FREE[0])),
+)
+"""By how much a view changes while its body is not named (1 sigma): at once, per s, and at most."""
+_MIN_LENS_DEVIATION = 0.02  # Of focal length and barrel that were learnt from the lights
+_KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights are enough
+_NOISE = 0.2  # px (1 sigma), of a light's place
 _MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED = 16
 _FEW_SPOTS = 5
 _TRIED_AMONG_MANY = 10
 """Ways of naming that are fitted."""
+ABSENT = 22.0  # What it costs to leave a marker without a light, as in `naming.NOTHING`
+STRAY = 1e-5  # Density of lights that are none of the body's, per px²
+MAX_AWAY = 40.0  # Squared distance over variance from what is known of the view, if it is
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of a view before the lights of a frame are named.
+
+    Attributes:
+        mean: (8,), see `WeakPerspective.project`.
+        deviations: (8,), 1 sigma.
+        noise: px (1 sigma), of the markers' places, by what is known of the rig; None: nothing is.
+    """
+
+    mean: Array
+    deviations: Array
+    noise: float | None = None
+
+    @classmethod
+    def at_start(cls, shape: WeakPerspective) -> Prior:
+        """The camera looks at an upright body from behind, give or take."""
+        mean, deviations = np.zeros(COUNT), np.empty(COUNT)
+        mean[[X, Y]] = shape.centre
+        mean[FOCAL] = math.log(shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal)
+        deviations[ROLL], deviations[SCALE], deviations[[X, Y]] = ANY_ROLL, FREE[0], FREE[1]
+        deviations[[PITCH, YAW]] = TILT
+        deviations[FOCAL] = _FOCAL_DEVIATION if shape.lens.focal is None else KNOWN_FOCAL
+        deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
+        return cls(mean, deviations)
+
+    @classmethod
+    def since(
+        cls, shape: WeakPerspective, view: ViewState, elapsed: float, rig_error: float
+    ) -> Prior:
+        """What a view may have become in a time (s), of a rig so exact (units of its size)."""
+        deviations = cls.at_start(shape).deviations
+        for parameters, (soon, per_second, most) in _CHANGES:
+            deviations[parameters] = min(soon + per_second * elapsed, most)
+        if shape.lens.focal is None:
+            learnt = np.sqrt(view.covariance.diagonal()[FOCAL:]) + _MIN_LENS_DEVIATION
+            deviations[FOCAL:] = np.minimum(deviations[FOCAL:], learnt)
+        return cls(view.parameters, deviations, math.hypot(_NOISE, rig_error * view.scale))
+
+    @property
+    def fewest(self) -> int:
+        """Lights that more than determine a view with what is known of the lens."""
+        return 4 if self.deviations[FOCAL] < _KNOWN_LENS else 5
+
+    def away(self, views: Array) -> Array:
+        """Squared distance over variance of views (v, 8), without what the lens makes of them."""
+        apart = views[:, :FOCAL] - self.mean[:FOCAL]
+        apart[:, ROLL] = _turned(apart[:, ROLL])
+        return np.asarray(np.square(apart / self.deviations[:FOCAL]).sum(axis=1))
+
+
+def _turned(angles: Array) -> Array:
+    """Angles (rad) less whole turns."""
+    return np.asarray(np.angle(np.exp(1j * angles)))
+
+
+Way = tuple[tuple[int, int], ...]
+"""Markers, and for each the index of its spot."""
 
 
 @dataclass(frozen=True, eq=False)
 class Guess:
     """One way of naming the lights."""
 
-    chosen: tuple[int, ...]  # (n,), for each of the body's lights the index of the spot
+    way: Way
     view: ViewState  # fitted to them
     cost: float  # the less, the more probable
+    evidence: float  # logarithm of its odds against lights that are all none of the body's
 
 
-def guess_start(
-    shape: WeakPerspective,
-    spots: Sequence[Light],
-    roll: float = 0.0,
-    roll_deviation: float = ANY_ROLL,
+def guess_body(
+    shape: WeakPerspective, spots: Sequence[Light], prior: Prior, fewest: int
 ) -> list[Guess]:
-    """All probable ways of seeing the whole body in a number of spots, most probable first.
+    """All probable ways of seeing a body in a number of spots, most probable first.
 
     Three markers are tried on all threes of spots (`MAX_CANDIDATES` at most, px without
     distortion), in every order; the two views of each that follow say where the other markers
-    are, and the best are fitted. The roll is the expected one, with its deviation (1 sigma), rad.
+    are, and the best are fitted. The fewest of its markers must be among the spots.
     """
     places = np.array([complex(spot.x, spot.y) for spot in spots])
-    starts = _rough_guesses(shape, places, roll, roll_deviation)
+    starts = _rough_guesses(shape, places, prior, fewest)
     if not starts:
         return []
-    chosen = np.array([way for way, _ in starts], np.intp)
-    parameters = np.array([start for _, start in starts])
-    flat = np.column_stack((places.real, places.imag))
-    fits = _fit(shape, flat[chosen].reshape(len(chosen), -1), parameters)
-    guesses: dict[tuple[int, ...], Guess] = {}
-    fitted = [(way, fits.view(index)) for index, (way, _) in enumerate(starts)]
-    best = min(fitted, key=lambda guess: guess[1].cost)
-    for way, view in fitted + _variants(shape, flat, *best):
-        away = math.remainder(view.roll - roll, 2 * math.pi) / roll_deviation
-        guess = Guess(way, view, view.cost + away**2)
-        if way not in guesses or guess.cost < guesses[way].cost:
-            guesses[way] = guess
+    guesses: dict[Way, Guess] = {}
+    for guess in _fitted(shape, spots, starts, prior):
+        if guess.way not in guesses or guess.cost < guesses[guess.way].cost:
+            guesses[guess.way] = guess
     return sorted(guesses.values(), key=lambda guess: guess.cost)
 
 
-def _variants(
-    shape: WeakPerspective, flat: Array, way: tuple[int, ...], view: ViewState
-) -> list[tuple[tuple[int, ...], ViewState]]:
-    """The ways that differ from one in a single light, which lies near its place as well."""
-    apart = np.hypot(*(shape.project(view.parameters)[:, None] - flat).transpose(2, 0, 1))
-    ways = [
-        (*way[:marker], light, *way[marker + 1 :])
-        for marker, light in np.argwhere(apart < _REACH * view.scale).tolist()
-        if light not in way
-    ][: _TRIED // 2]
-    if not ways:
-        return []
-    starts = np.repeat(view.parameters[None], len(ways), axis=0)
-    fits = _fit(shape, flat[np.array(ways)].reshape(len(ways), -1), starts)
-    return [(other, fits.view(index)) for index, other in enumerate(ways)]
-
-
-def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Correction:
-    """Views of the whole body fitted to several ways of naming (m, 2 n), px, from behind or so."""
-    expected = np.zeros(COUNT)
-    expected[[X, Y]] = shape.centre
+def _fitted(
+    shape: WeakPerspective, spots: Sequence[Light], starts: Sequence[Start], prior: Prior
+) -> list[Guess]:
+    """Several ways of naming, each with the view that fits it; a missing marker costs as well."""
+    guesses = []
+    flat = np.array([(spot.x, spot.y) for spot in spots])
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
-    expected[SCALE] = median_high(starts[:, SCALE].tolist())
-    expected[FOCAL] = math.log(shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal)
-    deviations = np.empty(COUNT)
-    deviations[[ROLL, SCALE]], deviations[[X, Y]] = FREE
-    deviations[[PITCH, YAW]] = TILT
-    deviations[FOCAL] = _FOCAL_DEVIATION if shape.lens.focal is None else KNOWN_FOCAL
-    deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
-    variance = (0.3 + MODEL_ERROR * math.exp(expected[SCALE])) ** 2
-    ways, width = measured.shape
-    before = Belief(np.tile(expected, (ways, 1)), np.tile(np.diag(deviations**2), (ways, 1, 1)))
-    named = NamedPlaces(np.arange(width // 2)[None], measured)
-    noise = np.full((ways, width), variance)
-    return Correction.of(shape, before, named, noise, variance, starts, iterations=8)
+    scale = median_high([float(start[SCALE]) for _, start in starts]) if starts else 0.0
+    variance = (prior.noise or 0.3 + MODEL_ERROR * math.exp(scale)) ** 2
+    for number in sorted({len(way) for way, _ in starts}):
+        same = [start for start in starts if len(start[0]) == number]
+        pairs = np.array([way for way, _ in same], np.intp)
+        views = np.array([start for _, start in same])
+        # From half a turn about the expected roll.
+        views[:, ROLL] = prior.mean[ROLL] + _turned(views[:, ROLL] - prior.mean[ROLL])
+        mean = np.tile(prior.mean, (len(same), 1))
+        if prior.deviations[SCALE] >= FREE[0]:
+            mean[:, SCALE] = scale
+        before = Belief(mean, np.tile(np.diag(prior.deviations**2), (len(same), 1, 1)))
+        named = NamedPlaces(pairs[..., 0], flat[pairs[..., 1]].reshape(len(same), -1))
+        noise = np.full((len(same), 2 * number), variance)
+        fits = Correction.of(shape, before, named, noise, variance, views, iterations=8)
+        missing = ABSENT * (len(shape.points) - number)
+        ways = math.comb(len(shape.points), number) * math.perm(len(spots), number)
+        others = number * math.log(STRAY) + math.log(ways)
+        for row, (way, _) in enumerate(same):
+            view, evidence = fits.view(row), float(fits.evidence[row]) - others
+            guesses.append(Guess(way, view, view.cost + missing, evidence))
+    return guesses
 
 
-Start = tuple[tuple[int, ...], Array]
+Start = tuple[Way, Array]
 
 
 def _rough_guesses(
-    shape: WeakPerspective, places: Complex, roll: float, roll_deviation: float
+    shape: WeakPerspective, places: Complex, prior: Prior, fewest: int
 ) -> list[Start]:
-    """Distinct spots for all lights, and views to start the fit from; the best ones first."""
-    if len(places) < len(shape.points):
+    """Distinct spots for the lights, and views to start the fit from; the best ones first."""
+    count = len(shape.points)
+    if len(places) < fewest:
         return []
-    views = _rough_views(shape, places)
-    views = views[np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED]
+    views = _rough_views(shape, places, prior, count - fewest)
+    cost = prior.away(views)
+    possible = np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED
+    if prior.noise is not None:
+        possible &= cost < MAX_AWAY
+    views, cost = views[possible], cost[possible]
     if not len(views):
         return []
     seen = shape.project(views)
-    apart = np.abs((seen[..., 0] + 1j * seen[..., 1])[..., None] - places)
-    beside = apart.min(axis=2) / np.exp(views[:, SCALE])[:, None]
-    near = (beside < _REACH).all(axis=1)
-    views, beside, nearest = views[near], beside[near], apart[near].argmin(axis=2)
-    ordered = np.sort(nearest, axis=1)
-    distinct = (ordered[:, 1:] > ordered[:, :-1]).all(axis=1)
-    views, beside, nearest = views[distinct], beside[distinct], nearest[distinct]
-    away = np.angle(np.exp(1j * (views[:, ROLL] - roll))) / roll_deviation
-    cost = ((beside / _ROUGH) ** 2).sum(axis=1) + away**2
-    cost += (views[:, PITCH] ** 2 + views[:, YAW] ** 2) / TILT**2
+    apart = np.square(seen[..., :1] - places.real) + np.square(seen[..., 1:] - places.imag)
+    nearest = apart.argmin(axis=2)
+    squares = np.take_along_axis(apart, nearest[..., None], axis=2)[..., 0]
+    scale = np.exp(views[:, SCALE, None])
+    has = squares < (_REACH * scale) ** 2
+    squares /= (_ROUGH * scale if prior.noise is None else 3.0 * prior.noise) ** 2
+    if fewest < count:
+        has &= squares < ABSENT
+    chosen = np.flatnonzero(has.sum(axis=1) >= fewest)
+    cost = cost[chosen] + np.where(has, squares, ABSENT)[chosen].sum(axis=1)
     most = _TRIED if len(places) <= _FEW_SPOTS else _TRIED_AMONG_MANY
-    return [(tuple(nearest[i].tolist()), views[i]) for i in np.argsort(cost)[:most].tolist()]
+    starts: dict[tuple[Way, float, float], Start] = {}
+    for row in chosen[np.argsort(cost)].tolist():
+        markers = np.flatnonzero(has[row]).tolist()
+        # Of markers with the same nearest spot only the nearest has it.
+        own = {int(nearest[row, m]): m for m in sorted(markers, key=lambda m: -squares[row, m])}
+        if len(own) < fewest:
+            continue
+        way = tuple(sorted((marker, spot) for spot, marker in own.items()))
+        pitch, yaw = np.round(views[row, PITCH : YAW + 1] / _SAME_TILT).tolist()
+        starts.setdefault((way, pitch, yaw), (way, views[row]))
+        if len(starts) == most:
+            break
+    return list(starts.values())
 
 
-def _rough_views(shape: WeakPerspective, places: Complex) -> Array:
+def _rough_views(shape: WeakPerspective, places: Complex, prior: Prior, hidden: int) -> Array:
     """Views (v, 8) in which three of the markers are any three of the spots, or two any two."""
-    focal = shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal
-    if shape.triangle is not None:
-        orders = np.array(list(permutations(range(len(places)), 3)))
-        return views_of_three(shape, shape.triangle, places[orders], focal)
+    focal = math.exp(prior.mean[FOCAL])
+    triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
+    if triangles:
+        threes = places[np.array(list(permutations(range(len(places)), 3)))]
+        size = np.abs(threes - threes[:, [1, 2, 0]]).max(axis=1)
+        seen = []
+        for three in triangles:
+            sides = shape.points[list(three)] - shape.points[np.roll(three, -1)]
+            # Px at the expected scale; foreshortened, or nearer, they look smaller or larger.
+            expected = np.linalg.norm(sides, axis=1).max() * math.exp(prior.mean[SCALE])
+            changed = math.exp(min(4.0 * prior.deviations[SCALE], FREE[0]))
+            near = (size > 0.4 * expected / changed) & (size < 1.5 * expected * changed)
+            seen.append(views_of_three(shape, three, threes[near], focal))
+        return np.vstack(seen)
     # Of markers on one line the tilt is not known.
     orders = np.array(list(permutations(range(len(places)), 2)))
     first, second = (shape.points[index, 0] + 1j * shape.points[index, 1] for index in shape.base)
@@ -184,20 +268,23 @@ not calibrated."""
 STRICT_MISFIT = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same misfit for some time."""
 OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
-MAX_REST = 15  # Frames between two attempts to name lights that could not be named, at most
+MAX_REST = 3  # Frames between two attempts to name lights that could not be named, at most
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
+MIN_EVIDENCE, SURE_EVIDENCE = -14.0, 0.0
+"""Logarithm of the odds of a body found again against lights that are all none of its markers: to
+be believed when `CONFIRMED`, and in one frame. On the half for choosing constants wrong bodies had
+less than -16, right ones more than -14."""
 SAME_MISFIT = (0.2, 0.25)
 """px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
 that of a light that is no marker does not."""
 
 
 class Named(NamedTuple):
-    """All markers of a body, by name."""
+    """Markers of a body, by name."""
 
-    # in the rig's order, px without distortion; empty if they cannot be named.
-    lights: tuple[Light, ...] = ()
+    lights: Mapping[int, Light] = {}  # px without distortion; empty if they cannot be named
     view: ViewState | None = None  # fitted to them
     certain: bool = False  # whether one frame is enough to believe it
     fits: bool = True  # whether the body is what its rig says
@@ -209,44 +296,49 @@ def initialize(
     shape: WeakPerspective,
     lights: Lights,
     names: Sequence[str],
-    before: tuple[float, float] | None = None,
+    before: Prior | None = None,
+    fewest: int = 0,
 ) -> Named:
-    """Name a whole body of which no marker is known.
+    """Name a body of which no marker is known.
 
-    Before a loss it had a roll, which may have changed (1 sigma, rad); at the start (None) an
-    upright body is likelier than one upside down, and how exact the rig is must be seen.
+    At the start (no prior) it must be whole, and how exact the rig is must be seen. Before a loss
+    its view was known, and all markers but the fewest may be hidden.
     """
     count = len(names)
+    fewest = fewest or count
     spots = lights.candidates(count)
-    if len(spots) < count:
+    if len(spots) < fewest:
         return Named(remark=f'{len(spots)} of {count} markers in view')
-    unclear = f'{len(spots)} lights in view, {count} do not stand out'
+    unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
     if len(spots) > MAX_CANDIDATES:
-        return Named(remark=unclear)
-    guesses = [
-        g for g in guess_start(shape, spots, *(before or (0.0, ANY_ROLL))) if _alike(g, spots)
-    ]
+        return unclear
+    prior = before or Prior.at_start(shape)
+    guesses = [g for g in guess_body(shape, spots, prior, fewest) if _alike(g, spots)]
     alone = len(spots) == count
-    if guesses:
+    free = alone and before is None and shape.lens.focal is None
+    remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
+    if guesses and (len(guesses) == 1 or guesses[1].cost - guesses[0].cost >= DOUBT):
         best = guesses[0]
-        clear = len(guesses) == 1 or guesses[1].cost - best.cost >= DOUBT
+        chosen = {marker: spots[index] for marker, index in best.way}
+        if before is not None:
+            if best.evidence < MIN_EVIDENCE:
+                return unclear
+            certain = best.evidence > SURE_EVIDENCE or (alone and len(chosen) == count)
+            return Named(chosen, best.view, certain, remark=remark)
         exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
-        free = alone and before is None and shape.lens.focal is None
         limit = LONE_MISFIT * best.view.scale if free else exact
-        if best.view.misfit <= max(limit, exact) and clear:
-            chosen = tuple(spots[index] for index in best.chosen)
-            remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
+        if best.view.misfit <= max(limit, exact):
             fits = best.view.misfit <= exact
             strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
             odd = not free and best.view.misfit > strict
             return Named(chosen, best.view, alone and not odd, fits, odd, remark)
-    if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
-        return _as_the_thesis(shape, spots) or Named(remark=unclear)
-    return Named(remark=unclear)
+    if free and tuple(names) == TANKER_NAMES:
+        return _as_the_thesis(shape, spots) or unclear
+    return unclear
 
 
 def _alike(guess: Guess, spots: Sequence[Light]) -> bool:
-    areas = [spots[index].seen.area for index in guess.chosen]
+    areas = [spots[index].seen.area for _, index in guess.way]
     return max(areas) <= MAX_RATIO * min(areas)
 
 
@@ -272,7 +364,7 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | No
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
     # Three frames must agree: nearly any five lights have some such order.
-    return Named(chosen, view, False, False)
+    return Named(dict(enumerate(chosen)), view, False, False)
 
 
 @dataclass
@@ -281,7 +373,7 @@ class Attempts:
 
     count: int  # markers of the body
     agreed: int = 0  # frames in a row that named the body alike
-    last: tuple[Light, ...] = ()  # places of its markers in the last one
+    last: Mapping[int, Light] = field(default_factory=dict)  # its markers in the last one
     _failures: int = 0
     _rest: int = 0
     _lights: int = 0
@@ -298,7 +390,7 @@ class Attempts:
 
     def fail(self) -> None:
         """No way of naming the lights stood out."""
-        self.agreed, self.last = 0, ()
+        self.agreed, self.last = 0, {}
         self._rest = min(self._failures, MAX_REST)
         self._failures = 2 * self._failures + 1 if self._failures < MAX_REST else MAX_REST
 
@@ -311,7 +403,10 @@ class Attempts:
         """Take a way of naming them; whether it is that of the last attempt."""
         assert named.view is not None
         reach = 0.5 * named.view.scale
-        alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.lights, strict=False))
+        alike = self.last.keys() == named.lights.keys() or not self.last
+        alike = alike and all(
+            are_close(light, named.lights[marker], reach) for marker, light in self.last.items()
+        )
         most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
         changed = abs(named.view.misfit - self._first_misfit) > most
         goes_on = alike and bool(self.last)

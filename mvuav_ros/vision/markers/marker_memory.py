@@ -33,7 +33,7 @@ class JumpTuning:
 
     fewest: int = 3  # lights whose middle one shows how all have moved
     deviations: float = 4.5  # of what is usual, from which on it has
-    least: float = 0.03  # px, of what is usual at least
+    least: float = 0.04  # px, of that at least: `MAX_PULL` comes and goes with the background
     alone: float = 0.5  # part of its jump by which all others must be nearer to their places
     learning: float = 0.05  # per frame, of what is usual
     forgetting: float = 0.9  # per frame, of the evidence of a jump
@@ -59,8 +59,8 @@ class Jumps:
         Returns:
             The marker whose light has jumped in this frame, if one has.
         """
-        kept = {m: JUMPS.forgetting * evidence for m, evidence in self.evidence.items()}
-        self.evidence = {m: evidence for m, evidence in kept.items() if evidence > 1.0}
+        kept = ((m, JUMPS.forgetting * evidence) for m, evidence in self.evidence.items())
+        self.evidence = {m: evidence for m, evidence in kept if evidence > 1.0}
         if len(away) < JUMPS.fewest:
             return None
         # What has shaken the camera has moved all of them.
@@ -75,7 +75,7 @@ class Jumps:
         if has_jumped:
             jumped = min((farthest / usual) ** 2, JUMPS.most)
             self.evidence[marker] = max(self.evidence.get(marker, 0.0), jumped)
-        mean = sum(min(distance, limit) for distance, _ in apart) / len(apart)
+        mean = sum([min(distance, limit) for distance, _ in apart]) / len(apart)
         self._frames += 1
         self._usual += max(JUMPS.learning, 1.0 / self._frames) * (mean - self._usual)
         return marker if has_jumped else None
@@ -241,7 +241,8 @@ class MarkerMemory:
         for index, (known, seen) in enumerate(zip(self.markers, found, strict=True)):
             if seen is not None:
                 spot, known.pull = seen
-                if _is_usual(known, spot, windows[index], frame):
+                fits = area_fits(spot.area, frame.parameters) and known.is_usual(spot)
+                if fits and not _is_cut(spot, known.radius + 1.0, windows[index], frame.size):
                     spots[index] = spot
         return spots, windows
 
@@ -351,13 +352,9 @@ class MarkerMemory:
         self._was_checked = checked
 
 
-def _is_usual(known: KnownMarker, spot: Detection, window: Window, frame: Frame) -> bool:
-    """Whether nothing has happened to a light, nor does the window cut it."""
-    if not known.is_usual(spot) or not area_fits(spot.area, frame.parameters):
-        return False
+def _is_cut(spot: Detection, reach: float, window: Window, size: tuple[int, int]) -> bool:
+    """Whether a window cuts what lies so near to a light (px) and would be in the image."""
+    x, y, _, _ = spot
     x0, x1, y0, y1 = window
-    right, bottom = frame.size[0] - 1, frame.size[1] - 1
-    reach = known.radius + 1.0
-    x, y = spot.x, spot.y
-    cut_x = x - reach < x0 > 0 or x + reach > x1 < right
-    return not (cut_x or y - reach < y0 > 0 or y + reach > y1 < bottom)
+    is_cut_across = x - reach < x0 > 0 or x + reach > x1 < size[0] - 1
+    return is_cut_across or y - reach < y0 > 0 or y + reach > y1 < size[1] - 1

@@ -109,11 +109,17 @@ class Vibration:
 
     def __init__(self) -> None:
         lags = TUNING.lags
-        self.coefficients: Array = np.zeros(lags)
+        # What an innovation and those before it count in what the prediction leaves of it.
+        self._left_of: Array = np.eye(1, 1 + lags)[0]
         # Mean square of the innovations, and of what the predictions leave of them, px².
         self.level = self.left = 0.01
         # Of an innovation and those before it, with each other: sums over markers and frames.
         self._products: Array = np.zeros((1 + lags, 1 + lags))
+
+    @property
+    def coefficients(self) -> Array:
+        """What each innovation, the newest first, counts in the next one."""
+        return -self._left_of[1:]
 
     @property
     def helps(self) -> bool:
@@ -136,17 +142,13 @@ class Vibration:
         products = history.dot(history.T)
         self._products *= memory
         self._products += products
-        # The newest innovation less its prediction, squared.
-        moment = products[0, 1:] - 0.5 * self.coefficients.dot(products[1:, 1:])
-        square = products.item(0)
-        left = square - 2.0 * float(self.coefficients.dot(moment))
         share = (1 - memory) / history.shape[1]
-        self.level = memory * self.level + share * square
+        self.level = memory * self.level + share * products.item(0)
+        left = float(self._left_of.dot(products).dot(self._left_of))
         self.left = memory * self.left + share * left
         if solve:
             ridge = self._products[1:, 1:] + TUNING.ridge * self.level * np.eye(TUNING.lags)
-            solution = np.linalg.solve(ridge, self._products[1:, 0])
-            self.coefficients = np.asarray(solution, np.float64)
+            self._left_of[1:] = -np.linalg.solve(ridge, self._products[1:, 0])
 
 
 def gain_tables() -> tuple[Array, Array]:
@@ -347,8 +349,8 @@ class MotionPredictor:
         rows = self._lights[1:3]
         if not self._steady:
             rows = np.where(self._lights[_SEEN] < [[2], [3]], math.nan, rows)
-        (vx, vy), (ax, ay) = rows.reshape(2, -1, 2).swapaxes(1, 2).tolist()
-        return list(zip(vx, vy, ax, ay, strict=True))
+        v, a = rows.tolist()
+        return list(zip(v[::2], v[1::2], a[::2], a[1::2], strict=True))
 
     def update(self, positions: Sequence[float | None] | Array) -> None:
         """Take the newest frame's x and y of every light in turn, px; NaN or None if not seen."""

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from functools import lru_cache
-from itertools import combinations, islice, permutations, product
+from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, Evidence, FaultDetector
-from mvuav_ros.vision.markers.initialization import DOUBT, Named
+from mvuav_ros.vision.markers.initialization import DOUBT, Named, Prior, guess_body
 from mvuav_ros.vision.markers.lights import Light, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
-from mvuav_ros.vision.markers.rig_view import ROLL, SCALE, Array, ViewState, X, Y
-from mvuav_ros.vision.markers.view_correction import NamedPlaces
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
@@ -75,159 +71,29 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
     return {m: light for m, light in best.items() if all(w.get(m) == light for w in probable)}
 
 
-MAX_COST = 24.0
-"""Squared residuals and distance from the prior over their variances, of a way that may be."""
-MAX_REFITTED = 24
-MAX_PERMUTED = 7  # Markers of a rig, and lights, up to which all threes are tried
-MAX_OF_THREE = 24
-MAX_BENT = 0.15
-"""By how much three markers may look distorted, in units of their size (1 sigma)."""
-MAX_PAIRS = 300
-Way = tuple[tuple[int, int], ...]
-"""Markers and the lights that they may be."""
+MIN_EVIDENCE = -5.0
+"""Logarithm of the odds of a body found again in one frame against lights of no body."""
 
 
-def reacquire(
-    views: ViewFilter, lights: Sequence[Light], fits: Fits, fewest: int
-) -> dict[int, Light] | None:
+def reacquire(views: ViewFilter, lights: Sequence[Light], fits: Fits) -> dict[int, Light]:
     """Find a body again of which nothing is in sight where it was expected.
 
-    Every three of the lights (px without distortion) are tried as every three of the markers, or
-    every two as every two, within what the time since the loss allows of roll, size and place. A
-    marker is named where every way that is about as probable as the best names it so.
-
-    Returns:
-        The markers named, none of them where it is not clear which they are; None where no way of
-        naming the fewest lights is possible.
+    It is looked for within what the time since the loss allows (see `guess_body`). A marker is
+    named where every way that is about as probable as the best names it so; three are enough where
+    there are no other lights.
     """
-    if len(lights) < fewest:
-        return {}
-    # Of four lights and more some three nearly always look like three of the markers.
-    everything = len(views.shape.points)
-    fewest = max(fewest, min(FAULTS.min_agreeing, len(lights), everything))
-    ways = _similar_ways(views, lights, fits, fewest)
-    completed = {
-        _completed(views, way, view, lights, fits) for way, view in _refitted(views, ways, lights)
-    }
+    fewest = min(max(len(lights), 3), FAULTS.min_agreeing, len(views.shape.points))
+    view = views.view
+    prior = Prior(view.parameters, np.sqrt(view.covariance.diagonal()), views.deviation)
     weighed = [
-        (view.cost + NOTHING * (everything - len(way)), dict(way))
-        for way, view in _refitted(views, list(completed), lights)
-        if view.cost <= MAX_COST
+        (guess.cost, dict(guess.way))
+        for guess in guess_body(views.shape, lights, prior, fewest)
+        if guess.evidence > MIN_EVIDENCE and all(fits(m, lights[i]) for m, i in guess.way)
     ]
     if not weighed:
-        return None
+        return {}
     agreed = {marker: lights[number] for marker, number in _shared(weighed).items()}
     return agreed if len(agreed) >= fewest else {}
-
-
-def _refitted(
-    views: ViewFilter, ways: Sequence[Way], lights: Sequence[Light]
-) -> list[tuple[Way, ViewState]]:
-    """Ways of naming lights, each with the view that follows."""
-    fitted: list[tuple[Way, ViewState]] = []
-    for number in sorted({len(way) for way in ways}):
-        same = [way for way in ways if len(way) == number][:MAX_REFITTED]
-        seen = np.array([[marker for marker, _ in way] for way in same], np.intp)
-        places = np.array([[(lights[i].x, lights[i].y) for _, i in way] for way in same])
-        fits = views.fit(NamedPlaces(seen, places.reshape(len(same), -1)))
-        fitted += [(way, fits.view(index)) for index, way in enumerate(same)]
-    return fitted
-
-
-def _completed(
-    views: ViewFilter, way: Way, view: ViewState, lights: Sequence[Light], fits: Fits
-) -> Way:
-    """A way with the lights that lie where its view has the other markers."""
-    places, deviations = views.places(view)
-    named = dict(way)
-    for marker in range(len(places)):
-        if marker in named:
-            continue
-        apart = [
-            (math.hypot(light.x - places[marker, 0], light.y - places[marker, 1]), number)
-            for number, light in enumerate(lights)
-            if number not in named.values() and fits(marker, light)
-        ]
-        if apart and min(apart)[0] < 4.0 * math.hypot(deviations[marker], views.deviation):
-            named[marker] = min(apart)[1]
-    return tuple(sorted(named.items()))
-
-
-def _similar_ways(views: ViewFilter, lights: Sequence[Light], fits: Fits, fewest: int) -> list[Way]:
-    """Ways of naming lights in which the body has only been turned, grown and moved."""
-    prior = views.view
-    places = views.places()[0]
-    flat = places[:, 0] + 1j * places[:, 1]
-    seen = np.array([complex(light.x, light.y) for light in lights])
-    if len(seen) < 2:
-        return []
-    if len(seen) >= 3 and 3 <= len(flat) <= MAX_PERMUTED:
-        ways = _ways_of_three(flat, seen, np.sqrt(np.diag(prior.covariance)))
-        if fewest > 2 or ways:
-            return [w for w in ways if all(fits(marker, lights[light]) for marker, light in w)]
-    reach = max(6.0, 0.15 * prior.scale)
-    allowed = 3.0 * np.sqrt(np.diag(prior.covariance))
-    a, b = np.triu_indices(len(flat), 1)
-    i, j = (index.ravel() for index in np.indices((len(seen), len(seen))))
-    i, j = i[i != j], j[i != j]
-    turn = (seen[j] - seen[i])[None, :] / (flat[b] - flat[a])[:, None]
-    shift = seen[i][None, :] - turn * flat[a][:, None]
-    moved = turn * flat.mean() + shift - flat.mean()
-    possible = np.abs(np.log(np.maximum(np.abs(turn), 1e-9))) < allowed[SCALE] + 0.15
-    possible &= np.abs(np.angle(turn)) < min(allowed[ROLL], math.pi) + 0.1
-    possible &= np.abs(moved) < math.hypot(allowed[X], allowed[Y]) + reach
-    pair, seen_pair = np.nonzero(possible)
-    tried: dict[Way, float] = {}
-    for t, s in zip(turn[pair, seen_pair][:MAX_PAIRS], shift[pair, seen_pair], strict=False):
-        way = _nearest(t * flat + s, seen, reach, lights, fits)
-        if len(way) >= fewest:
-            tried[way] = -len(way)
-    return sorted(tried, key=lambda way: tried[way])
-
-
-def _ways_of_three(
-    flat: NDArray[np.complex128], seen: NDArray[np.complex128], deviations: Array
-) -> list[Way]:
-    """All likely ways of naming three lights, by the turn, growth and distortion that they take."""
-    ways, chosen = _threes(len(flat), min(len(seen), MAX_PERMUTED))
-    markers = flat[ways] - flat[ways].mean(axis=1, keepdims=True)
-    lights = seen[chosen] - seen[chosen].mean(axis=1, keepdims=True)
-    turn = (markers.conj() * lights).sum(axis=1) / (np.abs(markers) ** 2).sum(axis=1)
-    bent = np.abs(lights - turn[:, None] * markers) ** 2
-    bent = bent.sum(axis=1) / (np.abs(turn[:, None] * markers) ** 2).sum(axis=1)
-    cost = (np.log(np.maximum(np.abs(turn), 1e-9)) / (deviations[SCALE] + 0.1)) ** 2
-    cost += (np.angle(turn) / (deviations[ROLL] + 0.1)) ** 2 + bent / MAX_BENT**2
-    best = [int(index) for index in np.argsort(cost)[:MAX_OF_THREE] if cost[index] < GATE]
-    return [
-        tuple(sorted(zip(ways[index].tolist(), chosen[index].tolist(), strict=True)))
-        for index in best
-    ]
-
-
-@lru_cache(maxsize=32)
-def _threes(markers: int, lights: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Three markers in any order, and three lights for them, (w, 3) each."""
-    pairs = product(permutations(range(markers), 3), combinations(range(lights), 3))
-    ways, chosen = zip(*pairs, strict=True)
-    return np.array(ways), np.array(chosen)
-
-
-def _nearest(
-    places: NDArray[np.complex128],
-    seen: NDArray[np.complex128],
-    reach: float,
-    lights: Sequence[Light],
-    fits: Fits,
-) -> Way:
-    apart = np.abs(places[:, None] - seen)
-    way = []
-    taken: set[int] = set()
-    for marker in np.argsort(apart.min(axis=1)).tolist():
-        number = int(apart[marker].argmin())
-        if apart[marker, number] <= reach and number not in taken and fits(marker, lights[number]):
-            taken.add(number)
-            way.append((marker, number))
-    return tuple(sorted(way))
 
 
 STRANGE = 3  # Frames without a name after which a light is clutter
@@ -310,12 +176,8 @@ class Search:
         # Markers found again together, after hardly any was in sight.
         self.reacquired: set[int] = set()
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
-        self.unexplained = 0  # lights that may be markers and have no name
-        # Whether lights without a name cannot be markers that return: false where it is only not
-        # clear which they are.
-        self.is_contradicted = True
         self._markers = markers
-        self._view = consensus.view
+        self._view = consensus.view()
         self._was_certain = float(self.views.places()[1].max()) < CERTAIN
 
     @property
@@ -328,11 +190,8 @@ class Search:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
 
-    def name(self, lights: Sequence[Light], clutter: Clutter, fewest: int) -> int:
-        """Give names to the lights of the frame; how many lights have none.
-
-        A body that is out of sight is found again by the fewest markers or more.
-        """
+    def name(self, lights: Sequence[Light], clutter: Clutter) -> int:
+        """Give names to the lights of the frame; how many lights have none."""
         self._clutter = clutter
         self._free = [
             light
@@ -344,7 +203,7 @@ class Search:
             if len(self.found) >= 2 and len(self.missing) >= 2:
                 self._name_joined()
         if len(self.found) < 2:
-            self._find_again(fewest)
+            self._find_again()
         self._check()
         self.alone = {
             marker
@@ -355,7 +214,6 @@ class Search:
         nameless = [light for light in self._free if light not in named]
         known = len(self.found) >= min(3, len(self._markers)) or self._was_certain
         clutter.update(nameless, self.expected(self.missing) if known else None)
-        self.unexplained = sum(not clutter.include(light) for light in nameless)
         return len(nameless)
 
     def _name_clear(self) -> None:
@@ -424,13 +282,11 @@ class Search:
         named = list(found.values())
         self._free = [light for light in self._free if light not in named]
 
-    def _find_again(self, fewest: int) -> None:
+    def _find_again(self) -> None:
         """Name a body of which at most one marker is where it was expected."""
         lights = [*self.found.values(), *self._free]
         new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
-        fewest = max(fewest, 3) if self.found else fewest
-        ways = reacquire(self.views, new, self._is_likely, fewest)
-        self.is_contradicted = ways is None
+        ways = reacquire(self.views, new, self._is_likely)
         if ways:
             self.suspects.clear()
             self.reacquired = set(ways)
@@ -453,14 +309,12 @@ class Search:
         for marker in consensus.dropped:
             del self.found[marker]
         self.suspects = set(consensus.suspects)
-        self._view = consensus.view
-        if self.suspects and not consensus.kept:
-            self.faults.inflate()
+        self._view = consensus.view()
 
     def replace(self, faults: FaultDetector, named: Named) -> None:
         """Take the names of a body that was named afresh."""
         self.faults, self.views, self._view = faults, faults.views, faults.views.view
-        self.found = dict(enumerate(named.lights))
+        self.found = dict(named.lights)
         self.suspects = set()
 
     def finish(self) -> Evidence:

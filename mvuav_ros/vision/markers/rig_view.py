@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 
 import numpy as np
@@ -76,17 +76,29 @@ class WeakPerspective:
         first, second = np.unravel_index(int(np.argmax(apart)), apart.shape)
         return int(first), int(second)
 
-    @cached_property
-    def triangle(self) -> tuple[int, int, int] | None:
-        """The three markers of the largest triangle as seen from behind; None if on one line."""
+    @cache  # noqa: B019 (a tracker has one or two shapes)
+    def triangles(self, hidden: int) -> list[tuple[int, int, int]]:
+        """Threes of markers, not on one line, of which one is left whichever so many are hidden.
+
+        The largest as seen from behind of those that are left most often.
+        """
         flat = self.points[:, 0] + 1j * self.points[:, 1]
 
         def area(three: tuple[int, int, int]) -> float:
             a, b, c = (complex(flat[marker]) for marker in three)
             return abs(((b - a).conjugate() * (c - a)).imag)
 
-        largest = max(combinations(range(len(flat)), 3), key=area, default=None)
-        return None if largest is None or area(largest) < _MIN_AREA else largest
+        threes = [three for three in combinations(range(len(flat)), 3) if area(three) >= _MIN_AREA]
+        left = set(combinations(range(len(flat)), hidden))
+        chosen = []
+        while left:
+            shown = {three: {out for out in left if not {*three} & {*out}} for three in threes}
+            best = max(threes, key=lambda three: (len(shown[three]), area(three)), default=None)
+            if best is None or not shown[best]:
+                break
+            chosen.append(best)
+            left -= shown[best]
+        return chosen
 
     @cached_property
     def _max_nearness(self) -> float:

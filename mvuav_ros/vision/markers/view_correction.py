@@ -58,7 +58,7 @@ class Gain:
     Attributes:
         covariance: (f, s, s), of the priors.
         markers: those seen, in the first of them.
-        views: (f, 8), at which the places (f, 2 k), px, have their slopes.
+        at: (f, 2 k + 8), places, px, and the views at which they have their slopes.
         slopes: (f, 8, 2 k), of the places by the parameters.
         towards: (f, s, 2 k), covariance of the state with the places.
         weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
@@ -77,9 +77,9 @@ class Gain:
     ) -> None:
         """Where the markers are seen in the views by these places and slopes."""
         count = noise.shape[1]
-        self.covariance, self.markers, self.views = covariance, markers, views
-        (self.places, slopes), self.noise, self.own = seen, noise, own
-        self.slopes = slopes
+        self.covariance, self.markers, self.noise, self.own = covariance, markers, noise, own
+        places, slopes = seen
+        self.at, self.slopes = np.concatenate((places, views), axis=1), slopes
         self.towards = covariance[:, :, :COUNT] @ slopes
         spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
         spread.reshape(-1, count * count)[:, :: count + 1] += noise
@@ -88,8 +88,9 @@ class Gain:
 
     @cached_property
     def effect(self) -> Array:
-        """(f, s + 2 k, 2 k): what makes innovations the state's change and weighed ones."""
-        return np.concatenate((self._kalman, self.weight), axis=1)
+        """(f, s + 2 k, 2 k + 8): makes what differs from `at` a change and weighed innovations."""
+        effect = np.concatenate((self._kalman, self.weight), axis=1)
+        return np.concatenate((effect, -effect @ self.slopes.transpose(0, 2, 1)), axis=2)
 
     @cached_property
     def _kalman(self) -> Array:
@@ -216,9 +217,10 @@ class Correction:
         return np.asarray((weighed * (gain.noise * weighed + moved)).sum(axis=1))
 
     @cached_property
-    def _rows(self) -> list[list[float]]:
-        rows: list[list[float]] = self.weighed.tolist()
-        return rows
+    def evidence(self) -> Array:
+        """(f,), logarithm of how probable the priors made the lights' places, per px² each."""
+        _, log_determinant = np.linalg.slogdet(self.gain.weight)
+        return np.asarray(0.5 * (log_determinant - self.cost) - len(self.gain.markers) * _LOG_TURN)
 
     @cached_property
     def nis(self) -> list[float]:
@@ -227,12 +229,12 @@ class Correction:
 
     def nis_of(self, row: int, index: int) -> float:
         """How far a marker lies from where a filter's others put it (chi², two degrees)."""
-        x, y = self._rows[row][2 * index], self._rows[row][2 * index + 1]
+        x, y = self.weighed.item(row, 2 * index), self.weighed.item(row, 2 * index + 1)
         xx, xy, yy, _ = self.gain.distances(row)[index]
         return (xx * x + xy * y) * x + yy * y * y
 
     def _squares(self, beside: bool = False) -> list[float]:
-        weighed, factors = self._rows[0], self.gain.distances(0, beside)
+        weighed, factors = self.weighed[0].tolist(), self.gain.distances(0, beside)
         return [
             (xx * x + xy * y) * x + yy * y * y
             for (xx, xy, yy, _), x, y in zip(factors, weighed[::2], weighed[1::2], strict=True)

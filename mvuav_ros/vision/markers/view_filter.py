@@ -9,11 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mvuav_ros.vision.markers.rig_view import (
-    BARREL,
     COUNT,
     FOCAL,
     PITCH,
-    ROLL,
     SCALE,
     SETTLED,
     SHARED,
@@ -95,11 +93,12 @@ _ALIKE = np.eye(COUNT)
 for _pair in ((X, Y), (PITCH, YAW)):
     _ALIKE[np.ix_(_pair, _pair)] = 0.5
 """Averages over parameters whose motions are alike."""
+_BLOCKS: Array = np.asarray(np.kron(np.eye(4).reshape(4, 2, 2), np.eye(COUNT)).reshape(4, -1))
+"""The four quarters of a matrix of states (16, 16), each with ones on its diagonal, flat."""
+_NOISE_BLOCKS: Array = np.asarray(_BLOCKS * np.tile(_RATE_NOISE, 2 * _STATES))
 _MOVED: Array = np.full(COUNT, 1.0 / TUNING.same_view)
 _MOVED[[X, Y]] = 1.0 / TUNING.same_place
 """Times which the changes of a view that has hardly moved are below 1."""
-_NOTHING_KNOWN = 6.0, 3000.0
-"""rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
 _SAME_TIME = 2e-9  # s, by which two steps differ only as their stamps are rounded
 _MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
 _MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exact the rig is
@@ -138,10 +137,9 @@ class ViewFilter:
         )
         count = len(shape.points)
         least, most = TUNING.bending
-        few = least <= 2 * count - self.unknowns <= most
         # Whether each marker has a filter that all but ignores it.
-        self.has_bank = few
-        filters = 1 + few * count
+        self.has_bank = least <= 2 * count - self.unknowns <= most
+        filters = 1 + self.has_bank * count
         # (f, 16), at `time`.
         self.means: Array = np.tile(mean, (filters, 1))
         # Of the frame before where the means have gone on alone since then.
@@ -171,7 +169,7 @@ class ViewFilter:
             self._learn()
             before = self._covariances.reshape(-1, _STATES).dot(self._transition)
             across = self._transition.T @ before.reshape(self._covariances.shape)
-            self._covariances = across + self._noise * np.tile(self._motion, 2)
+            self._covariances = across + self._noise * np.concatenate((self._motion, self._motion))
             self._is_behind = False
             self.means[:, :COUNT] = possible(self.means[:, :COUNT])
             old, new = self._variances, self._covariances[0].diagonal()[:COUNT]
@@ -193,18 +191,9 @@ class ViewFilter:
         return math.hypot(TUNING.noise, self.rig_error * scale)
 
     @property
-    def doubted_deviation(self) -> float:
-        """The same of a marker that is doubted."""
-        return max(TUNING.doubted * self.deviation, TUNING.min_doubted)
-
-    @property
     def unknowns(self) -> int:
         """Parameters that the lights alone give."""
         return COUNT - 2 if self._is_calibrated else COUNT
-
-    def deviation_of(self, parameter: int) -> float:
-        """How uncertain a parameter is (1 sigma)."""
-        return math.sqrt(self.belief.covariance.item(0, parameter, parameter))
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
@@ -252,7 +241,8 @@ class ViewFilter:
         if again is not None:
             return again
         before = self.belief  # Learns how exact the rig is
-        own, wide = self.deviation**2, self.doubted_deviation**2
+        usual = self.deviation
+        own, wide = usual**2, max(TUNING.doubted * usual, TUNING.min_doubted) ** 2
         noise = np.full((len(self.means), 2 * len(found)), own)
         if untrusted or self.has_bank:
             for index, marker in enumerate(found):
@@ -267,15 +257,18 @@ class ViewFilter:
         gain, step = self._newest[0].gain, self._step
         if abs(step - self._gain_step) > TUNING.same_step * step or list(found) != gain.markers:
             return None
-        away = self.means[:, :COUNT] - gain.views
-        moved = (_MOVED * away).ravel()
+        places = [x for place in found.values() for x in place]
+        width = len(places)
+        away = np.empty((len(self.means), width + COUNT))
+        away[:, :width], away[:, width:] = places, self.means[:, :COUNT]
+        away -= gain.at
+        moved = (_MOVED * away[:, width:]).ravel()
         if moved.dot(moved) > len(away):
             return None
-        innovation = np.array(list(found.values())).ravel() - gain.places
-        innovation -= times(gain.slopes.swapaxes(1, 2), away)
-        both = times(gain.effect, innovation)
+        both = times(gain.effect, away)
         change, weighed = both[:, :_STATES], both[:, _STATES:]
-        if innovation[0].dot(weighed[0]) > TUNING.usual_innovation * innovation.shape[1]:
+        innovation = away[0, :width] - away[0, width:].dot(gain.slopes[0])
+        if innovation.dot(weighed[0]) > TUNING.usual_innovation * width:
             return None
         turned = (SHARED * change[:, :COUNT]).ravel()
         if turned.dot(turned) > SETTLED**2 * len(change):
@@ -290,16 +283,6 @@ class ViewFilter:
         one = slice(1 + marker, 2 + marker)
         self.means = np.repeat(mean[one], filters, axis=0)
         self._covariances = np.repeat(covariance[one], filters, axis=0)
-        self._newest = []
-
-    def inflate(self, factor: float) -> None:
-        """Be less certain: what was seen contradicts the view as a whole."""
-        if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
-            return
-        growth = np.full(_STATES, math.sqrt(factor))
-        if self._is_calibrated:
-            growth[[FOCAL, BARREL, COUNT + FOCAL, COUNT + BARREL]] = 1.0
-        self._covariances = growth[:, None] * growth * self.belief.covariance
         self._newest = []
 
     def commit(self, correction: Correction) -> None:
@@ -344,8 +327,10 @@ class ViewFilter:
     def _learn_rig_error(self, newest: list[Correction], seen: int) -> None:
         """How well markers that agree fit shows how exact the rig is; less exact only slowly."""
         share = 2.0 * math.sqrt(seen / max(2 * seen - 6, 1)) / math.exp(self.means.item(0, SCALE))
-        for correction in newest:
-            shown = min(max(share * correction.misfit(), self._rig_errors[0]), self._rig_errors[1])
+        residuals = np.array([one.weighed[0] for one in newest]) * newest[0].gain.noise[0]
+        least, most = self._rig_errors
+        for squares in np.square(residuals).sum(axis=1).tolist():
+            shown = min(max(share * math.sqrt(squares / seen), least), most)
             rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
             self.rig_error += rate * (shown - self.rig_error)
 
@@ -359,7 +344,8 @@ def _dynamics(elapsed: float, walk: Array) -> tuple[Array, Array]:
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
     across, rates = 0.5 * reach * reach, 0.5 * last * (1.0 - fade * fade)
-    transition = np.kron(((1.0, 0.0), (reach, fade)), np.eye(COUNT))
-    noise = np.kron(((elapsed**3 / 3, across), (across, rates)), np.diag(_RATE_NOISE))
-    noise[:COUNT, :COUNT] += np.diag(elapsed * walk)
-    return np.asarray(transition), np.asarray(noise)
+    # Every frame's own where stamps jitter: products of constants instead of four `np.kron`.
+    transition = np.dot((1.0, 0.0, reach, fade), _BLOCKS)
+    noise = np.dot((elapsed**3 / 3, across, across, rates), _NOISE_BLOCKS)
+    noise[: COUNT * (_STATES + 1) : _STATES + 1] += elapsed * walk
+    return transition.reshape(_STATES, _STATES), noise.reshape(_STATES, _STATES)

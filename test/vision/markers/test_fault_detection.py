@@ -90,7 +90,7 @@ def test_a_calm_flight_is_expected_to_go_on_calmly():
     for wave in (0.0, 0.4):
         detector, frames = follow(60, wave)
         detector.views.predict(frames / 30)
-        spreads.append(detector.views.deviation_of(PITCH))
+        spreads.append(math.sqrt(detector.views.belief.covariance[0, PITCH, PITCH]))
     assert spreads[0] < 0.7 * spreads[1]
 
 
@@ -110,8 +110,7 @@ def test_three_lights_cannot_check_each_other():
 def test_nothing_is_ever_too_uncertain_to_be_computed():
     detector, frames = follow(20)
     for frame in range(400):
-        detector.views.predict((frames + frame) / 30)
-        detector.inflate()
+        detector.views.predict(float(frames + frame))
         found = {0: (100.0, 100.0), 4: (300.0, 120.0)}
         detector.weigh(found)
     assert np.isfinite(detector.views.look(found).parameters).all()

@@ -1,6 +1,7 @@
 """Names that are never lost and never wrong, on simulated flights with truth."""
 
 import math
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -311,12 +312,12 @@ def test_any_frames_at_all_are_survived(seed):
             assert marker.state is LOST or abs(marker.x) < 1e7
 
 
-def fly_among_glares(seed, frames):
-    flight = MarkerFlight(SCENES['glare'], seed)
+def fly_scene(scene, seed, frames=None):
+    flight = MarkerFlight(SCENES[scene], seed)
     camera = CameraModel(WIDTH, HEIGHT, tuple(flight.matrix.ravel().tolist()), (*DISTORTION, 0.0))
     tracker, score = MarkerTracker(), FlightScore()
     tracker.set_camera(camera)
-    for _, (stamp_ns, image, truth) in zip(range(frames), flight, strict=False):
+    for stamp_ns, image, truth in islice(flight, frames):
         markers = tracker.process(Image(image, 'mono8'), stamp_ns).markers
         named = np.array([marker.state is DETECTED for marker in markers])
         places = np.array([(marker.x, marker.y) for marker in markers])
@@ -324,9 +325,17 @@ def fly_among_glares(seed, frames):
     return score, named
 
 
+@pytest.mark.parametrize('seed', [20001, pytest.param(20007, marks=pytest.mark.long), 20016])
+def test_a_body_with_a_hidden_marker_is_found_again_among_other_lights(seed):
+    """Dark for a while, among nine lights; its names came back once all five were in sight."""
+    score, _ = fly_scene('everything at once', seed)
+    assert score.wrong == []
+    assert max(score.waits, default=0) <= 12
+
+
 def test_larger_glares_do_not_hide_a_body_at_the_start():
     """The five highest lights in the image are much larger than some markers."""
-    score, named = fly_among_glares(52004, 3)
+    score, named = fly_scene('glare', 52004, 3)
     assert score.wrong == []
     assert named.all()
 
@@ -336,14 +345,14 @@ def test_larger_glares_do_not_hide_a_body_at_the_start():
 
 
 def test_a_body_that_a_ghost_completes_is_not_believed_while_its_misfit_changes():
-    score, named = fly_among_glares(57004, 75)
+    score, named = fly_scene('glare', 57004, 75)
     assert score.wrong == []
     assert named[[0, 1, 3, 4]].all(), 'all that no glare covers'
 
 
 def test_a_body_that_was_named_wrongly_is_named_afresh(monkeypatch):
     monkeypatch.setattr(Attempts, 'confirmed', lambda attempts, named: attempts.agreed >= 3)
-    score, named = fly_among_glares(57004, 75)
+    score, named = fly_scene('glare', 57004, 75)
     assert score.wrong, 'it begins upside down'
     assert max(score.wrong) < 50
     assert named[[0, 1, 3, 4]].all()

@@ -7,7 +7,7 @@ import pytest
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import Evidence
 from mvuav_ros.vision.markers.lights import Light
-from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker, MarkerMemory
+from mvuav_ros.vision.markers.marker_memory import Expectation, Jumps, KnownMarker, MarkerMemory
 from mvuav_ros.vision.markers.view_correction import log_density
 
 BESIDE = 36.0  # px², of another light's place
@@ -48,6 +48,15 @@ def test_a_doubt_stays_when_a_light_is_named_again_by_its_place():
     assert 2.0 < marker.odds < 3.0
     marker.give(*densities(30.0), others=True, followed=False)
     assert marker.odds < 2.0, 'nothing of the body was where it was expected'
+
+
+@pytest.mark.parametrize(('away', 'jumped'), [(0.175, None), (0.25, 2), (3.0, 2)])
+def test_a_light_jumps_farther_than_its_background_can_pull_it(away, jumped):
+    jumps = Jumps()
+    still = dict.fromkeys(range(5), (0.0, 0.0))
+    for _ in range(100):
+        assert jumps.update(still) is None
+    assert jumps.update({**still, 2: (away, 0.0)}) == jumped
 
 
 def memory_of(count):
