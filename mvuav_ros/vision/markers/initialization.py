@@ -1,4 +1,4 @@
-"""A whole body named in one frame, when none of its markers is known."""
+"""A body named in one frame: whole at the start, with hidden markers where it was lost."""
 
 from __future__ import annotations
 
