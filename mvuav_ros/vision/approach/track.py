@@ -195,8 +195,8 @@ class EdgeKind(IntEnum):
 class EdgeKinds:
     """Which kind of edge is the runway's: a hidden variable, filtered forwards over the frames.
 
-    Frames err alike, so what a frame says of a kind counts by `TRACK.kind_weight`; and from one
-    frame to the next the kind may become another one with a probability of `TRACK.kind_leave`.
+    Only frames that are weighed count, and by `TRACK.kind_weight`, as they err alike. From one of
+    them to the next the kind may become another one with a probability of `TRACK.kind_leave`.
     """
 
     def __init__(self) -> None:
@@ -246,7 +246,7 @@ class RunwayTrack(FollowedStrip):
         self._hypotheses = Hypotheses()
         self._look, self._lines, self.kinds = EdgeLook(), SideLines(), EdgeKinds()
         self._spread = np.zeros((2, 2))
-        self._rested = 0
+        self._rested, self._memory = 0, 1.0
         self.locked = False
 
     @property
@@ -298,6 +298,7 @@ class RunwayTrack(FollowedStrip):
                 self.points = self._predicted()
             return
         share, self._rested = float(self._rested), 0
+        self._memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
         self._lock()
         seen = True
         if self.locked:
@@ -337,8 +338,7 @@ class RunwayTrack(FollowedStrip):
         apart = TRACK.alike_share * _width(measured[best]) + TRACK.alike_px
         differing = _distinct(columns, odds, apart)
         now = float(odds[best]) + math.log(float(np.exp(odds[differing] - odds[best]).sum()))
-        memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
-        self.log_odds += memory * (now - self.log_odds)
+        self.log_odds += self._memory * (now - self.log_odds)
         strips, shares = self._hypotheses.weigh(measured, odds, share, frame)
         likeliest = strips[int(shares.argmax())]
         rows = likeliest[1] + likeliest[4:6]
@@ -346,7 +346,7 @@ class RunwayTrack(FollowedStrip):
         mean = np.tensordot(shares, corners, axes=1)
         self._spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
         near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance(float(mean[1, 1] - mean[0, 1]))
-        self.agreement += memory * (float(shares[near].sum()) - self.agreement)
+        self.agreement += self._memory * (float(shares[near].sum()) - self.agreement)
         through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)
         self._ends_at(rows)
@@ -357,33 +357,30 @@ class RunwayTrack(FollowedStrip):
     def _measure(
         self, view: View, strip: Strip, rows: NDArray[np.float64], *, weighed: bool
     ) -> None:
-        """Find the edges about a strip between two rows, by the likeliest kind that is seen."""
+        """Find the edges about a strip between two rows, by the likeliest kind.
+
+        The others are measured, and which is the likeliest is asked, in weighings alone.
+        """
         corners = columns_at(strip[None], rows)[0]
         width = float(corners[1, 1] - corners[0, 1])
         measured: dict[EdgeKind, Edges | None] = {}
         if weighed and not self.locked:
             measured[EdgeKind.STRIPS] = points_along(corners, rows, self._spread)
-        # Between weighings one kind is enough: lines, unless colour shows the steps.
-        order = [EdgeKind.STEP]
-        if width < LINES.max_width:
-            by_steps = self._look.coloured and self.kinds.likeliest is not EdgeKind.LINE
-            order.insert(1 if weighed or by_steps else 0, EdgeKind.LINE)
         evidence: dict[EdgeKind, float] = {}
-        for kind in order:
-            if kind is EdgeKind.STEP:
-                edges, odds = self._find_steps(view, strip, weighed=weighed)
-            else:
-                by_colour = measured.get(EdgeKind.STEP) if self._look.coloured else None
-                known = by_colour or (self._predicted() if weighed else None)
-                edges = self._lines.find(view.frame, strip, known, coloured=bool(by_colour))
-                odds = TRACK.lines_seen[edges is not None]
-            measured[kind], evidence[kind] = edges, odds
-            if edges is not None and not weighed:
-                break
-        self.kinds.take_in(evidence)
-        seen = EdgeKind.STEP if self._look.coloured else EdgeKind.LINE
-        distinct = measured.get(EdgeKind.LINE) or measured.get(seen)
-        self.distinct += max(TRACK.memory, 1.0 / self.age) * (bool(distinct) - self.distinct)
+        if weighed or self.kinds.likeliest is EdgeKind.STEP:
+            edges, odds = self._find_steps(view, strip, weighed=weighed)
+            measured[EdgeKind.STEP], evidence[EdgeKind.STEP] = edges, odds
+        if width < LINES.max_width and (weighed or self.kinds.likeliest is EdgeKind.LINE):
+            by_colour = measured.get(EdgeKind.STEP) if self._look.coloured else None
+            known = by_colour or (self._predicted() if weighed else None)
+            lines = self._lines.find(view.frame, strip, known, coloured=bool(by_colour))
+            measured[EdgeKind.LINE] = lines
+            evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
+        if weighed:
+            self.kinds.take_in(evidence)
+            seen = EdgeKind.STEP if self._look.coloured else EdgeKind.LINE
+            distinct = measured.get(EdgeKind.LINE) or measured.get(seen)
+            self.distinct += self._memory * (bool(distinct) - self.distinct)
         self.points = measured.get(self.kinds.likeliest)
         if self.points is not None:
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))

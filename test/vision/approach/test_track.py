@@ -82,3 +82,19 @@ def test_the_kind_of_edge_changes_only_over_several_frames():
         kinds.take_in({EdgeKind.LINE: -2.0, EdgeKind.STEP: 2.0})
     assert kinds.share(EdgeKind.STEP) > 0.9
     assert kinds.likeliest is EdgeKind.STEP
+
+
+def test_between_weighings_the_edges_are_measured_and_their_kind_stays():
+    """Of what is not looked for nothing is learnt."""
+    seen = view()
+    track = RunwayTrack(STRIP, 1.0)
+    for _ in range(8):
+        track.step(seen, 1)
+    before = [track.kinds.share(kind) for kind in EdgeKind]
+    for _ in range(5):
+        track.step(seen, 6, shown=True)
+    assert [track.kinds.share(kind) for kind in EdgeKind] == before
+    assert min(edge.support for edge in track.points) > 0.7
+    assert near_edges(track) == pytest.approx([145, 175], abs=1.0)
+    track.step(seen, 6, shown=True)
+    assert [track.kinds.share(kind) for kind in EdgeKind] != before
