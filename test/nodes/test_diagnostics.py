@@ -65,9 +65,8 @@ def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(grap
     skipped = int(values['frames_skipped'])
     assert 0 < answered < 0.9 * sent
     assert skipped > 0
-    # Nothing disappears uncounted, but for the last few, which may never have been followed by
-    # another, and the first few, before the usual step between two images is known.
-    assert sent - 15 <= answered + skipped + gone <= sent
+    # Nothing disappears uncounted; the last few may never have been followed by another.
+    assert sent - 5 <= answered + skipped + gone <= sent
     assert 'too slow for the camera' in values['message'] and values['level'] == 1
     # Never more than the queue and the frame in work behind.
     assert stamp_ns_of(stream.answers['runway_detector'][-1].header) == stamp_ns
