@@ -269,6 +269,8 @@ class IdentityTracker:
 
     def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
         """Name the body afresh where few names are firm, or lights have had none for long."""
+        if search.found and not (nameless and search.missing):
+            return
         assert self._body is not None
         views, memory = search.views, self._body[1]
         then, view = self._sure
@@ -276,8 +278,6 @@ class IdentityTracker:
         fewest = self._count
         if len(search.found.keys() - search.suspects - memory.doubtful) < FAULTS.min_firm:
             fewest = min(self._count, max(self._count - MAX_HIDDEN, prior.fewest))
-        if search.found and not (nameless and search.missing):
-            return
         if len(lights) < fewest or not self._attempts.due(len(lights)):
             return
         named = initialize(views.shape, lights, self._rig.names, prior, fewest)

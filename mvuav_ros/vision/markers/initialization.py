@@ -61,7 +61,7 @@ _TRIED = 16
 _FEW_SPOTS = 5
 _TRIED_AMONG_MANY = 10
 """Ways of naming that are fitted."""
-ABSENT = 22.0  # What it costs to leave a marker without a light, as in `naming.NOTHING`
+ABSENT = 22.0  # What it costs to leave a marker without a light: `naming.GATE` and `DOUBT`
 STRAY = 1e-5  # Density of lights that are none of the body's, per px²
 MAX_AWAY = 40.0  # Squared distance over variance from what is known of the view, if it is
 
@@ -163,7 +163,7 @@ def _fitted(
     guesses = []
     flat = np.array([(spot.x, spot.y) for spot in spots])
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
-    scale = median_high([float(start[SCALE]) for _, start in starts]) if starts else 0.0
+    scale = median_high([float(start[SCALE]) for _, start in starts])
     variance = (prior.noise or 0.3 + MODEL_ERROR * math.exp(scale)) ** 2
     for number in sorted({len(way) for way, _ in starts}):
         same = [start for start in starts if len(start[0]) == number]

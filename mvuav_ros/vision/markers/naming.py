@@ -11,14 +11,13 @@ import numpy as np
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, Evidence, FaultDetector
-from mvuav_ros.vision.markers.initialization import DOUBT, Named, Prior, guess_body
+from mvuav_ros.vision.markers.initialization import ABSENT, DOUBT, Named, Prior, guess_body
 from mvuav_ros.vision.markers.lights import Light, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
 GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
-NOTHING = GATE + DOUBT  # What it costs to leave a marker without a light
 MAX_WAYS = 1000
 Fits = Callable[[int, Light], bool]
 """Whether a marker may look like this light."""
@@ -57,7 +56,7 @@ def _ways(
         return
     (marker, near), *rest = choices
     for cost, way in _ways(rest, taken):
-        yield cost + NOTHING, way
+        yield cost + ABSENT, way
     for number, own in near.items():
         if number not in taken:
             for cost, way in _ways(rest, taken | {number}):
