@@ -24,8 +24,6 @@ from mvuav_ros.vision.markers.rig_view import (
 )
 
 Point = tuple[float, float]
-Distance = tuple[float, float, float, float]
-"""Factors of x², x y and y², and the logarithm of the determinant of the place's covariance."""
 BESIDE = 6.0
 """px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
 _LOG_TURN = math.log(2.0 * math.pi)
@@ -84,7 +82,6 @@ class Gain:
         spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
         spread.reshape(-1, count * count)[:, :: count + 1] += noise
         self.weight = _inverses(spread)
-        self._distances: dict[tuple[int, bool], list[Distance]] = {}
 
     @cached_property
     def effect(self) -> Array:
@@ -111,30 +108,32 @@ class Gain:
         left -= rest @ transposed
         return np.asarray(0.5 * (left + left.transpose(0, 2, 1)))
 
-    def distances(self, row: int = 0, beside: bool = False) -> list[Distance]:
+    @cached_property
+    def distances(self) -> list[list[list[list[float]]]]:
         """What makes weighed innovations squared distances from where the others put each marker.
 
         With w = S⁻¹ r, a filter's weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
         innovation by all other markers alone is B⁻¹ w with the covariance B⁻¹, of which the
         marker's own variance is a part. Where it is another one by d, as for a light beside the
-        marker, the squared distance is w (B + d B²)⁻¹ w, where B² is tr(B) B - det(B).
+        marker (see `BESIDE`), the squared distance is w (B + d B²)⁻¹ w, where B² is
+        tr(B) B - det(B).
+
+        Returns:
+            Of the marker's own place, then of that of a light beside it, for each filter and
+            marker: the factors of x², x y and y², and the logarithm of the determinant of the
+            place's covariance. Lists, as five markers are too few for arrays.
         """
-        found = self._distances.get((row, beside))
-        if found is None:
-            found = self._distances[row, beside] = []
-            own = self.own + BESIDE * BESIDE if beside else self.own
-            diagonal = self.weight[row].diagonal().tolist()
-            across = self.weight[row].diagonal(1)[::2].tolist()
-            noise = self.noise[row, ::2].tolist()
-            for xx, xy, yy, usual in zip(diagonal[::2], across, diagonal[1::2], noise, strict=True):
-                other = own - usual
-                size = max(xx * yy - xy * xy, 1e-12 * xx * yy)
-                share, less = 1.0 + other * (xx + yy), other * size
-                wider = share + other * less  # the determinant of I + d B
-                both = wider * size
-                factors = (share * yy - less) / both, -2.0 * share * xy / both
-                found.append((*factors, (share * xx - less) / both, math.log(wider / size)))
-        return found
+        filters, width = self.noise.shape
+        blocks = self.weight.reshape(filters, -1)
+        xx, xy, yy = (blocks[:, first :: 2 * width + 2] for first in (0, 1, width + 1))
+        other = np.add.outer((0.0, BESIDE * BESIDE), self.own - self.noise[:, ::2])
+        size = np.maximum(xx * yy - xy * xy, 1e-12 * xx * yy)
+        share, less = 1.0 + other * (xx + yy), other * size
+        wider = share + other * less  # the determinant of I + d B
+        factors = share * yy - less, -2.0 * share * xy, share * xx - less
+        found = np.array((*(factors / (wider * size)), np.log(wider / size)))
+        distances: list[list[list[list[float]]]] = found.transpose(1, 2, 3, 0).tolist()
+        return distances
 
 
 @dataclass(eq=False)
@@ -230,11 +229,11 @@ class Correction:
     def nis_of(self, row: int, index: int) -> float:
         """How far a marker lies from where a filter's others put it (chi², two degrees)."""
         x, y = self.weighed.item(row, 2 * index), self.weighed.item(row, 2 * index + 1)
-        xx, xy, yy, _ = self.gain.distances(row)[index]
+        xx, xy, yy, _ = self.gain.distances[0][row][index]
         return (xx * x + xy * y) * x + yy * y * y
 
     def _squares(self, beside: bool = False) -> list[float]:
-        weighed, factors = self.weighed[0].tolist(), self.gain.distances(0, beside)
+        weighed, factors = self.weighed[0].tolist(), self.gain.distances[beside][0]
         return [
             (xx * x + xy * y) * x + yy * y * y
             for (xx, xy, yy, _), x, y in zip(factors, weighed[::2], weighed[1::2], strict=True)
@@ -245,7 +244,7 @@ class Correction:
 
         First that of the marker itself, then that of another light beside there (see `BESIDE`).
         """
-        small, large = self.gain.distances(), self.gain.distances(beside=True)
+        small, large = (by_filter[0] for by_filter in self.gain.distances)
         squares = zip(self.nis, self._squares(beside=True), strict=True)
         return {
             marker: (log_density(near, own[3]), log_density(far, wide[3]))
