@@ -210,8 +210,10 @@ class FaultDetector:
         if not found:
             return NO_EVIDENCE
         correction, evidence = self._correct(found)
-        over = max(max(evidence.values(), default=0.0) - TUNING.max_evidence, 0.0)
-        self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in evidence.items()}
+        over = max(evidence.values(), default=0.0) - TUNING.max_evidence
+        if over > 0.0:
+            evidence = {m: max(sum_ - over, 0.0) for m, sum_ in evidence.items()}
+        self._evidence = evidence
         self.views.commit(correction)
         redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
         return Evidence(correction.log_likelihoods(), redundancy)

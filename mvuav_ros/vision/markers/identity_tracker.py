@@ -25,9 +25,9 @@ from mvuav_ros.vision.markers.lights import (
     Frame,
     GroupingError,
     Lens,
+    Light,
     Lights,
     are_close,
-    places_of,
     straightened,
 )
 from mvuav_ros.vision.markers.marker_memory import PROBATION, Expectation, MarkerMemory
@@ -79,11 +79,11 @@ class Reporter:
         earliest time (s).
         """
         motions = memory.predictor.motions()
+        rows = zip(self._labels, motions, memory.markers, strict=True)
         markers = []
-        for index, (label, motion) in enumerate(zip(self._labels, motions, strict=True)):
-            spot, known = spots.get(index), memory.markers[index]
-            if spot is not None:
-                x, y, area, _ = spot
+        for index, (label, motion, known) in enumerate(rows):
+            if index in spots:
+                x, y, area, _ = spots[index]
                 state = MarkerState.DETECTED
                 markers.append(Marker(label, state, x, y, *motion, area, known.confidence))
             elif known.last_seen >= earliest and index in expected:
@@ -93,7 +93,8 @@ class Reporter:
                 markers.append(Marker(label, MarkerState.LOST))
         roll = math.nan
         if self._wings is not None:
-            roll = roll_of(*(markers[wing] for wing in self._wings))
+            left, right = self._wings
+            roll = roll_of(markers[left], markers[right])
         status = remark
         if len(spots) < len(markers):
             status = counts_of(markers) + (f' ({remark})' if remark else '')
@@ -203,15 +204,14 @@ class IdentityTracker:
             places, deviations = faults.views.places()
             memory.tell(self._lens.to_image(places), deviations)
         spots, windows = memory.look(frame)
-        found = dict(zip(spots, straightened(self._lens, list(spots.values())), strict=True))
-        for (a, one), (b, other) in combinations(list(found.items()), 2):
-            is_near = abs(one[0] - other[0]) < SAME_SPOT and are_close(one, other, SAME_SPOT)
-            if is_near and a in found and b in found:
-                del found[a], found[b]
-        memory.watch({index: spots[index] for index in found})
+        named = dict(zip(spots, straightened(self._lens, spots.values()), strict=True))
+        for (a, one), (b, other) in combinations(list(named.items()), 2):
+            is_near = abs(one[0] - other[0]) < SAME_SPOT and math.dist(one, other) < SAME_SPOT
+            if is_near and a in named and b in named:
+                del named[a], named[b], spots[a], spots[b]
+        memory.watch(spots)
         faults.jumps = memory.jumps.evidence
         faults.untrusted = memory.untrusted
-        named = places_of(found)
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
             evidence = faults.commit(named)
@@ -222,8 +222,9 @@ class IdentityTracker:
             return self._report.result(memory, spots, frame.earliest, {}, windows)
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
-        doubted = memory.distrust(found)
+        doubted = memory.distrust(spots)
         faults.untrusted = memory.untrusted
+        found = {index: Light(*place, spots[index]) for index, place in named.items()}
         search = Search(faults, memory.markers, consensus, found)
         status = self._search(frame, search, memory.reported if consensus.kept else ())
         if not search.found and frame.time - memory.newest > GIVEN_UP:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -249,7 +249,9 @@ class Lights:
         chosen = blobs.may_be_lights()
         if len(chosen) > MAX_MEASURED:
             chosen = chosen[_most_useful(blobs.stats[chosen], around)]
-        self.spots = straightened(lens, blobs.measure(chosen))
+        spots = blobs.measure(chosen)
+        places = straightened(lens, spots)
+        self.spots = [Light(x, y, spot) for (x, y), spot in zip(places, spots, strict=True)]
 
     def __len__(self) -> int:
         return len(self.spots)
@@ -273,12 +275,12 @@ def _most_useful(stats: Integers, around: Sequence[float]) -> Integers:
     return np.argsort(apart, kind='stable')[:MAX_MEASURED]
 
 
-def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Light]:
-    """Detections, and where a lens without distortion would show them."""
-    if lens.is_straight or not spots:
-        return [Light(spot.x, spot.y, spot) for spot in spots]
-    ideal = lens.to_ideal(np.array([spot[:2] for spot in spots])).tolist()
-    return [Light(x, y, spot) for spot, (x, y) in zip(spots, ideal, strict=True)]
+def straightened(lens: Lens, spots: Iterable[Detection]) -> list[tuple[float, float]]:
+    """Where a lens without distortion would show detections, px."""
+    places = [spot[:2] for spot in spots]
+    if lens.is_straight:
+        return places
+    return [(x, y) for x, y in lens.to_ideal(np.array(places)).tolist()]
 
 
 def places_of(found: Mapping[int, Light]) -> dict[int, tuple[float, float]]:

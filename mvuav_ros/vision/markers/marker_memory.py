@@ -59,26 +59,28 @@ class Jumps:
         Returns:
             The marker whose light has jumped in this frame, if one has.
         """
-        kept = ((m, JUMPS.forgetting * evidence) for m, evidence in self.evidence.items())
+        kept = [(m, JUMPS.forgetting * evidence) for m, evidence in self.evidence.items()]
         self.evidence = {m: evidence for m, evidence in kept if evidence > 1.0}
         if len(away) < JUMPS.fewest:
             return None
         # What has shaken the camera has moved all of them.
+        xs, ys = zip(*away.values(), strict=True)
         middle = len(away) // 2
-        x, y = (sorted(values)[middle] for values in zip(*away.values(), strict=True))
+        x, y = sorted(xs)[middle], sorted(ys)[middle]
+        apart = [math.hypot(dx - x, dy - y) for dx, dy in away.values()]
         usual = math.hypot(self._usual, JUMPS.least)
         limit = JUMPS.deviations * usual
-        apart = sorted((math.hypot(dx - x, dy - y), m) for m, (dx, dy) in away.items())
-        farthest, marker = apart[-1]
-        # Where others have moved oddly as well, it is the motion that was not foreseen.
-        has_jumped = farthest > limit and apart[-2][0] < JUMPS.alone * farthest
-        if has_jumped:
-            jumped = min((farthest / usual) ** 2, JUMPS.most)
-            self.evidence[marker] = max(self.evidence.get(marker, 0.0), jumped)
-        mean = sum([min(distance, limit) for distance, _ in apart]) / len(apart)
+        mean = sum([min(distance, limit) for distance in apart]) / len(apart)
         self._frames += 1
         self._usual += max(JUMPS.learning, 1.0 / self._frames) * (mean - self._usual)
-        return marker if has_jumped else None
+        *_, second, farthest = sorted(apart)
+        # Where others have moved oddly as well, it is the motion that was not foreseen.
+        if farthest <= limit or second >= JUMPS.alone * farthest:
+            return None
+        marker = list(away)[apart.index(farthest)]
+        jumped = min((farthest / usual) ** 2, JUMPS.most)
+        self.evidence[marker] = max(self.evidence.get(marker, 0.0), jumped)
+        return marker
 
 
 @dataclass(frozen=True)
