@@ -109,17 +109,14 @@ class Vibration:
 
     def __init__(self) -> None:
         lags = TUNING.lags
+        # What each innovation, the newest first, counts in the next one.
+        self.coefficients: Array = np.zeros(lags)
         # What an innovation and those before it count in what the prediction leaves of it.
         self._left_of: Array = np.eye(1, 1 + lags)[0]
         # Mean square of the innovations, and of what the predictions leave of them, px².
         self.level = self.left = 0.01
         # Of an innovation and those before it, with each other: sums over markers and frames.
         self._products: Array = np.zeros((1 + lags, 1 + lags))
-
-    @property
-    def coefficients(self) -> Array:
-        """What each innovation, the newest first, counts in the next one."""
-        return -self._left_of[1:]
 
     @property
     def helps(self) -> bool:
@@ -148,7 +145,8 @@ class Vibration:
         self.left = memory * self.left + share * left
         if solve:
             ridge = self._products[1:, 1:] + TUNING.ridge * self.level * np.eye(TUNING.lags)
-            self._left_of[1:] = -np.linalg.solve(ridge, self._products[1:, 0])
+            self.coefficients = np.linalg.solve(ridge, self._products[1:, 0])
+            self._left_of[1:] = -self.coefficients
 
 
 def gain_tables() -> tuple[Array, Array]:

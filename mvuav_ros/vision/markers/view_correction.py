@@ -28,6 +28,7 @@ BESIDE = 6.0
 """px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
 _LOG_TURN = math.log(2.0 * math.pi)
 _FREEDOM = 4.0  # Degrees, of the distribution of a place about where the others put it
+_TAIL = 0.5 * _FREEDOM + 1.0  # Exponent of its density in two dimensions
 
 
 class Belief(NamedTuple):
@@ -120,8 +121,8 @@ class Gain:
 
         Returns:
             Of the marker's own place, then of that of a light beside it, for each filter and
-            marker: the factors of x², x y and y², and the logarithm of the determinant of the
-            place's covariance. Lists, as five markers are too few for arrays.
+            marker: the factors of x², x y and y², and the logarithm of the density where the
+            others put it, px^-2. Lists, as five markers are too few for arrays.
         """
         filters, width = self.noise.shape
         blocks = self.weight.reshape(filters, -1)
@@ -131,7 +132,8 @@ class Gain:
         share, less = 1.0 + other * (xx + yy), other * size
         wider = share + other * less  # the determinant of I + d B
         factors = share * yy - less, -2.0 * share * xy, share * xx - less
-        found = np.array((*(factors / (wider * size)), np.log(wider / size)))
+        peak = -0.5 * np.log(wider / size) - _LOG_TURN
+        found = np.array((*(factors / (wider * size)), peak))
         distances: list[list[list[list[float]]]] = found.transpose(1, 2, 3, 0).tolist()
         return distances
 
@@ -224,34 +226,38 @@ class Correction:
     @cached_property
     def nis(self) -> list[float]:
         """For each marker how far it lies from where the main filter's others put it."""
-        return self._squares()
+        return [self.nis_of(0, index) for index in range(len(self.gain.markers))]
 
-    def nis_of(self, row: int, index: int) -> float:
-        """How far a marker lies from where a filter's others put it (chi², two degrees)."""
-        x, y = self.weighed.item(row, 2 * index), self.weighed.item(row, 2 * index + 1)
-        xx, xy, yy, _ = self.gain.distances[0][row][index]
+    @cached_property
+    def _rows(self) -> list[list[float]]:
+        rows: list[list[float]] = self.weighed.tolist()
+        return rows
+
+    def nis_of(self, row: int, index: int, beside: bool = False) -> float:
+        """How far a marker lies from where a filter's others put it (chi², two degrees).
+
+        Or a light beside the marker (see `BESIDE`).
+        """
+        x, y = self._rows[row][2 * index : 2 * index + 2]
+        xx, xy, yy, _ = self.gain.distances[beside][row][index]
         return (xx * x + xy * y) * x + yy * y * y
-
-    def _squares(self, beside: bool = False) -> list[float]:
-        weighed, factors = self.weighed[0].tolist(), self.gain.distances[beside][0]
-        return [
-            (xx * x + xy * y) * x + yy * y * y
-            for (xx, xy, yy, _), x, y in zip(factors, weighed[::2], weighed[1::2], strict=True)
-        ]
 
     def log_likelihoods(self) -> dict[int, tuple[float, float]]:
         """How probable each marker's place is by all others, logarithm per px².
 
         First that of the marker itself, then that of another light beside there (see `BESIDE`).
+        It is Student's t in two dimensions, whose tails are wider than a normal distribution's: at
+        times a motion was not foreseen.
         """
-        small, large = (by_filter[0] for by_filter in self.gain.distances)
-        squares = zip(self.nis, self._squares(beside=True), strict=True)
-        return {
-            marker: (log_density(near, own[3]), log_density(far, wide[3]))
-            for marker, (near, far), own, wide in zip(
-                self.gain.markers, squares, small, large, strict=True
+        likelihoods = {}
+        (own, *_), (other, *_) = self.gain.distances
+        for index, marker in enumerate(self.gain.markers):
+            near, far = self.nis[index], self.nis_of(0, index, beside=True)
+            likelihoods[marker] = (
+                own[index][3] - _TAIL * math.log1p(near / _FREEDOM),
+                other[index][3] - _TAIL * math.log1p(far / _FREEDOM),
             )
-        }
+        return likelihoods
 
     def view(self, row: int = 0) -> ViewState:
         """What follows of a filter's view."""
@@ -262,15 +268,6 @@ class Correction:
             self.misfit(row),
             float(self.cost[row]),
         )
-
-
-def log_density(square: float, log_determinant: float) -> float:
-    """Of Student's t in two dimensions, at a squared distance over its covariance.
-
-    Its tails are wider than a normal distribution's: at times a motion was not foreseen.
-    """
-    tail = (0.5 * _FREEDOM + 1.0) * math.log1p(square / _FREEDOM)
-    return -tail - 0.5 * log_determinant - _LOG_TURN
 
 
 def _seen(columns: NDArray[np.intp], expected: Array, slopes: Array) -> tuple[Array, Array]:

@@ -1,23 +1,23 @@
 """What is remembered of markers: how probable their names are."""
 
-import math
-
+import numpy as np
 import pytest
+from scipy.stats import multivariate_t
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import Evidence
 from mvuav_ros.vision.markers.lights import Light
 from mvuav_ros.vision.markers.marker_memory import Expectation, Jumps, KnownMarker, MarkerMemory
-from mvuav_ros.vision.markers.view_correction import log_density
 
 BESIDE = 36.0  # px², of another light's place
 
 
 def densities(deviation, away=0.0):
     """Of a place known so well, px, with a light so far from there."""
-    own, other = deviation**2, deviation**2 + BESIDE
-    near = log_density(away**2 / own, 2.0 * math.log(own))
-    return near, log_density(away**2 / other, 2.0 * math.log(other))
+    return tuple(
+        multivariate_t(shape=variance * np.eye(2), df=4).logpdf((away, 0.0))
+        for variance in (deviation**2, deviation**2 + BESIDE)
+    )
 
 
 def returned(deviation, others, away=0.0):
