@@ -305,7 +305,7 @@ class MarkerMemory:
         frame, by the geometry; others are lights that are no markers and about.
         """
         self._weigh(spots.keys(), evidence, given, others)
-        positions: list[float | None] = []
+        positions: list[float] = []
         for index, marker in enumerate(self.markers):
             spot = spots.get(index)
             if spot is None:
@@ -313,7 +313,7 @@ class MarkerMemory:
                 place = expected[index]
                 # Where the others leave no doubt, the filter goes on as if it had been seen.
                 sure = place.deviation < SURE_PLACE
-                positions += (place.x, place.y) if sure else (None, None)
+                positions += (place.x, place.y) if sure else (math.nan, math.nan)
                 continue
             positions += (spot.x, spot.y)
             marker.learn(spot)

@@ -7,6 +7,7 @@ import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -94,8 +95,7 @@ class PredictionMixture:
         weights = [
             prior * (loss / least) ** power for prior, loss in zip(self._prior, losses, strict=True)
         ]
-        total = sum(weights)
-        self.weights = np.array([weight / total for weight in weights])
+        self.weights = np.array(weights) / sum(weights)
 
 
 class Vibration:
@@ -141,11 +141,13 @@ class Vibration:
         self._products += products
         share = (1 - memory) / history.shape[1]
         self.level = memory * self.level + share * products.item(0)
-        left = float(self._left_of.dot(products).dot(self._left_of))
-        self.left = memory * self.left + share * left
+        left = self._left_of.dot(history)
+        self.left = memory * self.left + share * float(left.dot(left))
         if solve:
             ridge = self._products[1:, 1:] + TUNING.ridge * self.level * np.eye(TUNING.lags)
-            self.coefficients = np.linalg.solve(ridge, self._products[1:, 0])
+            # A third of the time of NumPy's.
+            solution = cv2.solve(ridge, self._products[1:, :1], flags=cv2.DECOMP_CHOLESKY)[1]
+            self.coefficients = solution.ravel()
             self._left_of[1:] = -self.coefficients
 
 
@@ -350,12 +352,12 @@ class MotionPredictor:
         v, a = rows.tolist()
         return list(zip(v[::2], v[1::2], a[::2], a[1::2], strict=True))
 
-    def update(self, positions: Sequence[float | None] | Array) -> None:
-        """Take the newest frame's x and y of every light in turn, px; NaN or None if not seen."""
+    def update(self, positions: Sequence[float] | Array) -> None:
+        """Take the newest frame's x and y of every light in turn, px; NaN if not seen."""
         assert self.time is not None
-        measured = np.array(positions, np.float64)
+        measured = np.array(positions, float)
         errors = measured - self.competing
-        if self._steady and math.isfinite(np.add.reduce(measured)):
+        if self._steady and math.isfinite(sum(positions)):
             self._update_all(measured, errors)
         else:
             self._update_some(measured, errors)

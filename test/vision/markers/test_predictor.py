@@ -155,7 +155,7 @@ def test_the_deviation_follows_the_motion():
     before = shaken.deviations()[0]
     for index in range(100, 103):
         shaken.predict(index / 30)
-        shaken.update([None, None])
+        shaken.update([math.nan, math.nan])
     assert shaken.deviations()[0] > 3 * before
 
 
