@@ -24,6 +24,8 @@ from mvuav_ros.vision.markers.rig_view import (
 )
 
 Point = tuple[float, float]
+Distance = tuple[float, float, float, float]
+"""Factors of x², x y and y², and the logarithm of the density at no distance, px^-2."""
 BESIDE = 6.0
 """px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
 _LOG_TURN = math.log(2.0 * math.pi)
@@ -83,6 +85,7 @@ class Gain:
         spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
         spread.reshape(-1, count * count)[:, :: count + 1] += noise
         self.weight = _inverses(spread)
+        self._distances: dict[tuple[int, int, bool], Distance] = {}
 
     @cached_property
     def effect(self) -> Array:
@@ -109,33 +112,28 @@ class Gain:
         left -= rest @ transposed
         return np.asarray(0.5 * (left + left.transpose(0, 2, 1)))
 
-    @cached_property
-    def distances(self) -> list[list[list[list[float]]]]:
-        """What makes weighed innovations squared distances from where the others put each marker.
+    def distance(self, row: int, index: int, beside: bool = False) -> Distance:
+        """What makes a filter's weighed innovations a marker's squared distance from the others.
 
-        With w = S⁻¹ r, a filter's weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
+        With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
         innovation by all other markers alone is B⁻¹ w with the covariance B⁻¹, of which the
         marker's own variance is a part. Where it is another one by d, as for a light beside the
         marker (see `BESIDE`), the squared distance is w (B + d B²)⁻¹ w, where B² is
         tr(B) B - det(B).
-
-        Returns:
-            Of the marker's own place, then of that of a light beside it, for each filter and
-            marker: the factors of x², x y and y², and the logarithm of the density where the
-            others put it, px^-2. Lists, as five markers are too few for arrays.
         """
-        filters, width = self.noise.shape
-        blocks = self.weight.reshape(filters, -1)
-        xx, xy, yy = (blocks[:, first :: 2 * width + 2] for first in (0, 1, width + 1))
-        other = np.add.outer((0.0, BESIDE * BESIDE), self.own - self.noise[:, ::2])
-        size = np.maximum(xx * yy - xy * xy, 1e-12 * xx * yy)
-        share, less = 1.0 + other * (xx + yy), other * size
-        wider = share + other * less  # the determinant of I + d B
-        factors = share * yy - less, -2.0 * share * xy, share * xx - less
-        peak = -0.5 * np.log(wider / size) - _LOG_TURN
-        found = np.array((*(factors / (wider * size)), peak))
-        distances: list[list[list[list[float]]]] = found.transpose(1, 2, 3, 0).tolist()
-        return distances
+        key = row, index, beside
+        found = self._distances.get(key)
+        if found is None:
+            (xx, xy), (_, yy) = self.weight[row, 2 * index :, 2 * index :][:2, :2].tolist()
+            other = self.own - self.noise.item(row, 2 * index) + beside * BESIDE * BESIDE
+            size = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+            share, less = 1.0 + other * (xx + yy), other * size
+            wider = share + other * less  # the determinant of I + d B
+            both = wider * size
+            factors = (share * yy - less) / both, -2.0 * share * xy / both
+            peak = 0.5 * math.log(size / wider) - _LOG_TURN
+            found = self._distances[key] = (*factors, (share * xx - less) / both, peak)
+        return found
 
 
 @dataclass(eq=False)
@@ -174,7 +172,8 @@ class Correction:
         """
         mean, covariance = before
         markers: list[int] = named.markers[0].tolist()
-        columns = columns_of(named.markers)
+        every = markers == list(range(len(shape.points))) and len(named.markers) == 1
+        columns = None if every else columns_of(named.markers)
         prior = np.ascontiguousarray(mean[:, :COUNT])
         parameters = prior if starts is None else starts
         for _ in range(iterations):
@@ -239,7 +238,7 @@ class Correction:
         Or a light beside the marker (see `BESIDE`).
         """
         x, y = self._rows[row][2 * index : 2 * index + 2]
-        xx, xy, yy, _ = self.gain.distances[beside][row][index]
+        xx, xy, yy, _ = self.gain.distance(row, index, beside)
         return (xx * x + xy * y) * x + yy * y * y
 
     def log_likelihoods(self) -> dict[int, tuple[float, float]]:
@@ -250,12 +249,11 @@ class Correction:
         times a motion was not foreseen.
         """
         likelihoods = {}
-        (own, *_), (other, *_) = self.gain.distances
         for index, marker in enumerate(self.gain.markers):
             near, far = self.nis[index], self.nis_of(0, index, beside=True)
             likelihoods[marker] = (
-                own[index][3] - _TAIL * math.log1p(near / _FREEDOM),
-                other[index][3] - _TAIL * math.log1p(far / _FREEDOM),
+                self.gain.distance(0, index)[3] - _TAIL * math.log1p(near / _FREEDOM),
+                self.gain.distance(0, index, beside=True)[3] - _TAIL * math.log1p(far / _FREEDOM),
             )
         return likelihoods
 
@@ -270,13 +268,15 @@ class Correction:
         )
 
 
-def _seen(columns: NDArray[np.intp], expected: Array, slopes: Array) -> tuple[Array, Array]:
+def _seen(
+    columns: NDArray[np.intp] | None, expected: Array, slopes: Array
+) -> tuple[Array, Array]:
     """Of the places (f, 2 n) and slopes (f, 8, 2 n) those of some columns, (f, 2 k) or (1, 2 k)."""
+    if columns is None:
+        return expected, slopes
     if len(columns) > 1:
         places = np.take_along_axis(expected, columns, axis=1)
         return places, np.take_along_axis(slopes, columns[:, None], axis=2)
-    if columns.shape[1] == expected.shape[1] and (columns[0, 1:] > columns[0, :-1]).all():
-        return expected, slopes
     return expected[:, columns[0]], slopes[:, :, columns[0]]
 
 
