@@ -136,8 +136,10 @@ class FaultDetector:
         if not self.views.has_bank:
             return {}
         evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
-        for index, marker in enumerate(correction.gain.markers):
-            shown = correction.nis_of(1 + marker, index) - TUNING.allowance
+        markers = correction.gain.markers
+        by_others = correction.nis_by(tuple([1 + marker for marker in markers]))
+        for marker, square in zip(markers, by_others, strict=True):
+            shown = square - TUNING.allowance
             evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
         return evidence
 
@@ -156,8 +158,8 @@ class FaultDetector:
         margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
         suspects = tuple(m for m in score if score[m] > score[worst] - margin)
         row = 1 + worst
-        others = (i for i, marker in enumerate(found) if marker != worst)
-        if max(correction.nis_of(row, index) for index in others) > TUNING.gate:
+        nis = zip(found, correction.nis_by((row,) * len(found)), strict=True)
+        if max(square for marker, square in nis if marker != worst) > TUNING.gate:
             return None
         if len(suspects) > 1:
             rest = tuple(m for m in found if m not in suspects)
@@ -179,7 +181,7 @@ class FaultDetector:
         fitting = [
             (cost + sum(jumped[i] for i in rest), rest)
             for row, (cost, rest) in enumerate(zip(fits.cost.tolist(), rests, strict=True))
-            if max(fits.nis_of(row, index) for index in range(len(rest))) <= TUNING.gate
+            if max(fits.nis_by((row,) * len(rest))) <= TUNING.gate
         ]
         if not fitting:
             return None

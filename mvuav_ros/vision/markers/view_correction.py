@@ -85,7 +85,7 @@ class Gain:
         spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
         spread.reshape(-1, count * count)[:, :: count + 1] += noise
         self.weight = _inverses(spread)
-        self._distances: dict[tuple[int, int, bool], Distance] = {}
+        self._distances: dict[tuple[tuple[int, ...], bool], list[Distance]] = {}
 
     @cached_property
     def effect(self) -> Array:
@@ -112,27 +112,29 @@ class Gain:
         left -= rest @ transposed
         return np.asarray(0.5 * (left + left.transpose(0, 2, 1)))
 
-    def distance(self, row: int, index: int, beside: bool = False) -> Distance:
-        """What makes a filter's weighed innovations a marker's squared distance from the others.
+    def distances(self, rows: tuple[int, ...], beside: bool = False) -> list[Distance]:
+        """What makes weighed innovations squared distances from where the others put each marker.
 
-        With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
-        innovation by all other markers alone is B⁻¹ w with the covariance B⁻¹, of which the
-        marker's own variance is a part. Where it is another one by d, as for a light beside the
-        marker (see `BESIDE`), the squared distance is w (B + d B²)⁻¹ w, where B² is
-        tr(B) B - det(B).
+        For each marker by the filter in its row. With w = S⁻¹ r, the weighed innovations, and B the
+        marker's 2 x 2 block of S⁻¹, the innovation by all other markers alone is B⁻¹ w with the
+        covariance B⁻¹, of which the marker's own variance is a part. Where it is another one by d,
+        as for a light beside the marker (see `BESIDE`), the squared distance is
+        w (B + d B²)⁻¹ w, where B² is tr(B) B - det(B).
         """
-        key = row, index, beside
-        found = self._distances.get(key)
+        found = self._distances.get((rows, beside))
         if found is None:
-            (xx, xy), (_, yy) = self.weight[row, 2 * index :, 2 * index :][:2, :2].tolist()
-            other = self.own - self.noise.item(row, 2 * index) + beside * BESIDE * BESIDE
-            size = max(xx * yy - xy * xy, 1e-12 * xx * yy)
-            share, less = 1.0 + other * (xx + yy), other * size
-            wider = share + other * less  # the determinant of I + d B
-            both = wider * size
-            factors = (share * yy - less) / both, -2.0 * share * xy / both
-            peak = 0.5 * math.log(size / wider) - _LOG_TURN
-            found = self._distances[key] = (*factors, (share * xx - less) / both, peak)
+            found = self._distances[rows, beside] = []
+            own = self.own + BESIDE * BESIDE if beside else self.own
+            for x, row in zip(range(0, 2 * len(rows), 2), rows, strict=True):
+                (xx, xy), (_, yy) = self.weight[row, x : x + 2, x : x + 2].tolist()
+                other = own - self.noise.item(row, x)
+                size = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+                share, less = 1.0 + other * (xx + yy), other * size
+                wider = share + other * less  # the determinant of I + d B
+                both = wider * size
+                factors = (share * yy - less) / both, -2.0 * share * xy / both
+                peak = -0.5 * math.log(wider / size) - _LOG_TURN
+                found.append((*factors, (share * xx - less) / both, peak))
         return found
 
 
@@ -225,21 +227,18 @@ class Correction:
     @cached_property
     def nis(self) -> list[float]:
         """For each marker how far it lies from where the main filter's others put it."""
-        return [self.nis_of(0, index) for index in range(len(self.gain.markers))]
+        return self.nis_by((0,) * len(self.gain.markers))
 
-    @cached_property
-    def _rows(self) -> list[list[float]]:
-        rows: list[list[float]] = self.weighed.tolist()
-        return rows
+    def nis_by(self, rows: tuple[int, ...], beside: bool = False) -> list[float]:
+        """The same by the filter in each marker's row, or of a light beside it (see `BESIDE`).
 
-    def nis_of(self, row: int, index: int, beside: bool = False) -> float:
-        """How far a marker lies from where a filter's others put it (chi², two degrees).
-
-        Or a light beside the marker (see `BESIDE`).
+        Chi squared with two degrees of freedom.
         """
-        x, y = self._rows[row][2 * index : 2 * index + 2]
-        xx, xy, yy, _ = self.gain.distance(row, index, beside)
-        return (xx * x + xy * y) * x + yy * y * y
+        nis, weighed = [], self.weighed.tolist()
+        for index, (xx, xy, yy, _) in enumerate(self.gain.distances(rows, beside)):
+            x, y = weighed[rows[index]][2 * index : 2 * index + 2]
+            nis.append((xx * x + xy * y) * x + yy * y * y)
+        return nis
 
     def log_likelihoods(self) -> dict[int, tuple[float, float]]:
         """How probable each marker's place is by all others, logarithm per px².
@@ -248,12 +247,14 @@ class Correction:
         It is Student's t in two dimensions, whose tails are wider than a normal distribution's: at
         times a motion was not foreseen.
         """
-        likelihoods = {}
-        for index, marker in enumerate(self.gain.markers):
-            near, far = self.nis[index], self.nis_of(0, index, beside=True)
+        gain, likelihoods = self.gain, {}
+        main = (0,) * len(gain.markers)
+        own, other = gain.distances(main), gain.distances(main, beside=True)
+        far = self.nis_by(main, beside=True)
+        for index, marker in enumerate(gain.markers):
             likelihoods[marker] = (
-                self.gain.distance(0, index)[3] - _TAIL * math.log1p(near / _FREEDOM),
-                self.gain.distance(0, index, beside=True)[3] - _TAIL * math.log1p(far / _FREEDOM),
+                own[index][3] - _TAIL * math.log1p(self.nis[index] / _FREEDOM),
+                other[index][3] - _TAIL * math.log1p(far[index] / _FREEDOM),
             )
         return likelihoods
 
