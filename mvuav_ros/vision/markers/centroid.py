@@ -176,16 +176,10 @@ class CentroidMeter:
         Of the bright pixels, which count 1, and of the weights.
         """
         count, height, width = gray.shape
-        scale = full_scale(gray)
-        # Pixels are whole numbers; comparing with one is faster.
-        weights = bright = gray > math.floor(self.level * scale)
-        if self.weighted:
-            floor = int(FLOOR * self.level * scale)
-            weights = np.maximum(gray, floor) - gray.dtype.type(floor)
-        both = np.array((bright, weights), np.float32).reshape(2 * count, height * width)
+        counts = _counts(self.level, self.weighted, full_scale(gray)).take(gray, axis=1)
         # One product instead of cv2.moments, which takes twice as long for a window.
-        sums = both.dot(_powers((height, width))).reshape(2, count, 4)
-        rows: list[list[list[float]]] = sums.tolist()
+        sums = counts.reshape(2 * count, -1).dot(_powers((height, width)))
+        rows: list[list[list[float]]] = sums.reshape(2, count, 4).tolist()
         return rows
 
 
@@ -200,6 +194,15 @@ def _find_pull(cut: Cut, x: float, y: float, area: int, mass: float, size: tuple
     factor *= area / mass
     dx, dy = factor * dx, factor * dy
     return (dx, dy) if dx * dx + dy * dy < MAX_PULL * MAX_PULL else (0.0, 0.0)
+
+
+@lru_cache(maxsize=8)
+def _counts(level: float, weighted: bool, scale: int) -> NDArray[np.float32]:
+    """(2, scale + 1): whether a pixel of each intensity is bright, 1 or 0, and its weight."""
+    intensity = np.arange(scale + 1)
+    bright = intensity > level * scale
+    weights = np.maximum(intensity - int(FLOOR * level * scale), 0) if weighted else bright
+    return np.array((bright, weights), np.float32)
 
 
 @lru_cache(maxsize=256)
