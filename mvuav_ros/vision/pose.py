@@ -172,7 +172,7 @@ class PoseEstimator:
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
-        if not math.isfinite(np.add.reduce(image, axis=None)):
+        if not math.isfinite(sum(map(sum, image.tolist()))):
             self.reason = 'the positions of the markers are not finite'
             return None
         markers = list(labels)

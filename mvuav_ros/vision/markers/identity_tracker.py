@@ -200,7 +200,7 @@ class IdentityTracker:
     def _follow(self, frame: Frame, faults: FaultDetector, memory: MarkerMemory) -> MarkerResult:
         memory.predict(frame.time)
         faults.views.predict(frame.time)
-        if any(marker.unseen for marker in memory.markers):
+        if any([marker.unseen for marker in memory.markers]):
             places, deviations = faults.views.places()
             memory.tell(self._lens.to_image(places), deviations)
         spots, windows = memory.look(frame)

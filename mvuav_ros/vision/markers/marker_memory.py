@@ -70,10 +70,10 @@ class Jumps:
         apart = [math.hypot(dx - x, dy - y) for dx, dy in away.values()]
         usual = math.hypot(self._usual, JUMPS.least)
         limit = JUMPS.deviations * usual
-        mean = sum([min(distance, limit) for distance in apart]) / len(apart)
+        mean = sum([d if d < limit else limit for d in apart]) / len(apart)
         self._frames += 1
         self._usual += max(JUMPS.learning, 1.0 / self._frames) * (mean - self._usual)
-        *_, second, farthest = sorted(apart)
+        second, farthest = sorted(apart)[-2:]
         # Where others have moved oddly as well, it is the motion that was not foreseen.
         if farthest <= limit or second >= JUMPS.alone * farthest:
             return None
@@ -243,7 +243,7 @@ class MarkerMemory:
         for index, (known, seen) in enumerate(zip(self.markers, found, strict=True)):
             if seen is not None:
                 spot, known.pull = seen
-                fits = area_fits(spot.area, frame.parameters) and known.is_usual(spot)
+                fits = known.is_usual(spot) and area_fits(spot.area, frame.parameters)
                 if fits and not _is_cut(spot, known.radius + 1.0, windows[index], frame.size):
                     spots[index] = spot
         return spots, windows
