@@ -153,12 +153,9 @@ class CentroidMeter:
             patches = [shown[row] for row in rows]
             shapes = [patch.shape for patch in patches]
             height, width = map(max, zip(*shapes, strict=True))
-            if shapes.count((height, width)) == len(rows):
-                gray = np.array(patches)
-            else:
-                gray = np.zeros((len(rows), height, width), patches[0].dtype)
-                for index, patch in enumerate(patches):
-                    gray[index, : patch.shape[0], : patch.shape[1]] = patch
+            gray = np.zeros((len(rows), height, width), patches[0].dtype)
+            for space, patch, (rows_shown, columns) in zip(gray, patches, shapes, strict=True):
+                space[:rows_shown, :columns] = patch
             middle_x, middle_y = 0.5 * (width - 1), 0.5 * (height - 1)
             bright, weighed = self._moments(gray)
             for row, (count, *_), (mass, mx, my, m2) in zip(rows, bright, weighed, strict=True):

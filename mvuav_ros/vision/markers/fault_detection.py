@@ -137,8 +137,8 @@ class FaultDetector:
             return {}
         evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
         markers = correction.gain.markers
-        by_others = correction.nis_by(tuple([1 + marker for marker in markers]))
-        for marker, square in zip(markers, by_others, strict=True):
+        ignored = tuple([1 + marker for marker in markers])
+        for marker, square in zip(markers, correction.nis_by(ignored), strict=True):
             shown = square - TUNING.allowance
             evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
         return evidence

@@ -78,8 +78,7 @@ class Reporter:
         A marker without a spot is predicted where it is expected (px) if it was seen since the
         earliest time (s).
         """
-        motions = memory.predictor.motions()
-        rows = zip(self._labels, motions, memory.markers, strict=True)
+        rows = zip(self._labels, memory.predictor.motions(), memory.markers, strict=True)
         markers = []
         for index, (label, motion, known) in enumerate(rows):
             if index in spots:

@@ -64,9 +64,8 @@ class Jumps:
         if len(away) < JUMPS.fewest:
             return None
         # What has shaken the camera has moved all of them.
-        xs, ys = zip(*away.values(), strict=True)
         middle = len(away) // 2
-        x, y = sorted(xs)[middle], sorted(ys)[middle]
+        x, y = [sorted(values)[middle] for values in zip(*away.values(), strict=True)]
         apart = [math.hypot(dx - x, dy - y) for dx, dy in away.values()]
         usual = math.hypot(self._usual, JUMPS.least)
         limit = JUMPS.deviations * usual
@@ -228,12 +227,11 @@ class MarkerMemory:
         """The usual frame: the markers to which nothing has happened in their windows."""
         windows: list[Window] = []
         pulls: list[Pull | None] = []
-        search_radius = frame.parameters.search_radius
         for index, known in enumerate(self.markers):
             window = NO_WINDOW
             if not (known.unseen or known.returning):
                 x, y = self.predicted[2 * index], self.predicted[2 * index + 1]
-                radius = max(search_radius, math.ceil(known.radius + EDGE))
+                radius = max(frame.parameters.search_radius, math.ceil(known.radius + EDGE))
                 window = Window.around(x, y, radius, frame.size)
             windows.append(window)
             # The background changes slowly: it is looked at in turn.

@@ -269,9 +269,7 @@ class Correction:
         )
 
 
-def _seen(
-    columns: NDArray[np.intp] | None, expected: Array, slopes: Array
-) -> tuple[Array, Array]:
+def _seen(columns: NDArray[np.intp] | None, expected: Array, slopes: Array) -> tuple[Array, Array]:
     """Of the places (f, 2 n) and slopes (f, 8, 2 n) those of some columns, (f, 2 k) or (1, 2 k)."""
     if columns is None:
         return expected, slopes

@@ -197,9 +197,8 @@ class ViewFilter:
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
-        if self._is_behind:
-            # Of the last frame, in which nothing was committed.
-            self._covariances = self.belief.covariance
+        # Of the last frame, even if nothing was committed there.
+        self._covariances = self.belief.covariance
         elapsed = time - self.time
         if abs(elapsed - self._step) > _SAME_TIME:
             self._step, self._transition, self._noise = elapsed, *_dynamics(elapsed, self._walk)

@@ -1,6 +1,7 @@
 """The Kalman prediction against the best of the thesis's predictors."""
 
 import copy
+import math
 
 import numpy as np
 import pytest
