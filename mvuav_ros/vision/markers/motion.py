@@ -147,7 +147,7 @@ class Vibration:
             ridge = self._products[1:, 1:] + TUNING.ridge * self.level * np.eye(TUNING.lags)
             # A third of the time of NumPy's.
             solution = cv2.solve(ridge, self._products[1:, :1], flags=cv2.DECOMP_CHOLESKY)[1]
-            self.coefficients = solution.ravel()
+            self.coefficients = np.asarray(solution, np.float64).ravel()
             self._left_of[1:] = -self.coefficients
 
 
