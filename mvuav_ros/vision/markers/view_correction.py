@@ -257,12 +257,7 @@ class Correction:
     def view(self, row: int = 0) -> ViewState:
         """What follows of a filter's view."""
         mean, covariance = self.after
-        return ViewState(
-            mean[row, :COUNT],
-            covariance[row, :COUNT, :COUNT],
-            self.misfit(row),
-            float(self.cost[row]),
-        )
+        return ViewState(mean[row, :COUNT], covariance[row, :COUNT, :COUNT], self.misfit(row))
 
 
 def log_density(square: float, log_determinant: float) -> float:
