@@ -55,6 +55,7 @@ class CalibrationTuning:
 TUNING = CalibrationTuning()
 _MAX_ITERATIONS = 12
 _MAX_STEP, _FARTHEST = 0.25, 3.0
+_NOWHERE: Array = np.zeros(3)
 
 
 class _Frame(NamedTuple):
@@ -76,16 +77,20 @@ class _Frame(NamedTuple):
 
 
 class _Equations(NamedTuple):
-    """A frame's residuals (2 n,), and their derivatives by its pose and by what is shared.
+    """Residuals of frames (f, 2 n), and their derivatives by what is shared (f, 2 n, s).
 
-    All over the noise; and what the pose leaves of the residuals and the last ones.
+    All over the noise, zero for markers not seen; and what the poses leave of both.
     """
 
     residual: Array
     common: Array
-    inverse: Array  # of the derivatives by the pose
+    inverse: Array  # (f, 6, 2 n), of the derivatives by the poses
     left: Array
     rest: Array
+
+    def steps(self, step: Array) -> Array:
+        """Of the poses, (f, 6), with a step of what is shared (s,)."""
+        return np.asarray((self.inverse @ (self.residual - self.common @ step)[..., None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,11 +220,18 @@ class SelfCalibration:
         estimated = self.estimate()
         if len(self._frames) < TUNING.known or estimated is None or not estimated.fits:
             return False
-        first = self._linearize(frame, *model)
-        own = self._linearize(frame.moved(first.inverse @ first.residual), *model)
+        first = self._linearize([frame], *model)
+        if first is None:
+            return False
+        moved = frame.moved(first.steps(np.zeros(len(self._value)))[0])
+        equations = self._linearize([moved], *model)
+        if equations is None:
+            return False
+        left, rest = equations.left[0], equations.rest[0]
         # What no pose explains, over what camera and rig may still turn out to be.
-        spread = np.eye(len(own.left)) + own.rest @ self._covariance @ own.rest.T
-        misfit = float(own.left @ np.linalg.solve(spread, own.left)) / max(len(own.left) - 6, 1)
+        spread = np.eye(len(left)) + rest @ self._covariance @ rest.T
+        freedom = max(2 * len(frame.labels) - 6, 1)
+        misfit = float(left @ np.linalg.solve(spread, left)) / freedom
         return misfit > max(TUNING.max_odd, TUNING.odd * estimated.misfit)
 
     def estimate(self) -> Estimate | None:
@@ -243,12 +255,13 @@ class SelfCalibration:
         value, frames = self._value, self._frames
         for _ in range(_MAX_ITERATIONS):
             model = self._model(value)
-            equations = [self._linearize(frame, *model) for frame in frames]
-            if not all(np.isfinite(own.common).all() for own in equations):
+            equations = self._linearize(frames, *model)
+            if equations is None:
                 return None
-            normal: Array = np.diag(weight) + sum(own.rest.T @ own.rest for own in equations)
-            towards = sum(own.rest.T @ own.left for own in equations) - weight * value
-            squares = sum(float(own.residual @ own.residual) for own in equations)
+            rest, left = equations.rest.reshape(-1, len(value)), equations.left.ravel()
+            normal: Array = np.diag(weight) + rest.T @ rest
+            towards = rest.T @ left - weight * value
+            squares = float(np.square(equations.residual).sum())
             squares += float((weight * value**2)[1:].sum())
             try:
                 covariance = np.asarray(np.linalg.inv(normal), np.float64)
@@ -257,10 +270,8 @@ class SelfCalibration:
             step = covariance @ towards
             step *= min(1.0, _MAX_STEP / max(abs(float(step[0])), 1e-9))
             value = value + step
-            frames = [
-                frame.moved(own.inverse @ (own.residual - own.common @ step))
-                for frame, own in zip(frames, equations, strict=True)
-            ]
+            steps = equations.steps(step)
+            frames = [frame.moved(own) for frame, own in zip(frames, steps, strict=True)]
             if abs(float(step[0])) < TUNING.step:
                 break
         freedom = sum(2 * len(frame.labels) - 6 for frame in frames) - 1
@@ -273,19 +284,45 @@ class SelfCalibration:
             self._value, self._covariance, self._frames = value, covariance, frames
         return estimated
 
-    def _linearize(self, frame: _Frame, camera: CameraModel, points: Array) -> _Equations:
-        labels, noise = frame.labels, TUNING.noise
-        seen, own = frame.view(camera, points).look(frame.rotation, frame.translation)
-        common = np.zeros((2 * len(labels), 1 + points.size))
+    def _linearize(
+        self, frames: Sequence[_Frame], camera: CameraModel, points: Array
+    ) -> _Equations | None:
+        """All frames at once; None where nothing follows from them."""
+        count, markers = len(frames), np.arange(len(points))
+        pixels, is_seen = (
+            np.zeros((count, len(points), 2)),
+            np.zeros((count, len(points)), np.bool_),
+        )
+        for row, frame in enumerate(frames):
+            pixels[row, frame.labels], is_seen[row, frame.labels] = frame.pixels, True
+        rotations = np.array([frame.rotation for frame in frames])
+        arms = points @ rotations.transpose(0, 2, 1)
+        places = arms + np.array([frame.translation for frame in frames])[:, None]
+        seen, slopes = camera.project_with_jacobian(places.reshape(-1, 3), _NOWHERE, _NOWHERE)
+        seen, by_place = seen.reshape(pixels.shape), slopes[:, 3:].reshape(*pixels.shape, 3)
+        # By small turns about the optical axes, and by the translation.
+        (x, y, z), (dx, dy, dz) = (
+            arms[..., None].transpose(2, 0, 1, 3),
+            np.moveaxis(by_place, -1, 0),
+        )
+        own = np.stack((y * dz - z * dy, z * dx - x * dz, x * dy - y * dx, dx, dy, dz), axis=-1)
+        common = np.zeros((*pixels.shape, 1 + points.size))
         # A pixel lies as far from the principal point as the focal length is long.
-        common[:, 0] = (seen - camera.matrix[:2, 2]).ravel()
-        by_point = (own[:, 3:] @ frame.rotation).reshape(-1, 2, 3)
-        by_points = common[:, 1:].reshape(len(labels), 2, len(points), 3)
-        by_points[np.arange(len(labels)), :, labels] = by_point
-        residual, own, common = (frame.pixels - seen).ravel() / noise, own / noise, common / noise
-        # What is not finite is in what is shared as well.
-        inverse: Array = np.zeros((6, len(own)))
-        if np.isfinite(own).all():
-            inverse = np.asarray(np.linalg.pinv(own), np.float64)
-        left = residual - own @ (inverse @ residual)
+        common[..., 0] = seen - camera.matrix[:2, 2]
+        by_points = common[..., 1:].reshape(*pixels.shape, len(points), 3)
+        by_points[:, markers, :, markers] = (by_place @ rotations[:, None]).transpose(1, 0, 2, 3)
+        residual, own, common = (
+            np.where(
+                is_seen.reshape(count, -1, *[1] * (one.ndim - 2)), one / TUNING.noise, 0.0
+            ).reshape(count, 2 * len(points), *one.shape[3:])
+            for one in (pixels - seen, own, common)
+        )
+        if not (np.isfinite(common).all() and np.isfinite(own).all()):
+            return None
+        transposed = own.transpose(0, 2, 1)
+        try:
+            inverse = np.linalg.solve(transposed @ own, transposed)
+        except np.linalg.LinAlgError:
+            return None
+        left = residual - (own @ (inverse @ residual[..., None]))[..., 0]
         return _Equations(residual, common, inverse, left, common - own @ (inverse @ common))

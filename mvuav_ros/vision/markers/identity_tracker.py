@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -17,6 +18,7 @@ from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.initialization import (
     CONFIRMED,
     Attempts,
+    Before,
     Named,
     Prior,
     initialize,
@@ -183,8 +185,10 @@ class IdentityTracker:
             return self._report.nothing(f'{seen} lights in view, not yet certain')
         probation = PROBATION if self._is_redundant else UNCHECKED
         memory = MarkerMemory(frame.time, list(named.lights.values()), probation)
-        self._body = FaultDetector(self._filter_of(named, frame.time)), memory
-        self._sure = frame.time, named.view
+        views = self._filter_of(named, frame.time)
+        self._body = FaultDetector(views), memory
+        # As it was when four firm names agreed last; since then it has gone on alone.
+        self._sure = copy.copy(views)
         spots = {index: light.seen for index, light in named.lights.items()}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
 
@@ -214,7 +218,7 @@ class IdentityTracker:
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
             evidence = faults.commit(named)
-            self._sure = frame.time, faults.views.view
+            self._sure = copy.copy(faults.views)
             memory.remember(frame.time, spots, {}, evidence)
             if not self._is_redundant:
                 spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
@@ -238,13 +242,10 @@ class IdentityTracker:
         """Remember and report what a search has found."""
         assert self._body is not None
         memory = self._body[1]
-        # Where other lights are about, some three of all nearly always look like three markers.
-        if len(search.reacquired) >= FAULTS.min_agreeing or not self._clutter.is_about:
-            memory.trust(search.reacquired)
         expected = self._in_image(search.expected(search.missing))
         evidence = search.finish()
         if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:
-            self._sure = frame.time, search.views.view
+            self._sure = copy.copy(search.views)
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
@@ -260,6 +261,7 @@ class IdentityTracker:
     def _search(self, frame: Frame, search: Search, around: Sequence[float]) -> str:
         """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
         assert self._body is not None
+        self._sure.predict(frame.time)
         try:
             lights = Lights(frame, self._lens, around)
         except GroupingError as error:
@@ -272,15 +274,20 @@ class IdentityTracker:
         if search.found and not (nameless and search.missing):
             return
         assert self._body is not None
-        views, memory = search.views, self._body[1]
-        then, view = self._sure
-        prior = Prior.since(self._shape, view, views.time - then, views.rig_error)
+        is_lost = len(search.found) < 2
+        # What has names may be other lights, which would have bent the view.
+        prior = Prior.of(search.views if is_lost else self._sure)
+        firm = search.found.keys() - search.suspects - self._body[1].doubtful
         fewest = self._count
-        if len(search.found.keys() - search.suspects - memory.doubtful) < FAULTS.min_firm:
+        if is_lost and len(lights) == 3 and not any(map(self._clutter.include, lights.spots)):
+            # Beside other lights some three of all nearly always look like three markers.
+            fewest = 3
+        elif len(firm) < FAULTS.min_firm:
             fewest = min(self._count, max(self._count - MAX_HIDDEN, prior.fewest))
-        if len(lights) < fewest or not self._attempts.due(len(lights)):
+        elif not self._attempts.due(len(lights)):
             return
-        named = initialize(views.shape, lights, self._rig.names, prior, fewest)
+        before = Before(prior, fewest, search.is_likely)
+        named = initialize(search.views.shape, lights, self._rig.names, before)
         if named.view is None:
             self._attempts.fail()
             return
@@ -297,7 +304,7 @@ class IdentityTracker:
             # The others have already contradicted the only light that it would add.
             self._attempts.fail()
             return
-        certain = named.certain and search.found.keys() == search.given
+        certain = named.certain and len(search.found.keys() - search.given) < 2
         if agrees or certain or self._attempts.agreed >= CONFIRMED:
             self._replace(search, named)
 

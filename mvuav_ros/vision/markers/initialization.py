@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from itertools import permutations
 from statistics import median_high
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.detection import label_five
 from mvuav_ros.vision.markers.lights import Light, Lights, are_close
@@ -32,6 +34,7 @@ from mvuav_ros.vision.markers.rig_view import (
     views_of_three,
 )
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ANY_ROLL = 1.6  # rad, 1 sigma: at the start an upright body is likelier than one upside down
 FREE = 30.0, 1e4
@@ -39,7 +42,7 @@ FREE = 30.0, 1e4
 TILT = 0.4  # rad, 1 sigma: the camera looks at the body from behind, give or take
 BARREL_DEVIATION = 0.1  # 1 sigma, of what a lens that is not calibrated does at half the diagonal
 MODEL_ERROR = 0.004  # By how much a body may differ from its rig, in units of its size (1 sigma)
-DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
+MARGIN = 2.0  # Of the logarithm of the odds of the best way of naming lights over the next one's
 MAX_CANDIDATES = 12
 _TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 """Focal length of a camera that is not calibrated, in half diagonals of the image (1.4: 71 degrees
@@ -47,23 +50,19 @@ across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
 _SAME_TILT = 0.2  # rad, within which two views to start from are the same
-_CHANGES: tuple[tuple[list[int], tuple[float, float, float]], ...] = (
-    ([ROLL], (0.2, 0.5, ANY_ROLL)),
-    ([PITCH, YAW], (0.1, 0.15, TILT)),
-    ([SCALE], (0.1, 0.3, FREE[0])),
-)
-"""By how much a view changes while its body is not named (1 sigma): at once, per s, and at most."""
-_MIN_LENS_DEVIATION = 0.02  # Of focal length and barrel that were learnt from the lights
+_JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
+"""rad, logarithm and px (1 sigma): how far off a filter may be of roll, size, place and tilt."""
 _KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights are enough
-_NOISE = 0.2  # px (1 sigma), of a light's place
 _MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED = 16
 _FEW_SPOTS = 5
 _TRIED_AMONG_MANY = 10
 """Ways of naming that are fitted."""
-ABSENT = 22.0  # What it costs to leave a marker without a light: `naming.GATE` and `DOUBT`
+ABSENT = 22.0  # Squared distance over variance from which on a marker has no light
 STRAY = 1e-5  # Density of lights that are none of the body's, per px²
-MAX_AWAY = 40.0  # Squared distance over variance from what is known of the view, if it is
+MAX_AWAY, ROUGHLY_AWAY = 40.0, 120.0
+"""Squared distance over variance from what is known of the view, if it is: of views that show three
+markers where they are, and of those about."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,17 +92,12 @@ class Prior:
         return cls(mean, deviations)
 
     @classmethod
-    def since(
-        cls, shape: WeakPerspective, view: ViewState, elapsed: float, rig_error: float
-    ) -> Prior:
-        """What a view may have become in a time (s), of a rig so exact (units of its size)."""
-        deviations = cls.at_start(shape).deviations
-        for parameters, (soon, per_second, most) in _CHANGES:
-            deviations[parameters] = min(soon + per_second * elapsed, most)
-        if shape.lens.focal is None:
-            learnt = np.sqrt(view.covariance.diagonal()[FOCAL:]) + _MIN_LENS_DEVIATION
-            deviations[FOCAL:] = np.minimum(deviations[FOCAL:], learnt)
-        return cls(view.parameters, deviations, math.hypot(_NOISE, rig_error * view.scale))
+    def of(cls, views: ViewFilter) -> Prior:
+        """What a filter has of the view at its time, and by how much a jolt may have changed it."""
+        view = views.view
+        deviations = np.sqrt(view.covariance.diagonal())
+        deviations[:FOCAL] = np.hypot(deviations[:FOCAL], _JOLT)
+        return cls(view.parameters, deviations, views.deviation)
 
     @property
     def fewest(self) -> int:
@@ -115,6 +109,11 @@ class Prior:
         apart = views[:, :FOCAL] - self.mean[:FOCAL]
         apart[:, ROLL] = _turned(apart[:, ROLL])
         return np.asarray(np.square(apart / self.deviations[:FOCAL]).sum(axis=1))
+
+    def allows(self, views: Array, most: float = MAX_AWAY) -> NDArray[np.bool_]:
+        """Which of some views (v, 8) are not out of the question."""
+        is_near = np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED
+        return is_near if self.noise is None else is_near & (self.away(views) < most)
 
 
 def _turned(angles: Array) -> Array:
@@ -132,7 +131,6 @@ class Guess:
 
     way: Way
     view: ViewState  # fitted to them
-    cost: float  # the less, the more probable
     evidence: float  # logarithm of its odds against lights that are all none of the body's
 
 
@@ -151,15 +149,15 @@ def guess_body(
         return []
     guesses: dict[Way, Guess] = {}
     for guess in _fitted(shape, spots, starts, prior):
-        if guess.way not in guesses or guess.cost < guesses[guess.way].cost:
+        if guess.way not in guesses or guess.evidence > guesses[guess.way].evidence:
             guesses[guess.way] = guess
-    return sorted(guesses.values(), key=lambda guess: guess.cost)
+    return sorted(guesses.values(), key=lambda guess: -guess.evidence)
 
 
 def _fitted(
     shape: WeakPerspective, spots: Sequence[Light], starts: Sequence[Start], prior: Prior
 ) -> list[Guess]:
-    """Several ways of naming, each with the view that fits it; a missing marker costs as well."""
+    """Several ways of naming, each with the view that fits it."""
     guesses = []
     flat = np.array([(spot.x, spot.y) for spot in spots])
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
@@ -178,12 +176,10 @@ def _fitted(
         named = NamedPlaces(pairs[..., 0], flat[pairs[..., 1]].reshape(len(same), -1))
         noise = np.full((len(same), 2 * number), variance)
         fits = Correction.of(shape, before, named, noise, variance, views, iterations=8)
-        missing = ABSENT * (len(shape.points) - number)
         ways = math.comb(len(shape.points), number) * math.perm(len(spots), number)
         others = number * math.log(STRAY) + math.log(ways)
         for row, (way, _) in enumerate(same):
-            view, evidence = fits.view(row), float(fits.evidence[row]) - others
-            guesses.append(Guess(way, view, view.cost + missing, evidence))
+            guesses.append(Guess(way, fits.view(row), float(fits.evidence[row]) - others))
     return guesses
 
 
@@ -198,13 +194,10 @@ def _rough_guesses(
     if len(places) < fewest:
         return []
     views = _rough_views(shape, places, prior, count - fewest)
-    cost = prior.away(views)
-    possible = np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED
-    if prior.noise is not None:
-        possible &= cost < MAX_AWAY
-    views, cost = views[possible], cost[possible]
+    views = views[prior.allows(views)]
     if not len(views):
         return []
+    cost = prior.away(views)
     seen = shape.project(views)
     apart = np.square(seen[..., :1] - places.real) + np.square(seen[..., 1:] - places.imag)
     nearest = apart.argmin(axis=2)
@@ -212,7 +205,7 @@ def _rough_guesses(
     scale = np.exp(views[:, SCALE, None])
     has = squares < (_REACH * scale) ** 2
     squares /= (_ROUGH * scale if prior.noise is None else 3.0 * prior.noise) ** 2
-    if fewest < count:
+    if prior.noise is not None:
         has &= squares < ABSENT
     chosen = np.flatnonzero(has.sum(axis=1) >= fewest)
     cost = cost[chosen] + np.where(has, squares, ABSENT)[chosen].sum(axis=1)
@@ -237,19 +230,17 @@ def _rough_views(shape: WeakPerspective, places: Complex, prior: Prior, hidden: 
     focal = math.exp(prior.mean[FOCAL])
     triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
     if triangles:
-        threes = places[np.array(list(permutations(range(len(places)), 3)))]
-        size = np.abs(threes - threes[:, [1, 2, 0]]).max(axis=1)
-        seen = []
-        for three in triangles:
-            sides = shape.points[list(three)] - shape.points[np.roll(three, -1)]
-            # Px at the expected scale; foreshortened, or nearer, they look smaller or larger.
-            expected = np.linalg.norm(sides, axis=1).max() * math.exp(prior.mean[SCALE])
-            changed = math.exp(min(4.0 * prior.deviations[SCALE], FREE[0]))
-            near = (size > 0.4 * expected / changed) & (size < 1.5 * expected * changed)
-            seen.append(views_of_three(shape, three, threes[near], focal))
-        return np.vstack(seen)
+        markers, orders = np.array(triangles), _orders(len(places), 3)
+        may_be = _pairs(shape, places, prior)
+        first, second, third = markers.T[..., None]
+        a, b, c = orders.T
+        allowed = may_be[first, second, a, b] & may_be[second, third, b, c]
+        allowed &= may_be[third, first, c, a]
+        number, row = np.nonzero(allowed)
+        roughly = partial(prior.allows, most=ROUGHLY_AWAY)
+        return views_of_three(shape, markers[number], places[orders[row]], focal, roughly)
     # Of markers on one line the tilt is not known.
-    orders = np.array(list(permutations(range(len(places)), 2)))
+    orders = _orders(len(places), 2)
     first, second = (shape.points[index, 0] + 1j * shape.points[index, 1] for index in shape.base)
     turn = (places[orders[:, 1]] - places[orders[:, 0]]) / (second - first)
     middle = places[orders[:, 0]] - turn * first
@@ -257,6 +248,38 @@ def _rough_views(shape: WeakPerspective, places: Complex, prior: Prior, hidden: 
     views[:, ROLL], views[:, SCALE] = np.angle(turn), np.log(np.maximum(np.abs(turn), 1e-9))
     views[:, X], views[:, Y], views[:, FOCAL] = middle.real, middle.imag, math.log(focal)
     return views
+
+
+def _pairs(shape: WeakPerspective, places: Complex, prior: Prior) -> NDArray[np.bool_]:
+    """Which two of the spots may be which two of the markers, (n, n, spots, spots).
+
+    By the logarithm of the offset between them, of which size and roll are the parts.
+    """
+    expected, slopes = shape.linearize(prior.mean[None])
+    seen, change = expected.view(np.complex128)[0], slopes.view(np.complex128)[0]
+    offsets, found = _apart(seen), _apart(places)
+    spread = (change[:, None] - change[:, :, None]) / offsets * prior.deviations[:, None, None]
+    apart = np.log(found / offsets[:, :, None, None])
+    xx, yy = np.square(spread.real).sum(axis=0) + 1e-4, np.square(spread.imag).sum(axis=0) + 1e-4
+    xy = (spread.real * spread.imag).sum(axis=0)
+    factors = np.array((yy, -2.0 * xy, xx)) / (xx * yy - xy * xy)
+    a, b, c = factors[..., None, None]
+    x, y = apart.real, apart.imag
+    return np.asarray((a * x + b * y) * x + c * y * y < ROUGHLY_AWAY)
+
+
+def _apart(places: Complex) -> Complex:
+    """From each place (n,) to each, (n, n); 1 where there is no way between."""
+    apart = places - places[:, None]
+    apart[apart == 0.0] = 1.0
+    return apart
+
+
+@cache
+def _orders(count: int, size: int) -> NDArray[np.intp]:
+    """All ways of taking some of a number of spots in turn, (n, size)."""
+    orders = list(permutations(range(count), size))
+    return np.array(orders, np.intp).reshape(-1, size)
 
 
 MAX_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
@@ -272,10 +295,10 @@ MAX_REST = 3  # Frames between two attempts to name lights that could not be nam
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
-MIN_EVIDENCE, SURE_EVIDENCE = -14.0, 0.0
+MIN_EVIDENCE, SURE_EVIDENCE = -8.0, -2.0
 """Logarithm of the odds of a body found again against lights that are all none of its markers: to
-be believed when `CONFIRMED`, and in one frame. On the half for choosing constants wrong bodies had
-less than -16, right ones more than -14."""
+be believed when `CONFIRMED`, and in one frame. Of the half for choosing constants wrong ways with
+four lights had less than -2, four of five right ones more."""
 SAME_MISFIT = (0.2, 0.25)
 """px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
 that of a light that is no marker does not."""
@@ -292,32 +315,38 @@ class Named(NamedTuple):
     remark: str = ''  # why they cannot be named, or what was left out
 
 
+class Before(NamedTuple):
+    """What is known of a body that was followed before."""
+
+    prior: Prior
+    fewest: int  # of its markers that must be in sight
+    is_likely: Callable[[int, Light], bool]  # whether a marker may look like a light
+
+
 def initialize(
-    shape: WeakPerspective,
-    lights: Lights,
-    names: Sequence[str],
-    before: Prior | None = None,
-    fewest: int = 0,
+    shape: WeakPerspective, lights: Lights, names: Sequence[str], before: Before | None = None
 ) -> Named:
     """Name a body of which no marker is known.
 
-    At the start (no prior) it must be whole, and how exact the rig is must be seen. Before a loss
-    its view was known, and all markers but the fewest may be hidden.
+    At the start it must be whole, and how exact the rig is must be seen. Of one that was followed
+    before, all markers but the fewest may be hidden.
     """
     count = len(names)
-    fewest = fewest or count
+    fewest = before.fewest if before else count
     spots = lights.candidates(count)
     if len(spots) < fewest:
         return Named(remark=f'{len(spots)} of {count} markers in view')
     unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
     if len(spots) > MAX_CANDIDATES:
         return unclear
-    prior = before or Prior.at_start(shape)
+    prior = before.prior if before else Prior.at_start(shape)
     guesses = [g for g in guess_body(shape, spots, prior, fewest) if _alike(g, spots)]
+    if before is not None:
+        guesses = [g for g in guesses if all(before.is_likely(m, spots[i]) for m, i in g.way)]
     alone = len(spots) == count
     free = alone and before is None and shape.lens.focal is None
     remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
-    if guesses and (len(guesses) == 1 or guesses[1].cost - guesses[0].cost >= DOUBT):
+    if guesses and (len(guesses) == 1 or guesses[0].evidence >= guesses[1].evidence + MARGIN):
         best = guesses[0]
         chosen = {marker: spots[index] for marker, index in best.way}
         if before is not None:

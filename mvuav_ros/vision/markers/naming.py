@@ -6,16 +6,14 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import islice
 
-import numpy as np
-
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, Evidence, FaultDetector
-from mvuav_ros.vision.markers.initialization import ABSENT, DOUBT, Named, Prior, guess_body
+from mvuav_ros.vision.markers.initialization import ABSENT, Named
 from mvuav_ros.vision.markers.lights import Light, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
-from mvuav_ros.vision.markers.view_filter import ViewFilter
 
+DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
 GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
 MAX_WAYS = 1000
@@ -68,31 +66,6 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
     least, best = min(ways, key=lambda pair: pair[0])
     probable = [way for cost, way in ways if cost < least + DOUBT]
     return {m: light for m, light in best.items() if all(w.get(m) == light for w in probable)}
-
-
-MIN_EVIDENCE = -5.0
-"""Logarithm of the odds of a body found again in one frame against lights of no body."""
-
-
-def reacquire(views: ViewFilter, lights: Sequence[Light], fits: Fits) -> dict[int, Light]:
-    """Find a body again of which nothing is in sight where it was expected.
-
-    It is looked for within what the time since the loss allows (see `guess_body`). A marker is
-    named where every way that is about as probable as the best names it so; three are enough where
-    there are no other lights.
-    """
-    fewest = min(max(len(lights), 3), FAULTS.min_agreeing, len(views.shape.points))
-    view = views.view
-    prior = Prior(view.parameters, np.sqrt(view.covariance.diagonal()), views.deviation)
-    weighed = [
-        (guess.cost, dict(guess.way))
-        for guess in guess_body(views.shape, lights, prior, fewest)
-        if guess.evidence > MIN_EVIDENCE and all(fits(m, lights[i]) for m, i in guess.way)
-    ]
-    if not weighed:
-        return {}
-    agreed = {marker: lights[number] for marker, number in _shared(weighed).items()}
-    return agreed if len(agreed) >= fewest else {}
 
 
 STRANGE = 3  # Frames without a name after which a light is clutter
@@ -152,7 +125,6 @@ LARGER = 1.2  # Times the area of the larger of two lights, or of both, which th
 JOINED_PLACE = 1.5  # px (1 sigma), of the places of two markers that are known by their mean alone
 BESIDE = 24.0
 """px within which another light may be taken for a marker that is not where it was expected."""
-MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
 
 
 class Search:
@@ -172,8 +144,6 @@ class Search:
         self.views = faults.views  # at this frame's time
         # Those of the found of which one or some must be another light.
         self.suspects = set(consensus.suspects)
-        # Markers found again together, after hardly any was in sight.
-        self.reacquired: set[int] = set()
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._markers = markers
         self._view = consensus.view()
@@ -201,8 +171,6 @@ class Search:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
                 self._name_joined()
-        if len(self.found) < 2:
-            self._find_again()
         self._check()
         self.alone = {
             marker
@@ -229,7 +197,7 @@ class Search:
             def fits(index: int, light: Light, gates: dict[int, Expectation] = gates) -> bool:
                 if gates[index].deviation > KNOWN_PLACE and self._clutter.include(light):
                     return False
-                return self._is_likely(index, light)
+                return self.is_likely(index, light)
 
             named = assign(gates, free, fits)
             if not named:
@@ -281,18 +249,6 @@ class Search:
         named = list(found.values())
         self._free = [light for light in self._free if light not in named]
 
-    def _find_again(self) -> None:
-        """Name a body of which at most one marker is where it was expected."""
-        lights = [*self.found.values(), *self._free]
-        new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
-        ways = reacquire(self.views, new, self._is_likely)
-        if ways:
-            self.suspects.clear()
-            self.reacquired = set(ways)
-            self._free = lights
-            self._take(ways)
-            self._name_clear()
-
     def _check(self) -> None:
         """Take back names that the others contradict, those given in this frame first."""
         newcomers = [marker for marker in self.found if marker not in self._known]
@@ -327,5 +283,6 @@ class Search:
         by_view = deviations.tolist()
         return {i: Expectation(x[i], y[i], by_view[i]) for i in markers}
 
-    def _is_likely(self, index: int, light: Light) -> bool:
+    def is_likely(self, index: int, light: Light) -> bool:
+        """Whether a marker may look like a light."""
         return self._markers[index].is_likely(light.seen)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations
@@ -89,15 +90,19 @@ class WeakPerspective:
             return abs(((b - a).conjugate() * (c - a)).imag)
 
         threes = [three for three in combinations(range(len(flat)), 3) if area(three) >= _MIN_AREA]
-        left = set(combinations(range(len(flat)), hidden))
+        left = dict.fromkeys(combinations(range(len(flat)), hidden), 2 if hidden else 1)
         chosen = []
-        while left:
-            shown = {three: {out for out in left if not {*three} & {*out}} for three in threes}
-            best = max(threes, key=lambda three: (len(shown[three]), area(three)), default=None)
-            if best is None or not shown[best]:
+        while left and threes:
+            shown = {three: [out for out in left if not {*three} & {*out}] for three in threes}
+            best = max(threes, key=lambda three: (len(shown[three]), area(three)))
+            if not shown[best]:
                 break
             chosen.append(best)
-            left -= shown[best]
+            threes.remove(best)
+            for out in shown[best]:
+                left[out] -= 1
+                if not left[out]:
+                    del left[out]
         return chosen
 
     @cached_property
@@ -195,13 +200,11 @@ class ViewState:
         parameters: (8,), see `WeakPerspective.project`.
         covariance: (8, 8).
         misfit: root mean square of the residuals of the markers it was fitted to, px.
-        cost: squared residuals and squared distance from the prior, both over their variances.
     """
 
     parameters: Array
     covariance: Array
     misfit: float = 0.0
-    cost: float = 0.0
 
     @property
     def scale(self) -> float:
@@ -262,32 +265,51 @@ _MIN_DEPTH = 0.3  # Least distance of a marker over that of the first one, to be
 
 
 def views_of_three(
-    shape: WeakPerspective, triple: tuple[int, int, int], places: Complex, focal: float
+    shape: WeakPerspective,
+    markers: NDArray[np.intp],
+    places: Complex,
+    focal: float,
+    may_be: Callable[[Array], NDArray[np.bool_]] | None = None,
 ) -> Array:
     """Views in which three markers are seen at given places.
 
     Args:
         shape: the rig.
-        triple: three markers that do not lie on one line.
+        markers: (t, 3), three that do not lie on one line.
         places: (t, 3), x + iy, px.
         focal: length, px.
+        may_be: which of some views (v, 8), that are about right, are worth to be worked out.
 
     Returns:
-        (2 t, 8), see `WeakPerspective.project`: all of the first poses, then the others. Where
-        there is none, a view that does not show the markers there.
+        (v, 8), see `WeakPerspective.project`: up to two for each three. Where there is none, a view
+        that does not show the markers there.
     """
-    points = shape.points[list(triple)]
+    # Markers, axes, rows: the rows last, along which all is computed.
+    points = np.ascontiguousarray(shape.points[markers].transpose(1, 2, 0))
     seen = (places - complex(*shape.centre)).T / focal
     depths = _orthographic_depths(points, seen)
-    seen = np.concatenate((seen, seen), axis=1)
-    depths = _perspective_depths(points, seen, depths)
+    points, seen = np.concatenate((points, points), axis=2), np.concatenate((seen, seen), axis=1)
+    if may_be is not None:
+        kept = may_be(_views_at(shape, points, seen, depths, focal))
+        if not kept.any():
+            return np.empty((0, COUNT))
+        points, seen, depths = points[..., kept], seen[:, kept], depths[:, kept]
+    return _views_at(shape, points, seen, _perspective_depths(points, seen, depths), focal)
+
+
+def _views_at(
+    shape: WeakPerspective, points: Array, seen: Complex, depths: Array, focal: float
+) -> Array:
+    """Views (v, 8) in which points (3, 3, v) seen (3, v), in focal lengths, have these depths."""
     placed = np.array((seen.real * depths, seen.imag * depths, depths))
-    # Columns: where the rotation takes two edges and their normal.
-    edges, turned = points[1:] - points[0], placed[:, 1:] - placed[:, :1]
-    before = np.vstack((edges, np.cross(*edges))).T
-    normal = np.cross(turned[:, 0], turned[:, 1], axis=0)[:, None]
-    rotation = np.einsum('iet,ek->ikt', np.hstack((turned, normal)), np.linalg.inv(before))
-    x, y, distance = placed[:, 0] - np.einsum('ikt,k->it', rotation, points[0])
+    # The rotation takes two edges and their normal to where they are seen: with the reciprocal
+    # vectors of the former.
+    (a, b), (u, v) = points[1:] - points[0], (placed[:, 1:] - placed[:, :1]).transpose(1, 0, 2)
+    normal = _cross(a, b)
+    size = (normal * normal).sum(axis=0)
+    rotation = u[:, None] * _cross(b, normal) + v[:, None] * _cross(normal, a)
+    rotation = (rotation + _cross(u, v)[:, None] * normal) / size
+    x, y, distance = placed[:, 0] - (rotation * points[0]).sum(axis=1)
     distance = np.maximum(distance, 1e-3)
     views = np.zeros((seen.shape[1], COUNT))
     views[:, ROLL] = np.arctan2(-rotation[0, 1], rotation[1, 1])
@@ -300,17 +322,24 @@ def views_of_three(
     return views
 
 
+def _cross(a: Array, b: Array) -> Array:
+    """Products of vectors (3, n)."""
+    return np.array(
+        (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    )
+
+
 def _orthographic_depths(points: Array, seen: Complex) -> Array:
-    """Depths (3, 2 t) of points (3, 3) seen (3, t) about from behind, by Alter's solution.
+    """Depths (3, 2 t) of points (3, 3, t) seen (3, t) about from behind, by Alter's solution.
 
     The second half of them is the mirror image of the first half.
     """
     edges = points[1:] - points[0]
     first, second = (edges * edges).sum(axis=1)
-    between = float(edges[0] @ edges[1])
-    flat = np.abs(edges[:, 0] + 1j * edges[:, 1]).sum()
+    between = (edges[0] * edges[1]).sum(axis=0)
+    flat = np.hypot(edges[:, 0], edges[:, 1]).sum(axis=0)
     size = np.abs(seen[1:] - seen[0]).sum(axis=0) / flat
-    u, v = seen[1:] * np.maximum(1.0 + edges[:, 2:] * size, _MIN_DEPTH) - seen[0]
+    u, v = seen[1:] * np.maximum(1.0 + edges[:, 2] * size, _MIN_DEPTH) - seen[0]
     u_squared, v_squared = np.abs(u) ** 2, np.abs(v) ** 2
     across = (u * v.conj()).real
     # Depths p, q and scale s: s^2 first = |u|^2 + p^2, s^2 second = |v|^2 + q^2 and
@@ -328,8 +357,8 @@ def _orthographic_depths(points: Array, seen: Complex) -> Array:
 
 
 def _perspective_depths(points: Array, seen: Complex, depths: Array) -> Array:
-    """Depths (3, n) at which points (3, 3) seen (3, n) have their distances, by Newton's method."""
-    squares = [float(((points[i] - points[j]) ** 2).sum()) for i, j in _THREE_PAIRS]
+    """Depths (3, n) of points (3, 3, n) seen (3, n) by their distances, with Newton's method."""
+    squares = [((points[i] - points[j]) ** 2).sum(axis=0) for i, j in _THREE_PAIRS]
     length = 1.0 + np.abs(seen) ** 2
     cosines = [1.0 + (seen[i] * seen[j].conj()).real for i, j in _THREE_PAIRS]
     for _ in range(_DEPTH_ITERATIONS):

@@ -261,12 +261,7 @@ class Correction:
     def view(self, row: int = 0) -> ViewState:
         """What follows of a filter's view."""
         mean, covariance = self.after
-        return ViewState(
-            mean[row, :COUNT],
-            covariance[row, :COUNT, :COUNT],
-            self.misfit(row),
-            float(self.cost[row]),
-        )
+        return ViewState(mean[row, :COUNT], covariance[row, :COUNT, :COUNT], self.misfit(row))
 
 
 def _seen(columns: NDArray[np.intp] | None, expected: Array, slopes: Array) -> tuple[Array, Array]:

@@ -35,7 +35,8 @@ def errors(shape, triple, truth):
     """How far the nearer of each pair of views shows the markers from where they are, px."""
     seen = shape.project(truth)
     places = seen[:, list(triple), 0] + 1j * seen[:, list(triple), 1]
-    found = shape.project(views_of_three(shape, triple, places, FOCAL))
+    markers = np.tile(triple, (len(places), 1))
+    found = shape.project(views_of_three(shape, markers, places, FOCAL))
     apart = np.abs(found.reshape(2, *seen.shape) - seen).max(axis=(2, 3))
     return apart.min(axis=0)
 
@@ -58,7 +59,7 @@ def test_any_three_of_any_rig_tell_the_view_in_nearly_all_cases():
 def test_places_that_three_markers_cannot_have_give_finite_views():
     shape = WeakPerspective.of(TANKER_747, LENS)
     places = np.array([[0j, 0j, 0j], [1j, 2j, 3j], [1 + 1j, 600 + 400j, 601 + 400j]])
-    assert np.isfinite(views_of_three(shape, (0, 2, 4), places, FOCAL)).all()
+    assert np.isfinite(views_of_three(shape, np.tile((0, 2, 4), (3, 1)), places, FOCAL)).all()
 
 
 def test_lights_in_a_row_are_no_body_whose_markers_form_a_triangle():

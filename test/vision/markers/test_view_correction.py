@@ -64,7 +64,7 @@ def test_a_correction_is_the_most_probable_view(markers):
     expected = np.linalg.inv(best.jac.T @ best.jac)
     scale = np.sqrt(np.outer(*2 * [np.diag(expected)]))
     np.testing.assert_allclose(view.covariance / scale, expected / scale, atol=0.01)
-    np.testing.assert_allclose(view.cost, 2.0 * best.cost, rtol=1e-3)
+    np.testing.assert_allclose(correction.cost, 2.0 * best.cost, rtol=1e-3)
     misfit = NOISE * np.linalg.norm(best.fun[: 2 * len(markers)]) / math.sqrt(len(markers))
     np.testing.assert_allclose(view.misfit, misfit, rtol=1e-2)
 
