@@ -78,6 +78,9 @@ class FaultDetector:
         # Markers that were out of sight or not alone shortly before, whose lights may be others;
         # where enough others are not, they hardly take part.
         self.untrusted: set[int] = set()
+        # Markers whose names are too uncertain: where too few are in sight to check each other,
+        # they do not move the view.
+        self.doubtful: set[int] = set()
         # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
         self._evidence: dict[int, float] = {}
@@ -86,14 +89,15 @@ class FaultDetector:
 
     def _correct(self, found: Mapping[int, Point]) -> tuple[Correction, dict[int, float]]:
         """By all lights, and by the filters that ignore one each; and the evidence with it."""
-        key = self.untrusted, list(found.items())
+        key = self.untrusted, self.doubtful, list(found.items())
         last = self._corrected
         if last is not None and last[1].before is self.views.means and last[0] == key:
             return last[1:]
         untrusted = self.untrusted.intersection(found)
         if len(found) - len(untrusted) < TUNING.min_firm:
             untrusted.clear()
-        correction = self.views.correct(found, untrusted)
+        ignored = self.doubtful if len(found) < TUNING.min_agreeing else ()
+        correction = self.views.correct(found, untrusted, ignored)
         self._corrected = key, correction, self._added(correction)
         return self._corrected[1:]
 
@@ -207,15 +211,20 @@ class FaultDetector:
             return Consensus(partial(self.views.look, {}), (), (), tuple(found))
         return Consensus(fitted.view, tuple(rest), tuple(m for m in found if m not in rest))
 
-    def commit(self, found: Mapping[int, Point]) -> Evidence:
-        """Take a frame's named lights, which agree; what the places say for their names."""
+    def evidence(self, found: Mapping[int, Point]) -> Evidence:
+        """What a frame's places say for their names."""
         if not found:
             return NO_EVIDENCE
+        redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
+        return Evidence(self._correct(found)[0].log_likelihoods(), redundancy)
+
+    def commit(self, found: Mapping[int, Point]) -> None:
+        """Take a frame's named lights, which agree."""
+        if not found:
+            return
         correction, evidence = self._correct(found)
         over = max(evidence.values(), default=0.0) - TUNING.max_evidence
         if over > 0.0:
             evidence = {m: max(sum_ - over, 0.0) for m, sum_ in evidence.items()}
         self._evidence = evidence
         self.views.commit(correction)
-        redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
-        return Evidence(correction.log_likelihoods(), redundancy)

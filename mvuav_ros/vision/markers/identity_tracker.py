@@ -215,11 +215,13 @@ class IdentityTracker:
         memory.watch(spots)
         faults.jumps = memory.jumps.evidence
         faults.untrusted = memory.untrusted
+        faults.doubtful = memory.doubtful
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
-            evidence = faults.commit(named)
+            memory.weigh(spots, faults.evidence(named))
+            faults.commit(named)
             self._sure = copy.copy(faults.views)
-            memory.remember(frame.time, spots, {}, evidence)
+            memory.remember(frame.time, spots, {})
             if not self._is_redundant:
                 spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
             return self._report.result(memory, spots, frame.earliest, {}, windows)
@@ -228,7 +230,7 @@ class IdentityTracker:
         doubted = memory.distrust(spots)
         faults.untrusted = memory.untrusted
         found = {index: Light(*place, spots[index]) for index, place in named.items()}
-        search = Search(faults, memory.markers, consensus, found)
+        search = Search(faults, memory.markers, consensus, found, faults.doubtful)
         status = self._search(frame, search, memory.reported if consensus.kept else ())
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
@@ -242,16 +244,22 @@ class IdentityTracker:
         """Remember and report what a search has found."""
         assert self._body is not None
         memory = self._body[1]
+        # Where other lights are about, some three of all nearly always look like three markers.
+        if len(search.reacquired) >= FAULTS.min_agreeing or not self._clutter.is_about:
+            memory.trust(search.reacquired)
         expected = self._in_image(search.expected(search.missing))
-        evidence = search.finish()
+        others = self._clutter.is_about or not self._is_redundant
+        evidence = search.evidence()
+        memory.weigh(search.found, evidence, search.given, others, search.reacquired)
+        search.faults.doubtful = memory.doubtful
+        search.finish()
         if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:
             self._sure = copy.copy(search.views)
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
         spots = {index: light.seen for index, light in search.found.items()}
-        others = self._clutter.is_about or not self._is_redundant
-        memory.remember(frame.time, spots, expected, evidence, search.given, others)
+        memory.remember(frame.time, spots, expected)
         hidden = search.suspects | memory.doubtful
         if not self._is_redundant:
             hidden = hidden | memory.untrusted
@@ -274,15 +282,11 @@ class IdentityTracker:
         if search.found and not (nameless and search.missing):
             return
         assert self._body is not None
-        is_lost = len(search.found) < 2
         # What has names may be other lights, which would have bent the view.
-        prior = Prior.of(search.views if is_lost else self._sure)
+        prior = Prior.of(self._sure)
         firm = search.found.keys() - search.suspects - self._body[1].doubtful
         fewest = self._count
-        if is_lost and len(lights) == 3 and not any(map(self._clutter.include, lights.spots)):
-            # Beside other lights some three of all nearly always look like three markers.
-            fewest = 3
-        elif len(firm) < FAULTS.min_firm:
+        if len(firm) < FAULTS.min_firm:
             fewest = min(self._count, max(self._count - MAX_HIDDEN, prior.fewest))
         elif not self._attempts.due(len(lights)):
             return

@@ -132,30 +132,40 @@ class Guess:
     way: Way
     view: ViewState  # fitted to them
     evidence: float  # logarithm of its odds against lights that are all none of the body's
+    without: dict[int, float]  # the same, by marker, of the way without that one
 
 
 def guess_body(
-    shape: WeakPerspective, spots: Sequence[Light], prior: Prior, fewest: int
+    shape: WeakPerspective,
+    spots: Sequence[Light],
+    prior: Prior,
+    fewest: int,
+    strays: float = STRAY,
 ) -> list[Guess]:
     """All probable ways of seeing a body in a number of spots, most probable first.
 
     Three markers are tried on all threes of spots (`MAX_CANDIDATES` at most, px without
     distortion), in every order; the two views of each that follow say where the other markers
-    are, and the best are fitted. The fewest of its markers must be among the spots.
+    are, and the best are fitted. The fewest of its markers must be among the spots, beside which
+    there are so many strays per px².
     """
     places = np.array([complex(spot.x, spot.y) for spot in spots])
     starts = _rough_guesses(shape, places, prior, fewest)
     if not starts:
         return []
     guesses: dict[Way, Guess] = {}
-    for guess in _fitted(shape, spots, starts, prior):
+    for guess in _fitted(shape, spots, starts, prior, strays):
         if guess.way not in guesses or guess.evidence > guesses[guess.way].evidence:
             guesses[guess.way] = guess
     return sorted(guesses.values(), key=lambda guess: -guess.evidence)
 
 
 def _fitted(
-    shape: WeakPerspective, spots: Sequence[Light], starts: Sequence[Start], prior: Prior
+    shape: WeakPerspective,
+    spots: Sequence[Light],
+    starts: Sequence[Start],
+    prior: Prior,
+    strays: float,
 ) -> list[Guess]:
     """Several ways of naming, each with the view that fits it."""
     guesses = []
@@ -176,11 +186,39 @@ def _fitted(
         named = NamedPlaces(pairs[..., 0], flat[pairs[..., 1]].reshape(len(same), -1))
         noise = np.full((len(same), 2 * number), variance)
         fits = Correction.of(shape, before, named, noise, variance, views, iterations=8)
-        ways = math.comb(len(shape.points), number) * math.perm(len(spots), number)
-        others = number * math.log(STRAY) + math.log(ways)
+        # Logarithms of how probable strays are in so many places, and in one place less.
+        others, fewer = (
+            k * math.log(strays)
+            + math.log(math.comb(len(shape.points), k))
+            + math.log(math.perm(len(spots), k))
+            for k in (number, number - 1)
+        )
         for row, (way, _) in enumerate(same):
-            guesses.append(Guess(way, fits.view(row), float(fits.evidence[row]) - others))
+            view, log_density = fits.view(row), float(fits.evidence[row])
+            # By the chain rule, without what a marker's place is by all others.
+            without = {
+                marker: log_density - own - fewer
+                for (marker, _), own in zip(way, fits.log_densities(row), strict=True)
+            }
+            guesses.append(Guess(way, view, log_density - others, without))
     return guesses
+
+
+def log_odds_of(best: Guess, ways: Sequence[Guess]) -> dict[int, float]:
+    """Logarithms of the odds of each name of a way, one of several.
+
+    For a name speaks what all ways that give it have for them; against it what the others have,
+    what these have without this marker, and that no light is one of the body's.
+    """
+    odds = {}
+    for name in best.way:
+        alike = [way for way in ways if name in way.way]
+        own = [way.evidence for way in alike]
+        without = [way.without[name[0]] for way in alike]
+        others = [way.evidence for way in ways if name not in way.way]
+        against = np.logaddexp.reduce([0.0, *without, *others])
+        odds[name[0]] = float(np.logaddexp.reduce(own) - against)
+    return odds
 
 
 Start = tuple[Way, Array]
@@ -295,10 +333,12 @@ MAX_REST = 3  # Frames between two attempts to name lights that could not be nam
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
-MIN_EVIDENCE, SURE_EVIDENCE = -8.0, -2.0
+MIN_EVIDENCE, SURE_EVIDENCE = -8.0, 0.0
 """Logarithm of the odds of a body found again against lights that are all none of its markers: to
-be believed when `CONFIRMED`, and in one frame. Of the half for choosing constants wrong ways with
-four lights had less than -2, four of five right ones more."""
+be believed when `CONFIRMED`, and in one frame."""
+SURE_AT_START = -13.0
+"""The same of a whole body at the start, among other lights. Its place and size are free then: that
+they may be anything costs 11 more than that they are those of some body in the image."""
 SAME_MISFIT = (0.2, 0.25)
 """px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
 that of a light that is no marker does not."""
@@ -360,7 +400,8 @@ def initialize(
             fits = best.view.misfit <= exact
             strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
             odd = not free and best.view.misfit > strict
-            return Named(chosen, best.view, alone and not odd, fits, odd, remark)
+            certain = (alone or best.evidence > SURE_AT_START) and not odd
+            return Named(chosen, best.view, certain, fits, odd, remark)
     if free and tuple(names) == TANKER_NAMES:
         return _as_the_thesis(shape, spots) or unclear
     return unclear
@@ -426,7 +467,7 @@ class Attempts:
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""
         odd = named.odd or self._is_odd
-        return named.certain or self.agreed >= (CONFIRMED_ODD if odd else CONFIRMED)
+        return (named.certain and not odd) or self.agreed >= (CONFIRMED_ODD if odd else CONFIRMED)
 
     def succeed(self, named: Named) -> bool:
         """Take a way of naming them; whether it is that of the last attempt."""

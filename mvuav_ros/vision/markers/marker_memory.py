@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from mvuav_ros.vision.markers.centroid import Detection, Pull
-from mvuav_ros.vision.markers.fault_detection import NO_EVIDENCE, Evidence
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
+from mvuav_ros.vision.markers.fault_detection import Evidence
 from mvuav_ros.vision.markers.lights import Frame, Light, area_fits
 from mvuav_ros.vision.markers.marker_results import NO_WINDOW, Window
 from mvuav_ros.vision.markers.motion import MotionPredictor
@@ -94,7 +94,8 @@ class ConfidenceTuning:
     # Probability that another light is close to a marker's place: where one has been out of sight
     # and lights are about that are no markers, where none are, and where it was seen a frame ago.
     beside: tuple[float, float, float] = (0.5, 0.08, 0.01)
-    density: float = 1e-5  # of lights that are no markers and about, per px²
+    # Of lights that are no markers, per px²: where some are about, and where none are.
+    density: tuple[float, float] = (1e-5, 1e-6)
     # Of what a frame's place says, as the errors of following frames are alike; times the
     # redundancy, as what only goes on as before may be a light that was taken for the marker.
     share: float = 0.5
@@ -155,7 +156,7 @@ class KnownMarker:
         """
         among_others, alone, usual = CONFIDENCE.beside
         beside = usual if followed else among_others if others else alone
-        anywhere = CONFIDENCE.density if others else 0.0
+        anywhere = CONFIDENCE.density[0 if others else 1]
         odds = own - math.log(beside * math.exp(other) + anywhere)
         odds = min(odds, CONFIDENCE.first if self.unseen else self.odds)
         self.odds = max(odds, CONFIDENCE.least)
@@ -293,16 +294,8 @@ class MarkerMemory:
         time: float,
         spots: Mapping[int, Detection],
         expected: Mapping[int, Expectation],
-        evidence: Evidence = NO_EVIDENCE,
-        given: Collection[int] = (),
-        others: bool = False,
     ) -> None:
-        """Learn from a frame's markers, px, and where those should be that have no light.
-
-        The evidence is what the places say for the names, of which some have been given in this
-        frame, by the geometry; others are lights that are no markers and about.
-        """
-        self._weigh(spots.keys(), evidence, given, others)
+        """Learn from a frame's markers, px, and where those should be that have no light."""
         positions: list[float] = []
         for index, marker in enumerate(self.markers):
             spot = spots.get(index)
@@ -325,18 +318,24 @@ class MarkerMemory:
                 marker.untrusted -= 1
         self.predictor.update(positions)
 
-    def _weigh(
-        self, seen: Set[int], evidence: Evidence, given: Collection[int], others: bool
+    def weigh(
+        self,
+        seen: Collection[int],
+        evidence: Evidence,
+        given: Collection[int] = (),
+        others: bool = False,
+        found_again: Mapping[int, float] | None = None,
     ) -> None:
-        """Follow the probabilities of the names (see `remember`)."""
+        """Follow the probabilities of the names.
+
+        The evidence is what the places say for the names, of which some have been given in this
+        frame, by the geometry; others are lights that are no markers and about. Some were found
+        again together, with these log odds.
+        """
         usual = CONFIDENCE.share * evidence.redundancy
         checked = len(seen) >= FAULTS.min_agreeing
         # What four and more agree on, another light would contradict.
-        doubtful = others and not checked
-        firm: Set[int] = set()
-        if doubtful:
-            firm = seen - self.doubtful - self.untrusted
-            firm = {index for index in firm if not self.markers[index].unseen}
+        among_others = others and not checked
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
@@ -344,11 +343,15 @@ class MarkerMemory:
                 # What could not be checked before is not like the frames before.
                 is_new = checked and marker.odds < CONFIDENCE.min_odds
                 marker.weigh((1.0 if is_new else usual) * (own - other))
-            if index in given or (doubtful and marker.untrusted and self._was_checked):
-                # By fewer than two others hardly anything is known of its place.
+            # Those that were on probation when the others went have nothing to check them.
+            left = among_others and marker.untrusted and self._was_checked
+            if index not in given and not left:
+                continue
+            if found_again and index in found_again:
+                marker.odds = min(max(found_again[index], CONFIDENCE.least), CONFIDENCE.first)
+            else:
                 followed = not (marker.untrusted or marker.unseen)
-                known = followed or not doubtful or len(firm - {index}) >= 2
-                marker.give(own if known else other, other, doubtful, followed)
+                marker.give(own, other, among_others, followed)
         self._was_checked = checked
 
 

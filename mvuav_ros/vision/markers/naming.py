@@ -6,36 +6,51 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import islice
 
+import numpy as np
+
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, Evidence, FaultDetector
-from mvuav_ros.vision.markers.initialization import ABSENT, Named
+from mvuav_ros.vision.markers.initialization import (
+    ABSENT,
+    STRAY,
+    Named,
+    Prior,
+    guess_body,
+    log_odds_of,
+)
 from mvuav_ros.vision.markers.lights import Light, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
 GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
 MAX_WAYS = 1000
-Fits = Callable[[int, Light], bool]
-"""Whether a marker may look like this light."""
+MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
+Unlikeness = Callable[[int, Light], float]
+"""What it costs to take a light for a marker by its looks: 0 where it may well be the marker."""
+UNLIKE = 4.0
+"""What a size or shape costs that no marker should have. It makes a way of naming improbable, and
+not impossible: a marker that the frame cuts looks like that."""
 
 
 def assign(
-    expected: Mapping[int, Expectation], lights: Sequence[Light], fits: Fits
+    expected: Mapping[int, Expectation], lights: Sequence[Light], unlikeness: Unlikeness
 ) -> dict[int, Light]:
-    """Name the lights that lie where exactly one marker is expected.
+    """Name the lights that lie where exactly one marker is expected, and look like it.
 
-    All ways of giving the lights to the markers that ``fits`` does not rule out are weighed; a
-    marker is named where every way that costs little more than the best gives it the same light.
+    All ways of giving the lights to the markers are weighed; a marker is named where every way that
+    costs little more than the best gives it the same light.
     """
     costs: dict[int, dict[int, float]] = {}
     for marker, place in expected.items():
         near = {}
         for number, light in enumerate(lights):
             cost = ((light.x - place.x) ** 2 + (light.y - place.y) ** 2) / place.deviation**2
-            if cost <= GATE and fits(marker, light):
-                near[number] = cost
+            unlike = unlikeness(marker, light) if cost <= GATE else math.inf
+            if unlike < math.inf:
+                near[number] = cost + unlike
         if near:
             costs[marker] = near
     if not costs:
@@ -43,7 +58,8 @@ def assign(
     ways = list(islice(_ways(list(costs.items())), MAX_WAYS + 1))
     if len(ways) > MAX_WAYS:
         return {}
-    return {marker: lights[number] for marker, number in _shared(ways).items()}
+    named = {marker: lights[number] for marker, number in _shared(ways).items()}
+    return {marker: light for marker, light in named.items() if not unlikeness(marker, light)}
 
 
 def _ways(
@@ -66,6 +82,35 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
     least, best = min(ways, key=lambda pair: pair[0])
     probable = [way for cost, way in ways if cost < least + DOUBT]
     return {m: light for m, light in best.items() if all(w.get(m) == light for w in probable)}
+
+
+MIN_AGAIN = 3  # Lights of a body that is found again
+RARE = 0.1
+"""Strange lights where none was seen in the last seconds, over those where some are about."""
+
+
+def reacquire(
+    views: ViewFilter, lights: Sequence[Light], unlikeness: Unlikeness, others: bool
+) -> dict[int, tuple[Light, float]]:
+    """Find a body again of which too little is in sight where it was expected.
+
+    It is looked for within what the filter of its view allows. Others are lights that are no
+    markers, and about.
+
+    Returns:
+        By marker its light, and the log odds of that by all ways of naming the lights.
+    """
+    view = views.view
+    prior = Prior(view.parameters, np.sqrt(view.covariance.diagonal()), views.deviation)
+    strays = STRAY if others else RARE * STRAY
+    ways = guess_body(views.shape, lights, prior, MIN_AGAIN, strays)
+    likely = [way for way in ways if not any(unlikeness(m, lights[i]) for m, i in way.way)]
+    if not likely:
+        return {}
+    best = max(likely, key=lambda guess: guess.evidence)
+    odds = log_odds_of(best, ways)
+    named = {marker: (lights[i], odds[marker]) for marker, i in best.way if odds[marker] > 0.0}
+    return named if len(named) >= MIN_AGAIN else {}
 
 
 STRANGE = 3  # Frames without a name after which a light is clutter
@@ -136,14 +181,21 @@ class Search:
         markers: Sequence[KnownMarker],
         consensus: Consensus,
         found: Mapping[int, Light],
+        doubtful: Collection[int] = (),
     ) -> None:
-        """Begin with the markers found so far, without those that a consensus drops."""
+        """Begin with the markers found so far, without those that a consensus drops.
+
+        The names of some are doubtful.
+        """
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
         self._known = tuple(self.found)
         self.faults = faults  # what speaks against each marker
         self.views = faults.views  # at this frame's time
         # Those of the found of which one or some must be another light.
         self.suspects = set(consensus.suspects)
+        # Log odds of the markers found again together, after hardly any was in sight.
+        self.reacquired: dict[int, float] = {}
+        self._doubtful = set(doubtful)
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._markers = markers
         self._view = consensus.view()
@@ -171,6 +223,8 @@ class Search:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
                 self._name_joined()
+        if len(self.found.keys() - self._doubtful) < FAULTS.min_firm:
+            self._find_again()
         self._check()
         self.alone = {
             marker
@@ -194,12 +248,12 @@ class Search:
             }
             free = [light for light in self._free if not self._is_joined(light, places)]
 
-            def fits(index: int, light: Light, gates: dict[int, Expectation] = gates) -> bool:
+            def unlike(index: int, light: Light, gates: dict[int, Expectation] = gates) -> float:
                 if gates[index].deviation > KNOWN_PLACE and self._clutter.include(light):
-                    return False
-                return self.is_likely(index, light)
+                    return math.inf
+                return self._unlikeness(index, light)
 
-            named = assign(gates, free, fits)
+            named = assign(gates, free, unlike)
             if not named:
                 return
             self._take({**self.found, **named})
@@ -249,6 +303,18 @@ class Search:
         named = list(found.values())
         self._free = [light for light in self._free if light not in named]
 
+    def _find_again(self) -> None:
+        """Name a body of which fewer markers than show each other's place are firm."""
+        lights = [*self.found.values(), *self._free]
+        new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
+        ways = reacquire(self.views, new, self._unlikeness, self._clutter.is_about)
+        if ways:
+            self.suspects.clear()
+            self.reacquired = {m: odds for m, (_, odds) in ways.items()}
+            self._free = lights
+            self._take({m: light for m, (light, _) in ways.items()})
+            self._name_clear()
+
     def _check(self) -> None:
         """Take back names that the others contradict, those given in this frame first."""
         newcomers = [marker for marker in self.found if marker not in self._known]
@@ -272,9 +338,13 @@ class Search:
         self.found = dict(named.lights)
         self.suspects = set()
 
-    def finish(self) -> Evidence:
-        """Keep the view of this frame; what the places found say for their names."""
-        return self.faults.commit(places_of(self.found))
+    def evidence(self) -> Evidence:
+        """What the places found say for their names."""
+        return self.faults.evidence(places_of(self.found))
+
+    def finish(self) -> None:
+        """Keep the view of this frame."""
+        self.faults.commit(places_of(self.found))
 
     def expected(self, markers: Collection[int]) -> dict[int, Expectation]:
         """Where markers should be by the view of those found so far, px without distortion."""
@@ -286,3 +356,6 @@ class Search:
     def is_likely(self, index: int, light: Light) -> bool:
         """Whether a marker may look like a light."""
         return self._markers[index].is_likely(light.seen)
+
+    def _unlikeness(self, index: int, light: Light) -> float:
+        return 0.0 if self.is_likely(index, light) else UNLIKE

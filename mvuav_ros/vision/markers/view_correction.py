@@ -240,6 +240,12 @@ class Correction:
             nis.append((xx * x + xy * y) * x + yy * y * y)
         return nis
 
+    def log_densities(self, row: int) -> list[float]:
+        """Logarithm of how probable a filter's others make each marker's place, per px²."""
+        rows = (row,) * len(self.gain.markers)
+        pairs = zip(self.nis_by(rows), self.gain.distances(rows), strict=True)
+        return [factors[3] - 0.5 * square for square, factors in pairs]
+
     def log_likelihoods(self) -> dict[int, tuple[float, float]]:
         """How probable each marker's place is by all others, logarithm per px².
 

@@ -64,6 +64,7 @@ class ViewTuning:
     max_motion: float = 4.0
     doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
     min_doubted: float = 2.0  # px, of that at least
+    ignored: float = 1e3  # px (1 sigma), of a marker that takes no part
     rates_last: float = 1.0  # s, after which a motion has changed
     # Coordinates of all markers less the unknowns of the view, with which a light that slowly
     # drifts away from its marker bends the view instead of standing out: four lights, and five
@@ -232,22 +233,30 @@ class ViewFilter:
         variance = self.deviation**2
         return Correction.of(self.shape, before, named, np.full((ways, width), variance), variance)
 
-    def correct(self, found: Mapping[int, Point], untrusted: Collection[int] = ()) -> Correction:
+    def correct(
+        self,
+        found: Mapping[int, Point],
+        untrusted: Collection[int] = (),
+        ignored: Collection[int] = (),
+    ) -> Correction:
         """What the named lights, px without distortion, make of the view.
 
-        Those on probation are all but ignored.
+        Those on probation hardly take part, and some not at all.
         """
-        again = None if untrusted else self._correct_as_before(found)
+        ignored = [marker for marker in found if marker in ignored]
+        again = None if untrusted or ignored else self._correct_as_before(found)
         if again is not None:
             return again
         before = self.belief  # Learns how exact the rig is
         usual = self.deviation
         own, wide = usual**2, max(TUNING.doubted * usual, TUNING.min_doubted) ** 2
         noise = np.full((len(self.means), 2 * len(found)), own)
-        if untrusted or self.has_bank:
+        if untrusted or ignored or self.has_bank:
             for index, marker in enumerate(found):
                 rows = slice(None) if marker in untrusted else slice(1 + marker, 2 + marker)
                 noise[rows, 2 * index : 2 * index + 2] = wide
+                if marker in ignored:
+                    noise[:, 2 * index : 2 * index + 2] = TUNING.ignored**2
         return Correction.of(self.shape, before, NamedPlaces.of(found), noise, own)
 
     def _correct_as_before(self, found: Mapping[int, Point]) -> Correction | None:

@@ -99,12 +99,12 @@ def test_three_lights_cannot_check_each_other():
     detector.views.predict(frames / 30)
     every = dict(enumerate(map(tuple, SHAPE.project(view_at(frames)).tolist())))
     three = {marker: every[marker] for marker in (0, 2, 4)}
-    assert detector.commit(three).redundancy == 0.0
+    assert detector.evidence(three).redundancy == 0.0
     detector.views.predict((frames + 1) / 30)
-    evidence = detector.commit(every)
+    evidence = detector.evidence(every)
     assert 0.0 < evidence.redundancy < 1.0
     assert evidence.places.keys() == every.keys()
-    assert detector.commit({}).places == {}
+    assert detector.evidence({}).places == {}
 
 
 def test_nothing_is_ever_too_uncertain_to_be_computed():
@@ -115,3 +115,27 @@ def test_nothing_is_ever_too_uncertain_to_be_computed():
         detector.weigh(found)
     assert np.isfinite(detector.views.look(found).parameters).all()
     assert np.isfinite(detector.views.belief.covariance).all()
+
+
+def test_names_in_doubt_do_not_move_the_view():
+    """Where too few are in sight to check each other, a light beside the marker would bend it."""
+    moved = {}
+    for doubtful in (set(), {0}):
+        detector, frames = follow(60)
+        detector.views.predict(frames / 30)
+        places = SHAPE.project(view_at(frames)).tolist()
+        beside = {0: (places[0][0] + 2.0, places[0][1]), 2: tuple(places[2]), 4: tuple(places[4])}
+        before = detector.views.view.parameters
+        detector.doubtful = doubtful
+        detector.commit(beside)
+        moved[bool(doubtful)] = float(np.abs(detector.views.view.parameters - before)[2:4].max())
+    assert moved[True] < 0.2 * moved[False]
+
+
+def test_names_in_doubt_take_part_where_there_are_enough_to_check_them():
+    detector, frames = follow(60)
+    detector.views.predict(frames / 30)
+    every = dict(enumerate(map(tuple, SHAPE.project(view_at(frames)).tolist())))
+    usual = detector.evidence(every).places[0]
+    detector.doubtful = {0}
+    assert detector.evidence(every).places[0] == usual

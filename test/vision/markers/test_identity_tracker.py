@@ -340,6 +340,14 @@ def test_larger_glares_do_not_hide_a_body_at_the_start():
     assert named.all()
 
 
+def test_a_body_that_stands_out_from_other_lights_is_named_in_the_first_frame():
+    """Eight and nine lights, of which five fit the rig: more frames would say the same."""
+    for seed in (20003, 20005, 20009):
+        score, named = fly_scene('lasting clutter', seed, 1)
+        assert score.wrong == []
+        assert named.all()
+
+
 # In flight 57004 a glare covers the rudder, and its ghost completes the other four lights to a body
 # that is upside down.
 

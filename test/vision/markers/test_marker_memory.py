@@ -7,7 +7,13 @@ from scipy.stats import multivariate_t
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import Evidence
 from mvuav_ros.vision.markers.lights import Light
-from mvuav_ros.vision.markers.marker_memory import Expectation, Jumps, KnownMarker, MarkerMemory
+from mvuav_ros.vision.markers.marker_memory import (
+    CONFIDENCE,
+    Expectation,
+    Jumps,
+    KnownMarker,
+    MarkerMemory,
+)
 
 BESIDE = 36.0  # px², of another light's place
 
@@ -70,13 +76,14 @@ def after_a_return(count, later):
     place = Expectation(50.0, 100.0, 5.0)
     seen = {i: spots[i] for i in (1, 2)}
     memory.predict(0.03)
-    memory.remember(0.03, seen, {i: place for i in range(count) if i not in seen}, others=True)
+    memory.remember(0.03, seen, {i: place for i in range(count) if i not in seen})
     for step, number in enumerate((3, later), 2):
         seen = {i: spots[i] for i in range(number)}
         evidence = Evidence({i: densities(5.0) for i in seen}, 0.25 if number > 3 else 0.0)
         rest = {i: place for i in range(number, count)}
         memory.predict(0.03 * step)
-        memory.remember(0.03 * step, seen, rest, evidence, {0} if step == 2 else (), others=True)
+        memory.weigh(seen, evidence, {0} if step == 2 else (), others=True)
+        memory.remember(0.03 * step, seen, rest)
         yield 0 in memory.doubtful
 
 
@@ -85,14 +92,21 @@ def test_what_three_lights_leave_in_doubt_a_fourth_decides():
     assert list(after_a_return(5, 4)) == [True, False]
 
 
-@pytest.mark.parametrize('others', [False, True])
-def test_a_single_light_says_nothing_of_a_place(others):
-    memory, spots = memory_of(5)
-    place = Expectation(50.0, 100.0, 0.2)
+def test_names_of_a_body_found_again_are_as_sure_as_their_posterior():
+    memory, _spots = memory_of(5)
     memory.predict(0.03)
-    memory.remember(0.03, {}, dict.fromkeys(range(5), place), others=others)
-    memory.predict(0.06)
-    evidence = Evidence({0: densities(0.3), 1: densities(0.3)}, 0.0)
-    rest = {i: place for i in range(2, 5)}
-    memory.remember(0.06, {0: spots[0], 1: spots[1]}, rest, evidence, {0, 1}, others)
-    assert (memory.doubtful >= {0, 1}) == others
+    memory.remember(0.03, {}, dict.fromkeys(range(5), Expectation(50.0, 100.0, 5.0)))
+    near = Evidence({i: densities(5.0) for i in range(3)}, 0.0)
+    memory.weigh(range(3), near, range(3), True, {0: 4.0, 1: 0.5, 2: 30.0})
+    assert memory.markers[0].odds == 4.0
+    assert memory.doubtful == {1}
+    assert memory.markers[2].odds == CONFIDENCE.first, 'a single frame does not make it surer'
+
+
+def test_a_name_is_not_made_surer_by_being_found_again():
+    """The lights of following frames are the same, right or wrong."""
+    memory, _spots = memory_of(5)
+    memory.markers[1].odds = 0.5
+    memory.predict(0.03)
+    memory.weigh(range(3), Evidence({i: (-3.0, -3.0) for i in range(3)}, 0.0), {0}, True, {1: 4.0})
+    assert memory.markers[1].odds < 1.0

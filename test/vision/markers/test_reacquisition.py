@@ -14,6 +14,7 @@ from mvuav_ros.vision.markers.initialization import (
     Prior,
     guess_body,
     initialize,
+    log_odds_of,
 )
 from mvuav_ros.vision.markers.lights import Lens, Light, Lights
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
@@ -123,3 +124,33 @@ def test_some_triangles_are_left_whichever_markers_are_hidden(markers, hidden, l
     for out in combinations(range(markers), hidden):
         assert sum(not set(three) & set(out) for three in triangles) >= left
     assert len(triangles) < math.comb(markers, 3) or hidden == markers - 3
+
+
+def test_each_name_of_a_way_has_its_own_odds():
+    """One light is 20 px beside its marker: the others are surer than that one."""
+    prior = Prior.of(views_after(0.1))
+    beside = SPOTS[3]._replace(x=SPOTS[3].x + 20.0)
+    ways = guess_body(SHAPE, [*SPOTS[:3], beside, *OTHERS], prior, 3)
+    best = max(ways, key=lambda way: way.evidence if len(way.way) == 3 else -math.inf)
+    odds = log_odds_of(best, ways)
+    assert odds.keys() == {marker for marker, _ in best.way}
+    whole = guess_body(SHAPE, [*SPOTS, *OTHERS], prior, 3)
+    assert min(log_odds_of(whole[0], whole).values()) > max(odds.values())
+
+
+def test_without_one_of_its_markers_a_way_has_the_evidence_of_the_others():
+    """By the chain rule, against a fit of the others alone."""
+    prior = Prior.of(views_after(0.1))
+    (whole,) = (way for way in guess_body(SHAPE, SPOTS, prior, 5) if len(way.way) == 5)
+    assert whole.without.keys() == set(range(5))
+    # The more lights there are, the more ways of giving four of them to the markers.
+    ways = math.log(math.perm(4, 4) / math.perm(5, 4))
+    for out in range(5):
+        rest = guess_body(SHAPE, SPOTS[:out] + SPOTS[out + 1 :], prior, 4)[0]
+        assert whole.without[out] == pytest.approx(rest.evidence + ways, abs=0.3)
+
+
+def test_the_rarer_strange_lights_are_the_more_a_body_stands_out():
+    prior = Prior.of(views_after(0.1))
+    few, many = (guess_body(SHAPE, SPOTS, prior, 5, strays)[0] for strays in (1e-6, 1e-5))
+    assert few.evidence - many.evidence == pytest.approx(5 * math.log(10.0))
