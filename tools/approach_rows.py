@@ -61,9 +61,13 @@ class Row:
 
     @property
     def outside(self) -> float:
-        """Percent of the counted frames with a report in sky or text."""
+        """Percent of the counted frames with a wrong report in sky or text.
+
+        A right one lies on the runway, whatever is drawn over it.
+        """
         counted = self.frames[self.warm_up :]
-        return 100 * sum(f.reported and f.outside for f in counted) / max(len(counted), 1)
+        wrong = sum(f.reported and f.outside and f.error > 1.0 for f in counted)
+        return 100 * wrong / max(len(counted), 1)
 
     def shares(self) -> tuple[float, float, float]:
         """Percent of the counted frames that are reported, right, and wrong."""

@@ -131,25 +131,37 @@ def _text(image: Pixels, words: str, x: float, y: float, size: float, **how: Any
     cv2.putText(image, words, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, line, cv2.LINE_AA)
 
 
-def painted_over(image: Pixels, boxes: list[Any]) -> Pixels:
-    """Without what is in polygons (n, 2) or boxes of two corners, grown by half and 3 px."""
-    mask = np.zeros(image.shape[:2], np.uint8)
+def painted_over(image: Pixels, boxes: list[Any], slope: float = 0.0) -> Pixels:
+    """Without what is in polygons (n, 2) or boxes of two corners, grown by half and 3 px.
+
+    There is what lies beside it along the horizon, of a slope in rad, without a seam: smears of
+    what is around it would look like a strip that begins at the horizon.
+    """
+    colour = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    height, width = image.shape[:2]
     for box in boxes:
         corners = np.asarray(box, float)
-        if len(corners) == 2:
-            corners = corners[[[0, 0], [1, 0], [1, 1], [0, 1]], [0, 1]]
-        middle = corners.mean(axis=0)
-        grown = middle + 1.5 * (corners - middle) + np.sign(corners - middle) * 3
-        cv2.fillPoly(mask, [np.rint(grown).astype(np.int32)], 255)
-    return np.asarray(cv2.inpaint(image, mask, 3, cv2.INPAINT_TELEA))
+        ends = np.array([corners.min(axis=0), corners.max(axis=0)])
+        grown = ends + 0.25 * (ends - ends[::-1]) + [[-3], [3]]
+        (left, top), (right, bottom) = np.clip(np.rint(grown), 1, (width - 2, height - 2))
+        mask = np.zeros((height, width), np.uint8)
+        mask[int(top) : int(bottom) + 1, int(left) : int(right) + 1] = 255
+        away = (right - left + 8) * (1 if width - right > left else -1)
+        move = np.array([[1, 0, -away], [0, 1, -away * math.tan(slope)]])
+        beside = cv2.warpAffine(
+            colour, move, (width, height), flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_REFLECT
+        )
+        middle = int(left + right + 1) // 2, int(top + bottom + 1) // 2
+        colour = cv2.seamlessClone(beside, colour, mask, middle, cv2.NORMAL_CLONE)
+    return np.asarray(colour if image.ndim == 3 else cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY))
 
 
 def without_runway(shot: Shot, index: int) -> Shot:
-    """Paint over the runway with what is around it."""
+    """Paint over the runway with the land beside it."""
     assert shot.label is not None
-    label = shot.label
+    label, slope = shot.label, 0.0 if shot.horizon is None else shot.horizon.slope
     corners = [label.near_left, label.near_right, label.far_right, label.far_left]
-    return shot._replace(image=painted_over(shot.image, [corners]))
+    return shot._replace(image=painted_over(shot.image, [corners], slope))
 
 
 _YELLOW = (0, 255, 255)

@@ -34,7 +34,7 @@ from scipy.optimize import minimize
 from mvuav_ros.offline.evaluation.corners import LabelledFrame, read_corners, read_horizon
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.appearance import FEATURES
-from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.attitude import Derotation, HorizonLine
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.search import Candidates, LevelledImage, find_candidates
 from mvuav_ros.vision.approach.tuning import APPEARANCE, PROBABILITY
@@ -245,7 +245,7 @@ def of_run(folder: Path, step: int, allowed: Allowed, weight: float) -> Iterator
                 clear = (error <= 1) | (error > 1.4)
                 yield chosen(found, error <= 1, clear, weight, text=bool(text))
             if number % 2:
-                bare = without_runway(Shot(image, shape), 0).image
+                bare = without_runway(Shot(image, shape, HorizonLine(row, slope)), 0).image
                 yield without(candidates(with_text(bare)), weight, text=True)
 
 

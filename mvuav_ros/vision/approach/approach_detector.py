@@ -22,8 +22,9 @@ from mvuav_ros.vision.approach.attitude import (
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
+from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
-from mvuav_ros.vision.approach.strip_tracker import RunwayTracker, Sight
+from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tuning import DETECTOR
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
@@ -347,24 +348,14 @@ class Finder:
                 sight = Sight.from_attitude(row, level.slope)
             elif self.tracker.allows(level, row := level.row_of(horizon.row), self._seen):
                 self._seen += 1
-                sight = Sight.from_image(row, level.slope, height)
+                sight = Sight.from_image(row, level.slope, height, self._seen)
             else:
                 level = self.tracker.level or level
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
-        above = self._is_above(track, sight)
-        # What looks like a horizon in the picture may be the border of a field.
-        known = track is not None and self._seen >= track.age
-        self.tracker.above_horizon = above and known and not sight.attitude
-        veto = self._veto(track, above=above and sight.attitude)
+        above = track is not None and sight.attitude and track.lies_above(sight.row)
+        veto = self._veto(track, above=above)
         confidence = 0.0 if veto else self.tracker.confidence
         return Found(track, confidence, level, sight.row, veto)
-
-    def _is_above(self, track: FollowedStrip | None, sight: Sight) -> bool:
-        """Whether a track lies wholly above the horizon."""
-        if track is None or sight.row is None:
-            return False
-        _, y = track.shape.vanishing_point
-        return y + track.near <= sight.row
 
     def _veto(self, track: FollowedStrip | None, *, above: bool) -> str:
         """Why nothing is reported, if the picture is frozen or the track is in the sky."""

@@ -100,6 +100,10 @@ class ConfidenceWeights:
     runway: NDArray[np.float64]
     place: NDArray[np.float64]
 
+    def runway_odds(self, report: Report) -> float:
+        """Log odds of its being the runway, from all that speaks for it."""
+        return float(self.runway[0] + (self.runway[1:] * report.of_the_runway()).sum())
+
     def confidence(self, report: Report) -> float:
         """Probability that both edges are where they were reported.
 
@@ -108,13 +112,13 @@ class ConfidenceWeights:
             >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0)), 6)
             0.5
         """
-        is_runway = _logistic(self.runway, report.of_the_runway())
-        in_place = _logistic(self.place, report.of_the_place())
+        is_runway = _logistic(self.runway_odds(report))
+        in_place = _logistic(self.place[0] + (self.place[1:] * report.of_the_place()).sum())
         return is_runway * in_place / (1.0 + report.other_edges)
 
 
-def _logistic(weights: NDArray[np.float64], values: NDArray[np.float64]) -> float:
-    return 1.0 / (1.0 + math.exp(-float(weights[0] + (weights[1:] * values).sum())))
+def _logistic(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(-log_odds))
 
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:

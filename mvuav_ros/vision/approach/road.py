@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.approach.appearance import best_run
 from mvuav_ros.vision.approach.evidence import opponent_channels
 from mvuav_ros.vision.approach.search import LevelledImage
+from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import EdgeLook, Edges, LevelledFrame, Strip, Strips
-from mvuav_ros.vision.approach.strip_tracker import Sight, StripTracker
+from mvuav_ros.vision.approach.strip_tracker import StripTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.track import View
 from mvuav_ros.vision.approach.tuning import ROAD
@@ -228,7 +229,7 @@ class RoadTrack(FollowedStrip):
         edges = self._look.find(view.frame, strip)
         score, sharp = self._score(edges, strip)
         self.shape.move_reference(y + 0.3 * strip[4] + 0.7 * strip[5])
-        self.shape.update(edges, view.horizon)
+        self.shape.update(edges, view.sight.meeting)
         target = self.target
         self.quality += max(ROAD.memory, 1.0 / self.age) * (score - self.quality)
         self.log_odds = math.log(max(self.quality, 1e-6))
@@ -277,7 +278,7 @@ class RoadTracker(StripTracker[RoadTrack]):
         self._registration.take(pixels)
         horizon = None if sight.row is None else (sight.row, ROAD.horizon_sigma)
         working = LevelledImage(pixels, frame.level)
-        view = View(frame, working, horizon, self._registration)
+        view = View(frame, working, sight._replace(meeting=horizon), self._registration)
         self._turn(frame.level)
         for track in self.tracks:
             track.step(view)

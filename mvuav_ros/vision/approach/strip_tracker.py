@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import zip_longest
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +20,11 @@ from mvuav_ros.vision.approach.search import (
     fan_jobs,
     find_candidates,
 )
+from mvuav_ros.vision.approach.sight import SearchRange, Sight
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.strips import FollowedStrip, is_plausible
 from mvuav_ros.vision.approach.track import RunwayTrack, View
-from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH, TRACKER
-
-
-class SearchRange(NamedTuple):
-    """Rows between which vanishing points lie on the working image levelled by a slope, rad."""
-
-    slope: float
-    first: float
-    last: float
-
+from mvuav_ros.vision.approach.tuning import SEARCH, TRACKER
 
 _Chunk = tuple[SearchRange, int, int, list[float]]
 """What is searched in one frame: range, level, depth, and rows."""
@@ -45,44 +37,6 @@ def _chunks(where: SearchRange) -> Iterator[_Chunk]:
                 yield where, level, depth, rows[start : start + TRACKER.chunk]
 
 
-class Sight(NamedTuple):
-    """Where edges may meet on the levelled working image.
-
-    Attributes:
-        row: of the horizon, px, if it is known.
-        ranges: hypotheses of where it is; the first has the frame's slope, as have all without
-            a horizon.
-        meeting: row of the vanishing point and its standard deviation, if known, px.
-        attitude: whether that comes from an attitude sensor.
-    """
-
-    row: float | None
-    ranges: list[SearchRange]
-    meeting: tuple[float, float] | None = None
-    attitude: bool = False
-
-    @classmethod
-    def unknown(cls, height: int) -> Sight:
-        """No horizon is in view: anywhere in, or somewhat above, an image of a height, px."""
-        first, last = (share * height for share in DETECTOR.whole_range)
-        beyond = SearchRange(0.0, DETECTOR.range_above * height, first)
-        return cls(None, [SearchRange(0.0, first, last), beyond])
-
-    @classmethod
-    def from_attitude(cls, row: float, slope: float) -> Sight:
-        """A sensor has given the horizon's row and slope."""
-        reach = SEARCH.attitude_reach
-        ranges = [SearchRange(slope, row - reach, row + reach)]
-        return cls(row, ranges, (row, SEARCH.attitude_sigma), True)
-
-    @classmethod
-    def from_image(cls, row: float, slope: float, height: int) -> Sight:
-        """The image shows a horizon, or the edge of clouds or hills."""
-        above, below = SEARCH.horizon_reach
-        ranges = [SearchRange(slope, row - above, row + below), *cls.unknown(height).ranges]
-        return cls(row, ranges)
-
-
 TrackT = TypeVar('TrackT', bound=FollowedStrip)
 
 
@@ -93,11 +47,9 @@ class StripTracker(Generic[TrackT]):
         tracks: those that are followed.
         best: the one that is shown.
         below_horizon: whether the target is looked for below the horizon alone.
-        above_horizon: what is shown lies above a horizon that the image has shown for longer.
     """
 
     below_horizon = True
-    above_horizon = False
 
     def __init__(self, max_tracks: int, switch_margin: float) -> None:
         """How many are followed, and by what log odds another must be better than that shown."""
@@ -116,7 +68,7 @@ class StripTracker(Generic[TrackT]):
     @property
     def certain(self) -> bool:
         """What is shown is likelier what is looked for than not."""
-        return self.best is not None and self.best.log_odds > 0
+        return self.best is not None and self.best.rank > 0.0
 
     def allows(self, level: Derotation, row: float, frames: int) -> bool:
         """Whether what is followed for certain may lie on a ground with its horizon there.
@@ -177,7 +129,6 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     def __init__(self) -> None:
         super().__init__(TRACKER.max_tracks, TRACKER.switch_margin)
-        self._attitude = False
         self._scene: Scene | None = None
         self._overlaid = Overlaid()
         self._job = self._rounds = 0
@@ -188,10 +139,9 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             self._scene = None
         self._registration.take(pixels)
         self._overlaid.take(self._registration.gray)
-        self._attitude = sight.attitude
         self._turn(frame.level)
         working = LevelledImage(pixels, frame.level, self._scene, self._overlaid.mask)
-        view = View(frame, working, sight.meeting, self._registration)
+        view = View(frame, working, sight, self._registration)
         for track in self.tracks:
             shown = track is self.best
             others = TRACKER.others_certain if self.certain else TRACKER.others_period
@@ -221,18 +171,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
     @property
     def report(self) -> Report | None:
         """Evidence of whether the best track is right."""
-        best = self.best
-        if best is None:
-            return None
-        return Report(
-            best.log_odds - TRACKER.above_horizon_odds * self.above_horizon,
-            best.agreement,
-            best.moved,
-            self._attitude,
-            best.distinct,
-            best.other_edges,
-            best.shoulder_lines,
-        )
+        return None if self.best is None else self.best.report
 
     @property
     def confidence(self) -> float:

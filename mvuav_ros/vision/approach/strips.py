@@ -236,6 +236,11 @@ class FollowedStrip:
         """It has not been seen for too long."""
         return self.misses > self.max_misses
 
+    def lies_above(self, row: float | None) -> bool:
+        """Whether it lies wholly above a row, px, if that is known."""
+        _, y = self.shape.vanishing_point
+        return row is not None and y + self.near <= row
+
     def give_up(self) -> None:
         """Count it as lost."""
         self.misses = self.max_misses + 1

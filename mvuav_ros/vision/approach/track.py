@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
 from mvuav_ros.vision.approach.ground_motion import Registration
-from mvuav_ros.vision.approach.probability import log_odds_of
+from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
 from mvuav_ros.vision.approach.search import LevelledImage, describe_around, ends_of
 from mvuav_ros.vision.approach.side_lines import SideLines
+from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import (
     EdgeLook,
     Edges,
@@ -38,7 +39,7 @@ from mvuav_ros.vision.approach.strips import (
     strip_along,
     strips_through,
 )
-from mvuav_ros.vision.approach.tuning import LINES, SEARCH, SHOULDERS, TRACK
+from mvuav_ros.vision.approach.tuning import LINES, SEARCH, SHOULDERS, TRACK, TRACKER
 
 Places = NDArray[np.float64]
 """(n, 2, 2): columns of the left and the right edge at `TUNING.first_row` of the near end's depth
@@ -161,13 +162,13 @@ class View(NamedTuple):
     Attributes:
         frame: the frame itself.
         working: its working image, levelled.
-        horizon: row of the vanishing point and its standard deviation, if known, px.
+        sight: where edges may meet on it.
         registration: of the working images.
     """
 
     frame: LevelledFrame
     working: LevelledImage
-    horizon: tuple[float, float] | None
+    sight: Sight
     registration: Registration
 
 
@@ -232,6 +233,8 @@ class RunwayTrack(FollowedStrip):
         shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
         agreement: probability of the strips that are where the mean is.
         locked: it is followed by its edges alone.
+        attitude: the horizon is known from a sensor.
+        above_horizon: it lies above a horizon that has been known for longer.
     """
 
     max_misses = 4
@@ -247,7 +250,7 @@ class RunwayTrack(FollowedStrip):
         self._look, self._lines, self.kinds = EdgeLook(), SideLines(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested, self._memory = 0, 1.0
-        self.locked = False
+        self.locked = self.attitude = self.above_horizon = False
 
     @property
     def other_edges(self) -> float:
@@ -261,6 +264,24 @@ class RunwayTrack(FollowedStrip):
     def shoulder_lines(self) -> float:
         """From 0 to 1, whether shoulders have lines too, on both sides and as far apart."""
         return self._lines.shoulders
+
+    @property
+    def report(self) -> Report:
+        """Evidence of whether it is the runway, and where it is followed."""
+        return Report(
+            self.log_odds - TRACKER.above_horizon_odds * self.above_horizon,
+            self.agreement,
+            self.moved,
+            self.attitude,
+            self.distinct,
+            self.other_edges,
+            self.shoulder_lines,
+        )
+
+    @property
+    def rank(self) -> float:
+        """Log odds, with what the horizon says, with which it stands against other tracks."""
+        return self.report.log_odds
 
     def add(self, strip: Strip) -> None:
         """Take in what a search has found, in the next frame."""
@@ -283,6 +304,10 @@ class RunwayTrack(FollowedStrip):
             self._follow(view, period, shown)
         if not is_plausible(self.strip(), view.working.size):
             self.give_up()
+        self.attitude = view.sight.attitude
+        # What looks like a horizon in the picture may be the border of a field.
+        known = view.sight.seen >= self.age
+        self.above_horizon = known and self.lies_above(view.sight.row)
 
     def _follow(self, view: View, period: int, shown: bool) -> None:
         self.age += 1
@@ -321,7 +346,8 @@ class RunwayTrack(FollowedStrip):
         """Near the ground everything around a runway has straight edges, too."""
         exact = self.kinds.share(EdgeKind.STEP, EdgeKind.LINE)
         near = _width(self.strip()) > TRACK.lock_width and self.age > TRACK.lock_age
-        begins = near and self.log_odds > TRACK.lock_odds and exact > TRACK.lock_share
+        likely = confidence_weights().runway_odds(self.report) > 0.0
+        begins = near and likely and exact > TRACK.lock_share
         self.locked = begins or (self.locked and exact > TRACK.unlock_share)
 
     def _weigh(self, view: View, share: float) -> bool:
@@ -384,7 +410,7 @@ class RunwayTrack(FollowedStrip):
         self.points = measured.get(self.kinds.likeliest)
         if self.points is not None:
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
-            self.shape.update(self.points, view.horizon if weighed else None)
+            self.shape.update(self.points, view.sight.meeting if weighed else None)
         elif not self.locked:
             # Not replaced by another kind's, which would be elsewhere.
             self.points = self._predicted()

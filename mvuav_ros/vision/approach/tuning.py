@@ -312,9 +312,8 @@ class TrackTuning:
     missed_odds: float = -4.0  # log odds of a weighing in which nothing is there
     # px from which a runway is followed by its edges alone: near the ground all has straight
     # edges
-    lock_width: float = 30.0
+    lock_width: float = 24.0
     lock_age: int = 20  # frames, likewise
-    lock_odds: float = 0.5  # log odds, likewise
     plain_support: float = 0.7  # of steps that need no strips beside them
     lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
     unlock_share: float = 0.5  # the same, below which it is no longer

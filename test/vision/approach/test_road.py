@@ -11,6 +11,7 @@ from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.road import TARGETS, RoadTrack, find_strips
 from mvuav_ros.vision.approach.search import LevelledImage
+from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.track import View
 
@@ -98,7 +99,7 @@ def followed(image, shape, target, frames=6, factor=1) -> RoadTrack:
     for _ in range(frames):
         registration.take(pixels)
         frame = LevelledFrame(image, level)
-        track.step(View(frame, LevelledImage(pixels, level), None, registration))
+        track.step(View(frame, LevelledImage(pixels, level), Sight(None, []), registration))
     return track
 
 

@@ -8,7 +8,7 @@ import pytest
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
 from mvuav_ros.vision.approach.search import fan_jobs
 from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
-from mvuav_ros.vision.approach.track import RunwayTrack
+from mvuav_ros.vision.approach.track import EdgeKind, RunwayTrack
 from mvuav_ros.vision.approach.tuning import SEARCH
 
 LEVEL = Derotation(320, 240, 1, 0.0)
@@ -45,9 +45,32 @@ def test_what_may_be_no_runway_or_is_younger_says_nothing_of_the_horizon():
 
 def test_what_lies_above_a_horizon_is_likelier_something_else():
     tracker = following(0.5)
-    known = tracker.confidence
-    tracker.above_horizon = True
+    known, rank = tracker.confidence, tracker.best.rank
+    tracker.best.above_horizon = True
     assert tracker.confidence < known
+    assert tracker.best.rank < rank
+
+
+def test_a_strip_in_the_sky_does_not_replace_a_runway_that_looks_less_like_one():
+    tracker = following(-1.3)
+    followed, cloud = tracker.best, RunwayTrack(STRIP, -0.5)
+    cloud.above_horizon = True
+    tracker.tracks.append(cloud)
+    tracker._choose()
+    assert tracker.best is followed
+    cloud.above_horizon = False
+    tracker._choose()
+    assert tracker.best is cloud
+
+
+@pytest.mark.parametrize('lines', [0.0, 1.0])
+def test_a_doubtful_strip_is_followed_by_its_edges_alone_if_lines_speak_for_it(lines):
+    track = RunwayTrack(STRIP, 0.3)
+    track.age, track.moved, track.distinct = 30, 30, lines
+    for _ in range(30):
+        track.kinds.take_in({EdgeKind.STEP: 6.0})
+    track._lock()
+    assert track.locked == bool(lines)
 
 
 def test_a_strip_on_its_side_is_none():

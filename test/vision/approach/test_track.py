@@ -6,6 +6,7 @@ import pytest
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.search import LevelledImage
+from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.track import (
     EdgeKind,
@@ -42,7 +43,8 @@ def view():
     registration = Registration()
     registration.take(image)
     frame = LevelledFrame(image, LEVEL)
-    return View(frame, LevelledImage(image, LEVEL), (STRIP[1], 2.0), registration)
+    sight = Sight(STRIP[1], [], (STRIP[1], 2.0))
+    return View(frame, LevelledImage(image, LEVEL), sight, registration)
 
 
 def near_edges(track):
