@@ -336,6 +336,8 @@ class MarkerMemory:
         checked = len(seen) >= FAULTS.min_agreeing
         # What four and more agree on, another light would contradict.
         among_others = others and not checked
+        unsure = self.doubtful | self.untrusted if among_others else set()
+        firm = {m for m in seen if m not in unsure and not self.markers[m].unseen}
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
@@ -351,7 +353,9 @@ class MarkerMemory:
                 marker.odds = min(max(found_again[index], CONFIDENCE.least), CONFIDENCE.first)
             else:
                 followed = not (marker.untrusted or marker.unseen)
-                marker.give(own, other, among_others, followed)
+                # By fewer than two others hardly anything is known of its place.
+                known = followed or not among_others or len(firm - {index}) >= 2
+                marker.give(own if known else other, other, among_others, followed)
         self._was_checked = checked
 
 
