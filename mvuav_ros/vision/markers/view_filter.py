@@ -303,7 +303,7 @@ class ViewFilter:
             serves = self._seen == len(self.shape.points) and (gain.noise[0] == gain.own).all()
             self._gain_step = self._step if serves and self._is_steady else math.inf
             self._newest = []
-        self._newest.append(correction)
+        self._newest = [*self._newest, correction]  # A copy of the filter keeps its own
         self.means, self._covariances = correction.before + correction.change, gain.after
         self._is_behind = False
 
