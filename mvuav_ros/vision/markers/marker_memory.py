@@ -336,8 +336,10 @@ class MarkerMemory:
         checked = len(seen) >= FAULTS.min_agreeing
         # What four and more agree on, another light would contradict.
         among_others = others and not checked
-        unsure = self.doubtful | self.untrusted if among_others else set()
-        firm = {m for m in seen if m not in unsure and not self.markers[m].unseen}
+        firm: set[int] = set()
+        if among_others:
+            unsure = self.doubtful | self.untrusted
+            firm = {m for m in seen if m not in unsure and not self.markers[m].unseen}
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
