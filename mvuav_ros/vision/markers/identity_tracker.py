@@ -187,8 +187,7 @@ class IdentityTracker:
         memory = MarkerMemory(frame.time, list(named.lights.values()), probation)
         views = self._filter_of(named, frame.time)
         self._body = FaultDetector(views), memory
-        # As it was when four firm names agreed last; since then it has gone on alone.
-        self._sure = copy.copy(views)
+        self._is_sure = True
         spots = {index: light.seen for index, light in named.lights.items()}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
 
@@ -220,7 +219,7 @@ class IdentityTracker:
         if len(consensus.kept) == self._count:
             memory.weigh(spots, faults.evidence(named))
             faults.commit(named)
-            self._sure = copy.copy(faults.views)
+            self._is_sure = True
             memory.remember(frame.time, spots, {})
             if not self._is_redundant:
                 spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
@@ -254,7 +253,7 @@ class IdentityTracker:
         search.faults.doubtful = memory.doubtful
         search.finish()
         if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:
-            self._sure = copy.copy(search.views)
+            self._is_sure = True
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
@@ -269,7 +268,10 @@ class IdentityTracker:
     def _search(self, frame: Frame, search: Search, around: Sequence[float]) -> str:
         """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
         assert self._body is not None
-        self._sure.predict(frame.time)
+        if self._is_sure:
+            self._sure, self._is_sure = copy.copy(search.views), False
+        else:
+            self._sure.predict(frame.time)
         try:
             lights = Lights(frame, self._lens, around)
         except GroupingError as error:
