@@ -281,37 +281,24 @@ class IdentityTracker:
 
     def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
         """Name the body afresh where few names are firm, or lights have had none for long."""
+        firm = search.found.keys() - search.suspects - self._body[1].doubtful
         if search.found and not (nameless and search.missing):
             return
-        assert self._body is not None
         # What has names may be other lights, which would have bent the view.
         prior = Prior.of(self._sure)
-        firm = search.found.keys() - search.suspects - self._body[1].doubtful
         fewest = self._count
         if len(firm) < FAULTS.min_firm:
-            fewest = min(self._count, max(self._count - MAX_HIDDEN, prior.fewest))
-        elif not self._attempts.due(len(lights)):
-            return
+            fewest = min(fewest, max(fewest - MAX_HIDDEN, prior.fewest))
         before = Before(prior, fewest, search.is_likely)
         named = initialize(search.views.shape, lights, self._rig.names, before)
-        if named.view is None:
-            self._attempts.fail()
+        if named.view is None or not named.certain:
             return
-        self._attempts.succeed(named)
-        agrees = (
-            len(search.found) > 1
-            and len(named.lights) == self._count
-            and all(
-                are_close(named.lights[index], light, SAME_SPOT)
-                for index, light in search.found.items()
-            )
+        is_other = any(
+            not are_close(named.lights[index], light, SAME_SPOT)
+            for index, light in search.found.items()
+            if index in named.lights
         )
-        if agrees and len(search.missing) < 2:
-            # The others have already contradicted the only light that it would add.
-            self._attempts.fail()
-            return
-        certain = named.certain and len(search.found.keys() - search.given) < 2
-        if agrees or certain or self._attempts.agreed >= CONFIRMED:
+        if len(firm) < FAULTS.min_firm or is_other or len(search.missing) > 1:
             self._replace(search, named)
 
     def _replace(self, search: Search, named: Named) -> None:
