@@ -16,11 +16,8 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.initialization import (
-    CONFIRMED,
     Attempts,
-    Before,
     Named,
-    Prior,
     initialize,
 )
 from mvuav_ros.vision.markers.lights import (
@@ -29,7 +26,6 @@ from mvuav_ros.vision.markers.lights import (
     Lens,
     Light,
     Lights,
-    are_close,
     straightened,
 )
 from mvuav_ros.vision.markers.marker_memory import PROBATION, Expectation, MarkerMemory
@@ -43,7 +39,7 @@ from mvuav_ros.vision.markers.marker_results import (
     counts_of,
     roll_of,
 )
-from mvuav_ros.vision.markers.naming import Clutter, Search
+from mvuav_ros.vision.markers.naming import SAME_SPOT, Clutter, Search
 from mvuav_ros.vision.markers.rig_view import Array, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
@@ -104,8 +100,6 @@ class Reporter:
         return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
 
 
-MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for afresh
-SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
 GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
 WIDEST = 200.0  # px, by which a search window grows at most
 UNCHECKED = 45
@@ -276,43 +270,11 @@ class IdentityTracker:
             lights = Lights(frame, self._lens, around)
         except GroupingError as error:
             return str(error)
-        self._challenge(search, lights, search.name(lights.spots, self._clutter))
+        search.name(lights, self._clutter, self._sure)
+        if search.is_replaced:
+            self._body = search.faults, self._body[1]
+            self._body[1].start_afresh()
         return ''
-
-    def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
-        """Name the body afresh where few names are firm, or lights have had none for long."""
-        firm = search.found.keys() - search.suspects - self._body[1].doubtful
-        if search.found and not (nameless and search.missing):
-            return
-        # What has names may be other lights, which would have bent the view.
-        prior = Prior.of(self._sure)
-        fewest = self._count
-        if len(firm) < FAULTS.min_firm:
-            fewest = min(fewest, max(fewest - MAX_HIDDEN, prior.fewest))
-        before = Before(prior, fewest, search.is_likely)
-        named = initialize(search.views.shape, lights, self._rig.names, before)
-        if named.view is None or not named.certain:
-            return
-        is_other = any(
-            not are_close(named.lights[index], light, SAME_SPOT)
-            for index, light in search.found.items()
-            if index in named.lights
-        )
-        if len(firm) < FAULTS.min_firm or is_other or len(search.missing) > 1:
-            self._replace(search, named)
-
-    def _replace(self, search: Search, named: Named) -> None:
-        """Take a body that was named afresh for the one that was followed."""
-        assert self._body is not None and named.view is not None
-        old, memory = self._body[0].views, self._body[1]
-        shape = old.shape
-        if shape.offsets is not None and len(named.lights) == self._count:
-            shape = shape.with_offsets(named.view, _places(named))
-        views = ViewFilter(shape, named.view, old.time, old)
-        self._body = FaultDetector(views), memory
-        search.replace(self._body[0], named)
-        memory.start_afresh()
-        self._attempts = Attempts(self._count)
 
     def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
         """Expectations where the image would show them."""

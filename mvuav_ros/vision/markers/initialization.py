@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import permutations
@@ -50,8 +50,6 @@ across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
 _SAME_TILT = 0.2  # rad, within which two views to start from are the same
-_JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
-"""rad, logarithm and px (1 sigma): how far off a filter may be of roll, size, place and tilt."""
 _KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights are enough
 _MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED = 16
@@ -92,11 +90,11 @@ class Prior:
         return cls(mean, deviations)
 
     @classmethod
-    def of(cls, views: ViewFilter) -> Prior:
+    def of(cls, views: ViewFilter, jolt: Sequence[float] = (0.0,) * FOCAL) -> Prior:
         """What a filter has of the view at its time, and by how much a jolt may have changed it."""
         view = views.view
         deviations = np.sqrt(view.covariance.diagonal())
-        deviations[:FOCAL] = np.hypot(deviations[:FOCAL], _JOLT)
+        deviations[:FOCAL] = np.hypot(deviations[:FOCAL], jolt)
         return cls(view.parameters, deviations, views.deviation)
 
     @property
@@ -333,12 +331,10 @@ MAX_REST = 3  # Frames between two attempts to name lights that could not be nam
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
-MIN_EVIDENCE, SURE_EVIDENCE = -8.0, 0.0
-"""Logarithm of the odds of a body found again against lights that are all none of its markers: to
-be believed when `CONFIRMED`, and in one frame."""
 SURE_AT_START = -13.0
-"""The same of a whole body at the start, among other lights. Its place and size are free then: that
-they may be anything costs 11 more than that they are those of some body in the image."""
+"""Logarithm of the odds of a body among other lights against lights that are all none of its markers,
+to be believed in one frame. Its place and size are free: that they may be anything costs 11 more
+than that they are those of some body in the image."""
 SAME_MISFIT = (0.2, 0.25)
 """px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
 that of a light that is no marker does not."""
@@ -355,45 +351,21 @@ class Named(NamedTuple):
     remark: str = ''  # why they cannot be named, or what was left out
 
 
-class Before(NamedTuple):
-    """What is known of a body that was followed before."""
-
-    prior: Prior
-    fewest: int  # of its markers that must be in sight
-    is_likely: Callable[[int, Light], bool]  # whether a marker may look like a light
-
-
-def initialize(
-    shape: WeakPerspective, lights: Lights, names: Sequence[str], before: Before | None = None
-) -> Named:
-    """Name a body of which no marker is known.
-
-    At the start it must be whole, and how exact the rig is must be seen. Of one that was followed
-    before, all markers but the fewest may be hidden.
-    """
+def initialize(shape: WeakPerspective, lights: Lights, names: Sequence[str]) -> Named:
+    """Name a whole body of which nothing is known; how exact its rig is must be seen."""
     count = len(names)
-    fewest = before.fewest if before else count
     spots = lights.candidates(count)
-    if len(spots) < fewest:
+    if len(spots) < count:
         return Named(remark=f'{len(spots)} of {count} markers in view')
     unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
     if len(spots) > MAX_CANDIDATES:
         return unclear
-    prior = before.prior if before else Prior.at_start(shape)
-    guesses = [g for g in guess_body(shape, spots, prior, fewest) if _alike(g, spots)]
-    if before is not None:
-        guesses = [g for g in guesses if all(before.is_likely(m, spots[i]) for m, i in g.way)]
+    ways = guess_body(shape, spots, Prior.at_start(shape), count)
+    ways = [way for way in ways if _alike(way, spots)]
     alone = len(spots) == count
-    free = alone and before is None and shape.lens.focal is None
-    remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
-    if guesses and (len(guesses) == 1 or guesses[0].evidence >= guesses[1].evidence + MARGIN):
-        best = guesses[0]
-        chosen = {marker: spots[index] for marker, index in best.way}
-        if before is not None:
-            if best.evidence < MIN_EVIDENCE:
-                return unclear
-            certain = best.evidence > SURE_EVIDENCE or (alone and len(chosen) == count)
-            return Named(chosen, best.view, certain, remark=remark)
+    free = alone and shape.lens.focal is None
+    if ways and (len(ways) == 1 or ways[0].evidence >= ways[1].evidence + MARGIN):
+        best = ways[0]
         exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
         limit = LONE_MISFIT * best.view.scale if free else exact
         if best.view.misfit <= max(limit, exact):
@@ -401,6 +373,8 @@ def initialize(
             strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
             odd = not free and best.view.misfit > strict
             certain = (alone or best.evidence > SURE_AT_START) and not odd
+            remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
+            chosen = {marker: spots[index] for marker, index in best.way}
             return Named(chosen, best.view, certain, fits, odd, remark)
     if free and tuple(names) == TANKER_NAMES:
         return _as_the_thesis(shape, spots) or unclear

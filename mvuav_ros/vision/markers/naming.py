@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,14 +14,15 @@ from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, Evidence, FaultDetector
 from mvuav_ros.vision.markers.initialization import (
     ABSENT,
+    MAX_CANDIDATES,
     STRAY,
-    Named,
     Prior,
     guess_body,
     log_odds_of,
 )
-from mvuav_ros.vision.markers.lights import Light, are_close, places_of
+from mvuav_ros.vision.markers.lights import Light, Lights, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
+from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
@@ -85,32 +87,43 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
 
 
 MIN_AGAIN = 3  # Lights of a body that is found again
+MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by an older filter
+JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
+"""rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
+SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
 RARE = 0.1
 """Strange lights where none was seen in the last seconds, over those where some are about."""
 
 
+class Again(NamedTuple):
+    """A body that was found again."""
+
+    view: ViewState  # fitted to its lights
+    lights: Mapping[int, Light]  # by marker
+    odds: Mapping[int, float]  # logarithms, of these names, by all ways of naming the lights
+
+
 def reacquire(
-    views: ViewFilter, lights: Sequence[Light], unlikeness: Unlikeness, others: bool
-) -> dict[int, tuple[Light, float]]:
+    shape: WeakPerspective,
+    prior: Prior,
+    lights: Sequence[Light],
+    unlikeness: Unlikeness,
+    strays: float = STRAY,
+    fewest: int = MIN_AGAIN,
+) -> Again | None:
     """Find a body again of which too little is in sight where it was expected.
 
-    It is looked for within what the filter of its view allows. Others are lights that are no
-    markers, and about.
-
-    Returns:
-        By marker its light, and the log odds of that by all ways of naming the lights.
+    It is looked for within what is known of its view. There are so many strays per px², and the
+    fewest of its markers must be among the lights.
     """
-    view = views.view
-    prior = Prior(view.parameters, np.sqrt(view.covariance.diagonal()), views.deviation)
-    strays = STRAY if others else RARE * STRAY
-    ways = guess_body(views.shape, lights, prior, MIN_AGAIN, strays)
+    ways = guess_body(shape, lights, prior, fewest, strays)
     likely = [way for way in ways if not any(unlikeness(m, lights[i]) for m, i in way.way)]
     if not likely:
-        return {}
+        return None
     best = max(likely, key=lambda guess: guess.evidence)
     odds = log_odds_of(best, ways)
-    named = {marker: (lights[i], odds[marker]) for marker, i in best.way if odds[marker] > 0.0}
-    return named if len(named) >= MIN_AGAIN else {}
+    named = {marker: lights[i] for marker, i in best.way if odds[marker] > 0.0}
+    return Again(best.view, named, odds) if len(named) >= fewest else None
 
 
 STRANGE = 3  # Frames without a name after which a light is clutter
@@ -196,6 +209,7 @@ class Search:
         # Log odds of the markers found again together, after hardly any was in sight.
         self.reacquired: dict[int, float] = {}
         self._doubtful = set(doubtful)
+        self.is_replaced = False  # the names by others, which a view of its own gave
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._markers = markers
         self._view = consensus.view()
@@ -211,8 +225,12 @@ class Search:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
 
-    def name(self, lights: Sequence[Light], clutter: Clutter) -> int:
-        """Give names to the lights of the frame; how many lights have none."""
+    def name(self, frame: Lights, clutter: Clutter, older: ViewFilter) -> None:
+        """Give names to the lights of the frame.
+
+        The older filter is that which last had enough firm names, at this frame's time.
+        """
+        lights = frame.spots
         self._clutter = clutter
         self._free = [
             light
@@ -235,7 +253,8 @@ class Search:
         nameless = [light for light in self._free if light not in named]
         known = len(self.found) >= min(3, len(self._markers)) or self._was_certain
         clutter.update(nameless, self.expected(self.missing) if known else None)
-        return len(nameless)
+        if not self.found or (nameless and self.missing):
+            self._find_otherwise(frame, older)
 
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
@@ -307,13 +326,52 @@ class Search:
         """Name a body of which fewer markers than show each other's place are firm."""
         lights = [*self.found.values(), *self._free]
         new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
-        ways = reacquire(self.views, new, self._unlikeness, self._clutter.is_about)
-        if ways:
+        again = reacquire(
+            self.views.shape, Prior.of(self.views), new, self._unlikeness, self._strays
+        )
+        if again:
             self.suspects.clear()
-            self.reacquired = {m: odds for m, (_, odds) in ways.items()}
+            self.reacquired = again.odds
             self._free = lights
-            self._take({m: light for m, (light, _) in ways.items()})
+            self._take(dict(again.lights))
             self._name_clear()
+
+    @property
+    def _strays(self) -> float:
+        """Density of lights that are no markers, per px²."""
+        return STRAY if self._clutter.is_about else RARE * STRAY
+
+    def _find_otherwise(self, frame: Lights, older: ViewFilter) -> None:
+        """Find the body where names that may be those of other lights have bent the view.
+
+        While enough names are firm it must be whole, and show that one of them is wrong or name two
+        markers more.
+        """
+        count = len(self._markers)
+        lights = frame.candidates(count)
+        if len(lights) > MAX_CANDIDATES:
+            return
+        prior = Prior.of(older, JOLT)
+        is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
+        fewest = count if is_firm else min(count, max(count - MAX_HIDDEN, prior.fewest))
+        again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
+        if again is None:
+            return
+        is_other = any(
+            not are_close(again.lights[index], light, SAME_SPOT)
+            for index, light in self.found.items()
+            if index in again.lights
+        )
+        if is_firm and not is_other and len(self.missing) < 2:
+            return
+        shape = older.shape
+        if shape.offsets is not None and len(again.lights) == count:
+            places = np.array(list(places_of(again.lights).values()))
+            shape = shape.with_offsets(again.view, places)
+        self.views = ViewFilter(shape, again.view, self.views.time, self.views)
+        self.faults, self._view = FaultDetector(self.views), self.views.view
+        self.found, self.suspects, self.reacquired = dict(again.lights), set(), again.odds
+        self.is_replaced = True
 
     def _check(self) -> None:
         """Take back names that the others contradict, those given in this frame first."""
@@ -331,12 +389,6 @@ class Search:
             del self.found[marker]
         self.suspects = set(consensus.suspects)
         self._view = consensus.view()
-
-    def replace(self, faults: FaultDetector, named: Named) -> None:
-        """Take the names of a body that was named afresh."""
-        self.faults, self.views, self._view = faults, faults.views, faults.views.view
-        self.found = dict(named.lights)
-        self.suspects = set()
 
     def evidence(self) -> Evidence:
         """What the places found say for their names."""

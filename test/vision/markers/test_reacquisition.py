@@ -8,15 +8,9 @@ import pytest
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.initialization import (
-    MIN_EVIDENCE,
-    Before,
-    Prior,
-    guess_body,
-    initialize,
-    log_odds_of,
-)
-from mvuav_ros.vision.markers.lights import Lens, Light, Lights
+from mvuav_ros.vision.markers.initialization import Prior, guess_body, log_odds_of
+from mvuav_ros.vision.markers.lights import Lens, Light
+from mvuav_ros.vision.markers.naming import JOLT, reacquire
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import TANKER_747
@@ -34,18 +28,16 @@ SPREAD = np.array((0.2, 0.05, 40.0, 40.0, 0.05, 0.05, 0.003, 1e-4))
 SPOTS = [light(x, y) for x, y in SHAPE.project(VIEW).tolist()]
 
 
-def views_after(elapsed):
-    """What a filter has of the view a while after it was known this well."""
+def prior_after(elapsed):
+    """What a filter has of the view a while after it was known this well, and a jolt."""
     views = ViewFilter(SHAPE, ViewState(VIEW, np.diag(SPREAD**2)), 0.0)
     views.predict(elapsed)
-    return views
+    return Prior.of(views, JOLT)
 
 
 def find(spots, fewest=4, elapsed=0.1):
-    lights = Lights.__new__(Lights)
-    lights.spots = list(spots)
-    before = Before(Prior.of(views_after(elapsed)), fewest, lambda marker, spot: True)
-    return dict(initialize(SHAPE, lights, TANKER_747.names, before).lights)
+    again = reacquire(SHAPE, prior_after(elapsed), spots, lambda marker, spot: 0.0, fewest=fewest)
+    return dict(again.lights) if again else {}
 
 
 def test_lights_of_a_body_are_named():
@@ -75,7 +67,7 @@ def test_lights_that_cannot_be_the_body_have_no_names():
 def test_views_that_the_prior_allows_are_not_ruled_out():
     """Other lights about, two deviations away: what is cheap to see of pairs and threes is safe."""
     rng = np.random.default_rng(5)
-    prior = Prior.of(views_after(0.5))
+    prior = prior_after(0.5)
     for _ in range(60):
         view = VIEW.copy()
         away = rng.normal(size=6)
@@ -91,26 +83,26 @@ OTHERS = [light(60.0, 420.0), light(600.0, 430.0), light(330.0, 40.0), light(500
 @pytest.mark.parametrize('hidden', range(5))
 def test_a_body_with_a_hidden_marker_stands_out_among_other_lights(hidden):
     """Its view was known a second ago; whichever marker is hidden, the evidence is for the rest."""
-    prior = Prior.of(views_after(1.0))
+    prior = prior_after(1.0)
     shown = [spot for marker, spot in enumerate(SPOTS) if marker != hidden]
     spots = [OTHERS[0], *shown, *OTHERS[1:]]
     best, *others = guess_body(SHAPE, spots, prior, 4)
     named = {marker: spots[number] for marker, number in best.way}
     assert named == {marker: spot for marker, spot in enumerate(SPOTS) if marker != hidden}
-    assert best.evidence > MIN_EVIDENCE
+    assert best.evidence > 0.0
     assert all(guess.evidence < best.evidence for guess in others)
 
 
 def test_a_marker_that_is_another_light_leaves_no_evidence_for_a_body():
     """Three right lights and one that lies 8 px from the fourth marker."""
-    prior = Prior.of(views_after(1.0))
+    prior = prior_after(1.0)
     beside = SPOTS[3]._replace(x=SPOTS[3].x + 8.0)
     guesses = guess_body(SHAPE, [*SPOTS[:3], beside, *OTHERS], prior, 4)
-    assert all(guess.evidence < MIN_EVIDENCE for guess in guesses)
+    assert all(guess.evidence < 0.0 for guess in guesses)
 
 
 def test_the_less_is_known_of_the_view_the_less_evidence_there_is():
-    priors = [Prior.of(views_after(elapsed)) for elapsed in (0.1, 1.0, 5.0)]
+    priors = [prior_after(elapsed) for elapsed in (0.1, 1.0, 5.0)]
     evidence = [guess_body(SHAPE, SPOTS[:4] + OTHERS, prior, 4)[0].evidence for prior in priors]
     assert evidence[0] > evidence[1] > evidence[2]
 
@@ -128,7 +120,7 @@ def test_some_triangles_are_left_whichever_markers_are_hidden(markers, hidden, l
 
 def test_each_name_of_a_way_has_its_own_odds():
     """One light is 20 px beside its marker: the others are surer than that one."""
-    prior = Prior.of(views_after(0.1))
+    prior = prior_after(0.1)
     beside = SPOTS[3]._replace(x=SPOTS[3].x + 20.0)
     ways = guess_body(SHAPE, [*SPOTS[:3], beside, *OTHERS], prior, 3)
     best = max(ways, key=lambda way: way.evidence if len(way.way) == 3 else -math.inf)
@@ -140,7 +132,7 @@ def test_each_name_of_a_way_has_its_own_odds():
 
 def test_without_one_of_its_markers_a_way_has_the_evidence_of_the_others():
     """By the chain rule, against a fit of the others alone."""
-    prior = Prior.of(views_after(0.1))
+    prior = prior_after(0.1)
     (whole,) = (way for way in guess_body(SHAPE, SPOTS, prior, 5) if len(way.way) == 5)
     assert whole.without.keys() == set(range(5))
     # The more lights there are, the more ways of giving four of them to the markers.
@@ -151,6 +143,6 @@ def test_without_one_of_its_markers_a_way_has_the_evidence_of_the_others():
 
 
 def test_the_rarer_strange_lights_are_the_more_a_body_stands_out():
-    prior = Prior.of(views_after(0.1))
+    prior = prior_after(0.1)
     few, many = (guess_body(SHAPE, SPOTS, prior, 5, strays)[0] for strays in (1e-6, 1e-5))
     assert few.evidence - many.evidence == pytest.approx(5 * math.log(10.0))
