@@ -52,7 +52,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'one light with two names': [(identity_tracker, 'SAME_SPOT', 0.0)],
     'wider windows': [(identity_tracker, 'WIDEST', 0.0)],
     'told places': [(MarkerMemory, 'tell', _returns(None))],
-    'rests of attempts': [(initialization, 'MAX_REST', 0)],
     'learnt calibration': [(calibrated_tracker, 'AGREED', math.inf)],
 }
 """Where it is, its name there, and what stands in for it."""

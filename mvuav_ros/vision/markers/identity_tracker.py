@@ -137,7 +137,7 @@ class IdentityTracker:
     def _start_again(self) -> None:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
-        self._attempts = Attempts(self._count)
+        self._attempts = Attempts()
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame, of a later time (s) than the last one."""

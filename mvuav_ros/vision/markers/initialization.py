@@ -327,14 +327,14 @@ not calibrated."""
 STRICT_MISFIT = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same misfit for some time."""
 OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
-MAX_REST = 3  # Frames between two attempts to name lights that could not be named, at most
+RESTED = 2  # Frames after one whose lights could not be named
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
 SURE_AT_START = -13.0
-"""Logarithm of the odds of a body among other lights against lights that are all none of its markers,
-to be believed in one frame. Its place and size are free: that they may be anything costs 11 more
-than that they are those of some body in the image."""
+"""Logarithm of the odds of a body among other lights against lights of which none is a marker, to be
+believed in one frame. Its place and size are free: that they may be anything costs 11 more than
+that they are those of some body in the image."""
 SAME_MISFIT = (0.2, 0.25)
 """px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
 that of a light that is no marker does not."""
@@ -413,30 +413,24 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | No
 
 @dataclass
 class Attempts:
-    """When to name a whole body: the more often that failed, the less often it is tried."""
+    """When to name a whole body, and whether enough frames have named it alike."""
 
-    count: int  # markers of the body
     agreed: int = 0  # frames in a row that named the body alike
     last: Mapping[int, Light] = field(default_factory=dict)  # its markers in the last one
-    _failures: int = 0
-    _rest: int = 0
+    _rest: int = 0  # frames until the next attempt
     _lights: int = 0
     _first_misfit: float = 0.0
     _is_odd: bool = False  # whether one of the lights may well have been another one meanwhile
 
     def due(self, lights: int) -> bool:
         """Whether to try in this frame: another number of lights may be what was waited for."""
-        if lights != self._lights:
-            complete = self._lights < self.count <= lights
-            self._lights, self._rest = lights, 0 if complete else min(self._rest, 1)
-        self._rest -= 1
-        return self._rest < 0
+        is_due = self._rest == 0 or lights != self._lights
+        self._rest, self._lights = max(self._rest - 1, 0), lights
+        return is_due
 
     def fail(self) -> None:
         """No way of naming the lights stood out."""
-        self.agreed, self.last = 0, {}
-        self._rest = min(self._failures, MAX_REST)
-        self._failures = 2 * self._failures + 1 if self._failures < MAX_REST else MAX_REST
+        self.agreed, self.last, self._rest = 0, {}, RESTED
 
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""
@@ -459,5 +453,5 @@ class Attempts:
         self.agreed = self.agreed + 1 if goes_on else 1
         if not goes_on:
             self._first_misfit = named.view.misfit
-        self.last, self._failures, self._rest = named.lights, 0, 0
+        self.last = named.lights
         return alike
