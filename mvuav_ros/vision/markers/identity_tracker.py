@@ -95,7 +95,7 @@ class Reporter:
         status = remark
         if len(spots) < len(markers):
             status = counts_of(markers) + (f' ({remark})' if remark else '')
-        predictions = tuple(zip(memory.reported[::2], memory.reported[1::2], strict=True))
+        predictions = tuple(zip(memory.predicted[::2], memory.predicted[1::2], strict=True))
         has_wings = self._wings is not None
         return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
 
@@ -196,9 +196,6 @@ class IdentityTracker:
     def _follow(self, frame: Frame, faults: FaultDetector, memory: MarkerMemory) -> MarkerResult:
         memory.predict(frame.time)
         faults.views.predict(frame.time)
-        if any([marker.unseen for marker in memory.markers]):
-            places, deviations = faults.views.places()
-            memory.tell(self._lens.to_image(places), deviations)
         spots, windows = memory.look(frame)
         named = dict(zip(spots, straightened(self._lens, spots.values()), strict=True))
         for (a, one), (b, other) in combinations(list(named.items()), 2):
@@ -224,7 +221,7 @@ class IdentityTracker:
         faults.untrusted = memory.untrusted
         found = {index: Light(*place, spots[index]) for index, place in named.items()}
         search = Search(faults, memory.markers, consensus, found, faults.doubtful)
-        status = self._search(frame, search, memory.reported if consensus.kept else ())
+        status = self._search(frame, search, memory.predicted if consensus.kept else ())
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
             return self._report.nothing('no marker in view')

@@ -332,9 +332,9 @@ CONFIRMED = 3  # Frames in which a body must be named alike where one frame does
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
 SURE_AT_START = -13.0
-"""Logarithm of the odds of a body among other lights against lights of which none is a marker, to be
-believed in one frame. Its place and size are free: that they may be anything costs 11 more than
-that they are those of some body in the image."""
+"""Logarithm of the odds of a body among other lights, against none being there, from which on one
+frame is believed. Its place and size are free: that they may be anything costs 11 more than that
+they are those of some body in the image."""
 SAME_MISFIT = (0.2, 0.25)
 """px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
 that of a light that is no marker does not."""

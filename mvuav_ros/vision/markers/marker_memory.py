@@ -13,7 +13,6 @@ from mvuav_ros.vision.markers.fault_detection import Evidence
 from mvuav_ros.vision.markers.lights import Frame, Light, area_fits
 from mvuav_ros.vision.markers.marker_results import NO_WINDOW, Window
 from mvuav_ros.vision.markers.motion import MotionPredictor
-from mvuav_ros.vision.markers.rig_view import Array
 
 
 class Expectation(NamedTuple):
@@ -212,17 +211,8 @@ class MarkerMemory:
 
     def predict(self, time: float) -> None:
         """Go on to the next frame, s."""
-        # x and y of every marker in turn in the newest frame, px, by its own motion; and where
-        # those out of sight should be by all that is known.
-        self.predicted = self.reported = self.predictor.predict(time)
-
-    def tell(self, places: Array, deviations: Array) -> None:
-        """Where the view has the markers (n, 2), px, and how surely (n,): better, or not."""
-        own = self.predictor.deviations()
-        self.reported = list(self.predicted)
-        for index, marker in enumerate(self.markers):
-            if marker.unseen and deviations[index] < own[index]:
-                self.reported[2 * index : 2 * index + 2] = places[index].tolist()
+        # x and y of every marker in turn in the newest frame, px, by its own motion.
+        self.predicted = self.predictor.predict(time)
 
     def look(self, frame: Frame) -> tuple[dict[int, Detection], list[Window]]:
         """The usual frame: the markers to which nothing has happened in their windows."""

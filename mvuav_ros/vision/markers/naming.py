@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, Evidence, FaultDetector
 from mvuav_ros.vision.markers.initialization import (
@@ -174,6 +175,9 @@ def _may_be_at(light: Light, place: Expectation) -> bool:
 
 
 KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even clutter may be it
+TOUCHING = 3.0  # px beyond the edge of a light within which it may be a marker as well
+LARGER = 1.2  # Times the area of the larger of two lights, or of both, which they have together
+JOINED_PLACE = 1.5  # px (1 sigma), of the places of two markers that are known by their mean alone
 BESIDE = 24.0
 """px within which another light may be taken for a marker that is not where it was expected."""
 
@@ -231,6 +235,8 @@ class Search:
         ]
         if not self.suspects:
             self._name_clear()
+            if len(self.found) >= 2 and len(self.missing) >= 2:
+                self._name_joined()
         if len(self.found.keys() - self._doubtful) < FAULTS.min_firm:
             self._find_again()
         self._check()
@@ -261,10 +267,50 @@ class Search:
                     return math.inf
                 return self._unlikeness(index, light)
 
-            named = assign(gates, self._free, unlike)
+            free = [light for light in self._free if not self._is_joined(light, places)]
+            named = assign(gates, free, unlike)
             if not named:
                 return
             self._take({**self.found, **named})
+
+    def _is_joined(self, light: Light, places: Mapping[int, Expectation]) -> bool:
+        """Whether the lights of two markers have run together."""
+        inside = self._inside(light, places)
+        areas = [self._markers[index].area for index in inside]
+        return len(inside) > 1 and light.seen.area > LARGER * max(areas)
+
+    def _inside(self, light: Light, places: Mapping[int, Expectation]) -> list[int]:
+        reach = light.seen.radius + TOUCHING
+        return [
+            index
+            for index, place in places.items()
+            if math.hypot(light.x - place.x, light.y - place.y) < reach
+        ]
+
+    def _name_joined(self) -> None:
+        """Name two markers whose lights have run together: where they are by their mean alone."""
+        places = self.expected(self.missing)
+        for light in self._free:
+            pair = self._inside(light, places)
+            if len(pair) != 2 or max(places[index].deviation for index in pair) > JOINED_PLACE:
+                continue
+            known = [self._markers[index] for index in pair]
+            both = sum(marker.area for marker in known)
+            if not LARGER * max(m.area for m in known) < light.seen.area < LARGER * both:
+                continue
+            first, second = (places[index] for index in pair)
+            share = known[0].area / both
+            off_x = light.x - share * first.x - (1.0 - share) * second.x
+            off_y = light.y - share * first.y - (1.0 - share) * second.y
+            for index, marker in zip(pair, known, strict=True):
+                x, y = places[index].x + off_x, places[index].y + off_y
+                # The lens bends both alike.
+                u, v = light.seen.x + x - light.x, light.seen.y + y - light.y
+                seen = Detection(u, v, round(marker.area), marker.spread)
+                self.found[index] = Light(x, y, seen)
+            self._free = [other for other in self._free if other is not light]
+            self._view = self.views.look(places_of(self.found))
+            return
 
     def _take(self, found: dict[int, Light]) -> None:
         self.found = found
