@@ -340,25 +340,20 @@ class Search:
     def _find_otherwise(self, frame: Lights, older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view.
 
-        While enough names are firm it must be whole, and show that one of them is wrong or name two
-        markers more.
+        While enough names are firm it must name two markers more, or one and show that one of those
+        names is wrong.
         """
         count = len(self._markers)
         lights = frame.candidates(count)
         if len(lights) > MAX_CANDIDATES:
             return
         prior = Prior.of(older, JOLT)
+        fewest = min(count, max(count - MAX_HIDDEN, prior.fewest))
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
-        fewest = count if is_firm else min(count, max(count - MAX_HIDDEN, prior.fewest))
+        if is_firm:
+            fewest = max(fewest, len(self.found))
         again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
-        if again is None:
-            return
-        is_other = any(
-            not are_close(again.lights[index], light, SAME_SPOT)
-            for index, light in self.found.items()
-            if index in again.lights
-        )
-        if is_firm and not is_other and len(self.missing) < 2:
+        if again is None or (is_firm and not self._is_better(again)):
             return
         shape = older.shape
         if shape.offsets is not None and len(again.lights) == count:
@@ -368,6 +363,13 @@ class Search:
         self.faults, self._view = FaultDetector(self.views), self.views.view
         self.found, self.suspects, self.reacquired = dict(again.lights), set(), again.odds
         self.is_replaced = True
+
+    def _is_better(self, again: Again) -> bool:
+        is_other = any(
+            marker not in again.lights or not are_close(again.lights[marker], light, SAME_SPOT)
+            for marker, light in self.found.items()
+        )
+        return len(again.lights) - len(self.found) > (0 if is_other else 1)
 
     def _check(self) -> None:
         """Take back names that the others contradict."""
