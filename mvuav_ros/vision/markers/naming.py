@@ -249,7 +249,7 @@ class Search:
         nameless = [light for light in self._free if light not in named]
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
-        if not self.found or (nameless and self.missing):
+        if not self.found or (nameless and self.missing and not self.reacquired):
             self._find_otherwise(frame, older)
 
     def _name_clear(self) -> None:
