@@ -16,7 +16,6 @@ from mvuav_ros.vision.markers import (
     view_filter,
 )
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.identity_tracker import IdentityTracker
 from mvuav_ros.vision.markers.marker_memory import Jumps, MarkerMemory
 from mvuav_ros.vision.markers.naming import Clutter, Search
 from mvuav_ros.vision.markers.view_filter import ViewFilter
@@ -41,17 +40,15 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'sure place': [(marker_memory, 'SURE_PLACE', 0.0)],
     'returning': [(marker_memory, 'RETURNING', 0)],
     'clutter by age': [(Clutter, 'include', _returns(False))],
-    'certain clutter': [(naming, 'CERTAIN', 0.0)],
     'suspects by evidence': [(FaultDetector, '_without_suspects', _returns(None))],
     'bank': [(view_filter.TUNING, 'bending', (1, 0))],
     'process noise': [(ViewFilter, '_learn_motion', _returns(None))],
     'rig error': [(ViewFilter, '_learn_rig_error', _returns(None))],
     'odd start': [(initialization, 'CONFIRMED_ODD', 3)],
-    'naming afresh': [(IdentityTracker, '_challenge', _returns(None))],
-    'hidden markers': [(identity_tracker, 'MAX_HIDDEN', 0)],
+    'search by an older filter': [(Search, '_find_otherwise', _returns(None))],
+    'hidden markers': [(naming, 'MAX_HIDDEN', 0)],
     'one light with two names': [(identity_tracker, 'SAME_SPOT', 0.0)],
     'wider windows': [(identity_tracker, 'WIDEST', 0.0)],
-    'told places': [(MarkerMemory, 'tell', _returns(None))],
     'learnt calibration': [(calibrated_tracker, 'AGREED', math.inf)],
 }
 """Where it is, its name there, and what stands in for it."""
