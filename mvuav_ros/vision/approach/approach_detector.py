@@ -359,7 +359,7 @@ class Finder:
 
     def _veto(self, track: FollowedStrip | None, *, above: bool) -> str:
         """Why nothing is reported, if the picture is frozen or the track is in the sky."""
-        unchanged = self.tracker.unchanged
+        unchanged = self.tracker.registration.unchanged
         if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
         return 'the likeliest lies above the horizon' if above else ''

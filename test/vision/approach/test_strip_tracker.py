@@ -20,7 +20,7 @@ STRIP = np.array([152.0, -14.0, -1.2, 1.6, 16.0, 100.0])
 def following(log_odds):
     """A tracker that has followed the strip in one frame."""
     tracker = RunwayTracker()
-    tracker._level = LEVEL
+    tracker.level = LEVEL
     tracker.best = RunwayTrack(STRIP, log_odds)
     tracker.best.age = 10
     tracker.tracks = [tracker.best]
