@@ -22,7 +22,7 @@ from mvuav_ros.vision.approach.search import (
 )
 from mvuav_ros.vision.approach.sight import SearchRange, Sight
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
-from mvuav_ros.vision.approach.strips import FollowedStrip, is_plausible
+from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.track import RunwayTrack, View
 from mvuav_ros.vision.approach.tuning import SEARCH, TRACKER
 
@@ -71,20 +71,6 @@ class StripTracker(Generic[TrackT]):
     def certain(self) -> bool:
         """What is shown is likelier what is looked for than not."""
         return self.best is not None and self.best.rank > 0.0
-
-    def allows(self, level: Derotation, row: float, frames: int) -> bool:
-        """Whether what is followed for certain may lie on a ground with its horizon there.
-
-        Otherwise it may be the border of a field, or of the pavement. A horizon that was seen in so
-        many ``frames`` is known better than what was followed in fewer.
-        """
-        best = self.best
-        if best is None or self.level is None or not self.certain or best.age <= frames:
-            return True
-        (strip,) = turn_strips(best.strip()[None], self.level, level)
-        above, below = SEARCH.horizon_reach
-        size = level.height, level.width
-        return is_plausible(strip, size) and -above < strip[1] - row < below
 
     def _turn(self, level: Derotation) -> None:
         """Go over to the next frame's derotation."""

@@ -395,9 +395,7 @@ class RunwayTrack(FollowedStrip):
             edges, odds = self._find_steps(view, strip, weighed=weighed)
             measured[EdgeKind.STEP], evidence[EdgeKind.STEP] = edges, odds
         if width < LINES.max_width and (weighed or self.kinds.likeliest is EdgeKind.LINE):
-            by_colour = measured.get(EdgeKind.STEP) if self._look.coloured else None
-            known = by_colour or (self._predicted() if weighed else None)
-            lines = self._lines.find(view.frame, strip, known, coloured=bool(by_colour))
+            lines = self._lines.find(view.frame, strip)
             measured[EdgeKind.LINE] = lines
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
         if weighed:

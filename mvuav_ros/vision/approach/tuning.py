@@ -126,8 +126,6 @@ class LinesTuning:
     # in run 5 0.9
     clear_share: float = 0.85
     clear_doubt: float = 0.05  # its doubt
-    away_cost: float = 4.0  # log odds lost per width from where the strips' mean has the edge
-    away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
     step: float = 0.02  # between samples across an edge
