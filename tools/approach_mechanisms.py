@@ -28,6 +28,10 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'doubt above the horizon': [(tuning.TRACKER, 'above_horizon_odds', 0.0)],
     'side lines': [(SideLines, 'find', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
+    'lines near the mean': [
+        (tuning.LINES, 'away_cost', 0.0),
+        (tuning.LINES, 'away_from_colour_cost', 0.0),
+    ],
     "shoulders' lines": [(tuning.LINES, 'shoulder_cost', 0.0)],
     'edges alone': [(tuning.TRACK, 'lock_width', math.inf)],
     'shoulders': [(track, 'shows_shoulders', _returns(None))],
@@ -41,7 +45,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'strips over many frames': [(tuning.TRACK, 'strip_memory', 1.0)],
     'mean of strips': [(tuning.TRACK, 'hot', (20.0, 0.02)), (tuning.TRACK, 'cold', (40.0, 0.02))],
     'third track': [(tuning.TRACKER, 'max_tracks', 2)],
-    'young and dim': [(tuning.TRACK, 'dim_odds', -math.inf)],
     'weighed every sixth frame': [
         (tuning.TRACKER, 'best_period', 1),
         (tuning.TRACKER, 'others_period', 1),

@@ -55,13 +55,19 @@ class Choice(NamedTuple):
     shoulders: float
 
 
-def choose(left: list[Line], right: list[Line]) -> Choice:
+def choose(
+    left: list[Line], right: list[Line], expected: tuple[float, float], away_cost: float
+) -> Choice:
     """Which lines are the runway's, among those along its left and its right edge.
 
     Markings within the runway are fainter than its side line. Of two clear lines on both sides, as
     far apart, the outer ones are the shoulders'.
 
-    Each has at least one line.
+    Args:
+        left: at least one line.
+        right: likewise.
+        expected: where the edges are expected, widths outside of where `Line` counts from.
+        away_cost: log odds lost per width from there.
     """
     both = left, right
     middles = [np.array([line.middle for line in lines]) for lines in both]
@@ -77,6 +83,7 @@ def choose(left: list[Line], right: list[Line]) -> Choice:
         alike = np.abs(np.subtract.outer(gaps[side], gaps[1 - side])) < LINES.same
         shoulder = (np.minimum.outer(pairs[side], pairs[1 - side]) * alike).max(axis=(1, 2, 3))
         odds = np.log(clear[side] + 1e-9) - LINES.shoulder_cost * shoulder
+        odds -= away_cost * np.abs(middles[side] - expected[side])
         chosen.append(lines[int(odds.argmax())])
         shoulders.append(float(shoulder.max()))
     return Choice((chosen[0], chosen[1]), min(shoulders))
@@ -106,17 +113,28 @@ class SideLines:
     def __init__(self) -> None:
         self.shoulders = 0.0
 
-    def find(self, frame: LevelledFrame, strip: Strip) -> Edges | None:
+    def find(
+        self,
+        frame: LevelledFrame,
+        strip: Strip,
+        known: Edges | None = None,
+        *,
+        coloured: bool = False,
+    ) -> Edges | None:
         """Measure both edges of a narrow runway by the outer sides of the lines along a strip's.
 
-        None if the lines are not clear, or the runway is too wide.
+        Lines are expected between the strip's edges and those known, or where colour has shown
+        those. None if the lines are not clear, or the runway is too wide.
         """
         rows, expected, outwards = rows_of(strip, _ALONG)
         if outwards[1, -1] >= LINES.max_width:
             return None
         columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
         pixels, _, _ = frame.at(columns, rows[:, None])
-        lines, shoulders = choose(*_distinct(brightness_of(pixels).reshape(columns.shape)))
+        one, other = _distinct(brightness_of(pixels).reshape(columns.shape))
+        left, right = (0.0, 0.0) if known is None else _away(strip, known)
+        share, cost = (1.0, LINES.away_from_colour_cost) if coloured else (0.5, LINES.away_cost)
+        lines, shoulders = choose(one, other, (share * left, share * right), cost)
         self.shoulders += LINES.memory * (shoulders - self.shoulders)
         if min(line.clearness for line in lines) <= LINES.min_clearness:
             return None
@@ -133,6 +151,17 @@ def _outer_sides(frame: LevelledFrame, strip: Strip) -> Edges | None:
     if size < LINES.min_depth:
         return None
     return samples.fit(np.minimum(falls, size), size)
+
+
+def _away(strip: Strip, points: Edges) -> tuple[float, float]:
+    """How far outside of a strip's left and right edge points lie, in its widths."""
+    away = []
+    for edge, slope in zip(points, strip[2:4].tolist(), strict=True):
+        depth = edge.rows - strip[1]
+        offsets = (edge.columns - strip[0] - slope * depth) / ((strip[3] - strip[2]) * depth)
+        weights = edge.weights + 1e-6
+        away.append(float((offsets * weights).sum() / weights.sum()))
+    return -away[0], away[1]
 
 
 @dataclass(frozen=True, eq=False)

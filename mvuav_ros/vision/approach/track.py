@@ -311,8 +311,7 @@ class RunwayTrack(FollowedStrip):
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
-        young = self.age <= TRACK.young and self.log_odds > TRACK.dim_odds
-        if self._rested < period and self.age > 1 and not young:
+        if self._rested < period and self.age > TRACK.young:
             # About a mean of strips, steps that are not there say nothing of their kind.
             if shown and self.points is not None and self.kinds.likeliest is not EdgeKind.STRIPS:
                 strip = self.strip()
@@ -395,7 +394,9 @@ class RunwayTrack(FollowedStrip):
             edges, odds = self._find_steps(view, strip, weighed=weighed)
             measured[EdgeKind.STEP], evidence[EdgeKind.STEP] = edges, odds
         if width < LINES.max_width and (weighed or self.kinds.likeliest is EdgeKind.LINE):
-            lines = self._lines.find(view.frame, strip)
+            by_colour = measured.get(EdgeKind.STEP) if self._look.coloured else None
+            known = by_colour or (self._predicted() if weighed else None)
+            lines = self._lines.find(view.frame, strip, known, coloured=bool(by_colour))
             measured[EdgeKind.LINE] = lines
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
         if weighed:

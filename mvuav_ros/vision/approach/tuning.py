@@ -126,6 +126,8 @@ class LinesTuning:
     # in run 5 0.9
     clear_share: float = 0.85
     clear_doubt: float = 0.05  # its doubt
+    away_cost: float = 4.0  # log odds lost per width from where the strips' mean has the edge
+    away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
     step: float = 0.02  # between samples across an edge
@@ -295,7 +297,6 @@ class TrackTuning:
     cold: tuple[float, float] = (40.0, 1.0)
     memory: float = 0.06  # share of a weighed frame in what a track remembers
     young: int = 5  # frames in which a track is weighed every time
-    dim_odds: float = -1.5  # log odds below which it is not worth that
     min_tolerance: float = 3.0  # px by which an edge may be wrong
     tolerance_share: float = 0.05  # widths, likewise
     # px of the near end, from which lines are so far apart that edges are the clearest steps
