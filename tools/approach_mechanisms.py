@@ -13,7 +13,6 @@ from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.search import LevelledImage
 from mvuav_ros.vision.approach.side_lines import SideLines
 from mvuav_ros.vision.approach.strip_edges import EdgeLook
-from mvuav_ros.vision.approach.strip_tracker import StripTracker
 
 
 def _returns(value: Any) -> Callable[..., Any]:
@@ -26,7 +25,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
     'horizon in the image': [(HorizonFinder, 'find', _returns(None))],
-    'horizon against what is followed': [(StripTracker, 'allows', _returns(True))],
     'doubt above the horizon': [(tuning.TRACKER, 'above_horizon_odds', 0.0)],
     'side lines': [(SideLines, 'find', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],

@@ -16,7 +16,7 @@ from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.probability import Report
-from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
+from mvuav_ros.vision.approach.track import RunwayTrack
 from mvuav_ros.vision.frames import Attitude
 
 Pixels = NDArray[Any]
@@ -156,6 +156,6 @@ def judged(name: str, detector: Timed, result: ApproachResult, error: float) -> 
     """A frame of a row; reported is what has a confidence of `MIN_CONFIDENCE`."""
     corners = None if result.corners is None else [(float(x), float(y)) for x, y in result.corners]
     reported = corners is not None and result.confidence >= MIN_CONFIDENCE
-    tracker = detector.detector._finder.tracker
-    report = tracker.report if isinstance(tracker, RunwayTracker) else None
+    track = detector.detector._finder.tracker.best
+    report = track.report if isinstance(track, RunwayTrack) else None
     return Frame(name, float(result.confidence), reported, min(error, 1e6), corners, report)

@@ -346,11 +346,10 @@ class Finder:
             if horizon is attitude:
                 row = level.row_of((horizon.row + 0.5) / factor - 0.5)
                 sight = Sight.from_attitude(row, level.slope)
-            elif self.tracker.allows(level, row := level.row_of(horizon.row), self._seen):
-                self._seen += 1
-                sight = Sight.from_image(row, level.slope, height, self._seen)
             else:
-                level = self.tracker.level or level
+                self._seen += 1
+                row = level.row_of(horizon.row)
+                sight = Sight.from_image(row, level.slope, height, self._seen)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         above = track is not None and sight.attitude and track.lies_above(sight.row)
         veto = self._veto(track, above=above)
@@ -359,7 +358,7 @@ class Finder:
 
     def _veto(self, track: FollowedStrip | None, *, above: bool) -> str:
         """Why nothing is reported, if the picture is frozen or the track is in the sky."""
-        unchanged = self.tracker.unchanged
+        unchanged = self.tracker.registration.unchanged
         if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
         return 'the likeliest lies above the horizon' if above else ''

@@ -220,8 +220,6 @@ class HorizonFinder:
         """In a working image of grey levels, or colours blue first; None without one."""
         # Of land and sky, blue differs most.
         blue = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
-        if blue.dtype != np.uint8:
-            blue = np.clip(blue, 0, 255).astype(np.uint8)
         last = None if self._frames % HORIZON.full_period == 0 else self._last
         self._frames += 1
         self._last = None

@@ -88,7 +88,7 @@ use the lower part of the range."""
 def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
     """A frame, not empty, about `WORKING_WIDTH` px wide, and px of the frame per px of it.
 
-    It is uint8 or, for 16 bits, float32 of 256 grey levels.
+    It is uint8.
     """
     height, width = image.shape[:2]
     factor = max(1, min(round(width / WORKING_WIDTH), height))
@@ -96,7 +96,8 @@ def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
     if image.dtype == np.uint16:
         levels = image.astype(np.float32)
         brightest = float(np.percentile(levels[::4, ::4], 99))
-        return levels * (_BRIGHT_16_BITS / max(brightest, 256.0)), factor
+        levels *= _BRIGHT_16_BITS / max(brightest, 256.0)
+        image = np.rint(np.minimum(levels, 255.0)).astype(np.uint8)
     return image, factor
 
 

@@ -23,10 +23,9 @@ class Registration:
     """Compares each working image with the last one."""
 
     def __init__(self) -> None:
-        self._last: NDArray[Any] | None = None
-        self._now: NDArray[Any] | None = None
+        self._last: NDArray[np.uint8] | None = None
         self.gray = np.zeros((0, 0), np.uint8)
-        """The newest working image in 256 grey levels."""
+        """The newest working image."""
         self.moving = False
         """The newest image differs from the last one; a still says nothing new."""
         self.unchanged = 0
@@ -36,11 +35,9 @@ class Registration:
         """Take in the next working image, (height, width) or (height, width, 3)."""
         # A copy: the caller may use the image's memory for the next one.
         gray = pixels.copy() if pixels.ndim == 2 else cv2.extractChannel(pixels, 1)
-        if gray.dtype != np.uint8:
-            gray = gray.astype(np.float32)
-        self._last, self._now = self._now, np.asarray(gray)
-        self.gray = self._now.astype(np.uint8) if gray.dtype != np.uint8 else self._now
-        same = self._last is not None and np.array_equal(self._last, self._now)
+        self._last = self.gray if self.gray.size else None
+        self.gray = np.asarray(gray)
+        same = np.array_equal(self.gray, self._last) if self._last is not None else False
         self.moving = self._last is not None and not same
         self.unchanged = self.unchanged + 1 if same else 0
 
@@ -49,8 +46,8 @@ class Registration:
 
         Both are on the levelled working image; the shift is 0 where nobody can know.
         """
-        last, now = self._last, self._now
-        if last is None or now is None or last.shape != now.shape or last.dtype != now.dtype:
+        last, now = self._last, self.gray
+        if last is None:
             return 0.0, 0.0
         box = _box(strip, level, last.shape)
         if box is None:

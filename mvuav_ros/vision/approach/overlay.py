@@ -12,6 +12,7 @@ from mvuav_ros.vision.runway.debug_images import (
     Color,
     blank,
     canvas_of,
+    dashes,
     draw_line,
     write,
 )
@@ -27,7 +28,6 @@ ROLE_COLORS: dict[LineRole, Color] = {
     LineRole.NEAR_END: (60, 230, 255),
 }
 _HORIZON = (255, 160, 160)
-_DASHES = 12
 
 
 def draw_approach(result: ApproachResult) -> Canvas:
@@ -56,20 +56,13 @@ def draw_approach(result: ApproachResult) -> Canvas:
 
 
 def _draw_role(canvas: Canvas, line: RunwayLine, scale: float) -> None:
-    color, first, last = ROLE_COLORS[line.role], (line.x, line.y), (line.x2, line.y2)
+    ends = line.x, line.y, line.x2, line.y2
     thin = line.role is LineRole.CENTRELINE
     width = 1 if thin else max(1, round(1.6 * scale - 0.6))
-    if not line.corrected:
-        if width > 1:
-            draw_line(canvas, first, last, BLACK, width + 2)
-        draw_line(canvas, first, last, color, width)
-        return
-    for number in range(_DASHES):
-        begin, end = (
-            (first[0] + share * (last[0] - first[0]), first[1] + share * (last[1] - first[1]))
-            for share in (number / _DASHES, (number + 0.5) / _DASHES)
-        )
-        draw_line(canvas, begin, end, color, width)
+    if width > 1 and not line.corrected:
+        draw_line(canvas, ends[:2], ends[2:], BLACK, width + 2)
+    for part in dashes(ends, scale) if line.corrected else [ends]:
+        draw_line(canvas, part[:2], part[2:], ROLE_COLORS[line.role], width)
 
 
 def _draw_cross(canvas: Canvas, point: Point, scale: float) -> None:

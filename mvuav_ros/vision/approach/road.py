@@ -268,17 +268,12 @@ class RoadTracker(StripTracker[RoadTrack]):
         self.target = target
         self.below_horizon = not target.painted
 
-    @property
-    def confidence(self) -> float:
-        """Of the best track."""
-        return 0.0 if self.best is None else self.best.confidence
-
     def step(self, frame: LevelledFrame, pixels: NDArray[Any], sight: Sight) -> RoadTrack | None:
         """The track that is shown in the next frame, of which ``pixels`` are the working image."""
-        self._registration.take(pixels)
+        self.registration.take(pixels)
         horizon = None if sight.row is None else (sight.row, ROAD.horizon_sigma)
         working = LevelledImage(pixels, frame.level)
-        view = View(frame, working, sight._replace(meeting=horizon), self._registration)
+        view = View(frame, working, sight._replace(meeting=horizon), self.registration)
         self._turn(frame.level)
         for track in self.tracks:
             track.step(view)

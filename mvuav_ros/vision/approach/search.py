@@ -130,11 +130,7 @@ def _added(packed: NDArray[np.int32]) -> NDArray[np.int8]:
     return total
 
 
-@lru_cache(maxsize=64)
-def fan(depth: int, width: int) -> Fan:
-    """The fan for near ends at a depth on images of a width, px."""
-    return Fan(depth, width)
-
+_fan = lru_cache(maxsize=64)(Fan)
 
 Job = tuple[int, list[float]]
 """What is searched at a time: a depth, and rows of vanishing points."""
@@ -355,7 +351,7 @@ class LevelledImage:
             return NO_CANDIDATES
         image = self._part(level, (0, top, width, bottom))
         packed = image.packed()
-        found = [fan(depth, width).find(packed, row - top) for depth, rows in jobs for row in rows]
+        found = [_fan(depth, width).find(packed, row - top) for depth, rows in jobs for row in rows]
         best = distinct(np.concatenate([np.empty((0, 7)), *found]), most)
         if not len(best):
             return NO_CANDIDATES

@@ -94,18 +94,14 @@ class EdgeSamples:
     inside: NDArray[np.bool_]
     base: int
 
-    def by_side(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values between the samples, (..., 2 count, places - base), as (..., 2, count, -1).
-
-        Those that are not on the frame are 0.
-        """
-        half = self.base // 2
-        shape = (*values.shape[:-2], 2, self.rows.size, values.shape[-1])
-        return values.reshape(shape) * self.inside[:, :, half:-half]
-
     def steps(self, channels: NDArray[Any]) -> NDArray[Any]:
-        """(..., 2, count, places - base) rise of channels (..., 2 count, places) inwards."""
-        steps = self.by_side(channels[..., self.base :] - channels[..., : -self.base])
+        """(..., 2, count, places - base) rise of channels (..., 2 count, places) inwards.
+
+        It is 0 where it is not on the frame.
+        """
+        half, rise = self.base // 2, channels[..., self.base :] - channels[..., : -self.base]
+        shape = (*rise.shape[:-2], 2, self.rows.size, rise.shape[-1])
+        steps: NDArray[Any] = rise.reshape(shape) * self.inside[:, :, half:-half]
         steps[..., 1, :, :] *= -1
         return steps
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.approach.appearance import Scene
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
-from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
+from mvuav_ros.vision.approach.probability import log_odds_of
 from mvuav_ros.vision.approach.search import (
     NO_CANDIDATES,
     Candidates,
@@ -22,7 +22,7 @@ from mvuav_ros.vision.approach.search import (
 )
 from mvuav_ros.vision.approach.sight import SearchRange, Sight
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
-from mvuav_ros.vision.approach.strips import FollowedStrip, is_plausible
+from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.track import RunwayTrack, View
 from mvuav_ros.vision.approach.tuning import SEARCH, TRACKER
 
@@ -47,6 +47,8 @@ class StripTracker(Generic[TrackT]):
         tracks: those that are followed.
         best: the one that is shown.
         below_horizon: whether the target is looked for below the horizon alone.
+        level: the last frame's derotation.
+        registration: of the working images.
     """
 
     below_horizon = True
@@ -56,45 +58,26 @@ class StripTracker(Generic[TrackT]):
         self.tracks: list[TrackT] = []
         self.best: TrackT | None = None
         self._max_tracks, self._switch_margin = max_tracks, switch_margin
-        self._level: Derotation | None = None
-        self._registration = Registration()
+        self.level: Derotation | None = None
+        self.registration = Registration()
         self._frame = 0
 
     @property
-    def unchanged(self) -> int:
-        """Frames before the newest that were the same."""
-        return self._registration.unchanged
+    def confidence(self) -> float:
+        """Of the best track, 0 to 1."""
+        return 0.0 if self.best is None else self.best.confidence
 
     @property
     def certain(self) -> bool:
         """What is shown is likelier what is looked for than not."""
         return self.best is not None and self.best.rank > 0.0
 
-    def allows(self, level: Derotation, row: float, frames: int) -> bool:
-        """Whether what is followed for certain may lie on a ground with its horizon there.
-
-        Otherwise it may be the border of a field, or of the pavement. A horizon that was seen in so
-        many ``frames`` is known better than what was followed in fewer.
-        """
-        best = self.best
-        if best is None or self._level is None or not self.certain or best.age <= frames:
-            return True
-        (strip,) = turn_strips(best.strip()[None], self._level, level)
-        above, below = SEARCH.horizon_reach
-        size = level.height, level.width
-        return is_plausible(strip, size) and -above < strip[1] - row < below
-
-    @property
-    def level(self) -> Derotation | None:
-        """The last frame's derotation."""
-        return self._level
-
     def _turn(self, level: Derotation) -> None:
         """Go over to the next frame's derotation."""
-        if self._level is not None:
+        if self.level is not None:
             for track in self.tracks:
-                track.turn(self._level, level)
-        self._level = level
+                track.turn(self.level, level)
+        self.level = level
 
     def _admit(self, track: TrackT) -> bool:
         """Follow another one, for which the worst may have to go; whether there is room."""
@@ -137,11 +120,11 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         """The likeliest track in the next frame, of which ``pixels`` are the working image."""
         if self._frame % TRACKER.scene_frames == 0:
             self._scene = None
-        self._registration.take(pixels)
-        self._overlaid.take(self._registration.gray)
+        self.registration.take(pixels)
+        self._overlaid.take(self.registration.gray)
         self._turn(frame.level)
         working = LevelledImage(pixels, frame.level, self._scene, self._overlaid.mask)
-        view = View(frame, working, sight, self._registration)
+        view = View(frame, working, sight, self.registration)
         for track in self.tracks:
             shown = track is self.best
             others = TRACKER.others_certain if self.certain else TRACKER.others_period
@@ -167,17 +150,6 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             return TRACKER.period_certain
         first = self._rounds < TRACKER.first_rounds
         return TRACKER.period_first if first else TRACKER.period_later
-
-    @property
-    def report(self) -> Report | None:
-        """Evidence of whether the best track is right."""
-        return None if self.best is None else self.best.report
-
-    @property
-    def confidence(self) -> float:
-        """Probability that the best track is the runway, and where it is reported."""
-        report = self.report
-        return 0.0 if report is None else confidence_weights().confidence(report)
 
     def _search(self, view: View, sight: Sight) -> Candidates:
         """What is likeliest at once; after that the next few rows on one level at one depth."""

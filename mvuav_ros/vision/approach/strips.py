@@ -232,6 +232,11 @@ class FollowedStrip:
         return True
 
     @property
+    def confidence(self) -> float:
+        """In its report, 0 to 1."""
+        raise NotImplementedError
+
+    @property
     def lost(self) -> bool:
         """It has not been seen for too long."""
         return self.misses > self.max_misses

@@ -88,9 +88,7 @@ class Hypotheses:
         """
         known = len(self._odds)
         self._count += 1.0
-        memory = np.maximum(
-            1.0 - (1.0 - TRACK.strip_memory) ** share, 1.0 / np.maximum(self._count, 1.0)
-        )
+        memory = np.maximum(1.0 - (1.0 - TRACK.strip_memory) ** share, 1.0 / self._count)
         now = np.where(np.isfinite(odds[:known]), odds[:known], TRACK.gone_odds)
         self._odds += memory * (now - self._odds)
         all_odds = np.concatenate([self._odds, odds[known:]])
@@ -261,27 +259,27 @@ class RunwayTrack(FollowedStrip):
         return float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
 
     @property
-    def shoulder_lines(self) -> float:
-        """From 0 to 1, whether shoulders have lines too, on both sides and as far apart."""
-        return self._lines.shoulders
-
-    @property
     def report(self) -> Report:
         """Evidence of whether it is the runway, and where it is followed."""
         return Report(
-            self.log_odds - TRACKER.above_horizon_odds * self.above_horizon,
+            self.rank,
             self.agreement,
             self.moved,
             self.attitude,
             self.distinct,
             self.other_edges,
-            self.shoulder_lines,
+            self._lines.shoulders,
         )
 
     @property
     def rank(self) -> float:
         """Log odds, with what the horizon says, with which it stands against other tracks."""
-        return self.report.log_odds
+        return self.log_odds - TRACKER.above_horizon_odds * self.above_horizon
+
+    @property
+    def confidence(self) -> float:
+        """Probability that it is the runway, and where it is reported."""
+        return confidence_weights().confidence(self.report)
 
     def add(self, strip: Strip) -> None:
         """Take in what a search has found, in the next frame."""

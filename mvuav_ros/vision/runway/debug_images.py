@@ -138,7 +138,7 @@ def _draw_line(canvas: Canvas, line: RunwayLine, scale: float) -> None:
     if line.corrected and not math.isnan(measured[0]):
         draw_line(canvas, measured[:2], measured[2:], color, 1)
     if not math.isnan(ends[0]):
-        _stroke(canvas, _dashes(ends, scale) if line.corrected else [ends], color, scale)
+        _stroke(canvas, dashes(ends, scale) if line.corrected else [ends], color, scale)
 
 
 def _stroke(canvas: Canvas, strokes: list[Ends], color: Color, scale: float) -> None:
@@ -148,7 +148,8 @@ def _stroke(canvas: Canvas, strokes: list[Ends], color: Color, scale: float) -> 
             draw_line(canvas, ends[:2], ends[2:], ink, thickness)
 
 
-def _dashes(ends: Ends, scale: float) -> list[Ends]:
+def dashes(ends: Ends, scale: float) -> list[Ends]:
+    """The parts of a line that are drawn where it is dashed."""
     x, y, x2, y2 = ends
     length = math.hypot(x2 - x, y2 - y)
     if not length > 0:
