@@ -181,7 +181,7 @@ class IdentityTracker:
         memory = MarkerMemory(frame.time, list(named.lights.values()), probation)
         views = self._filter_of(named, frame.time)
         self._body = FaultDetector(views), memory
-        self._is_sure = True
+        self._is_sure = True  # whether four firm names agreed in the newest frame
         spots = {index: light.seen for index, light in named.lights.items()}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
 
@@ -259,6 +259,7 @@ class IdentityTracker:
     def _search(self, frame: Frame, search: Search, around: Sequence[float]) -> str:
         """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
         assert self._body is not None
+        # The filter as it was when four firm names agreed last; since then it has gone on alone.
         if self._is_sure:
             self._sure, self._is_sure = copy.copy(search.views), False
         else:

@@ -123,7 +123,9 @@ def reacquire(
     best = max(likely, key=lambda guess: guess.evidence)
     odds = log_odds_of(best, ways)
     named = {marker: lights[i] for marker, i in best.way if odds[marker] > 0.0}
-    return Again(best.view, named, odds) if len(named) >= fewest else None
+    if len(named) < fewest:
+        return None
+    return Again(best.view, named, {marker: odds[marker] for marker in named})
 
 
 STRANGE = 3  # Frames without a name after which a light is clutter
@@ -205,7 +207,7 @@ class Search:
         # Those of the found of which one or some must be another light.
         self.suspects = set(consensus.suspects)
         # Log odds of the markers found again together, after hardly any was in sight.
-        self.reacquired: dict[int, float] = {}
+        self.reacquired: Mapping[int, float] = {}
         self._doubtful = set(doubtful)
         self.is_replaced = False  # the names by others, which a view of its own gave
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
@@ -326,7 +328,7 @@ class Search:
         again = reacquire(
             self.views.shape, Prior.of(self.views), new, self._unlikeness, self._strays
         )
-        if again:
+        if again is not None:
             self.suspects.clear()
             self.reacquired = again.odds
             self._free = lights
