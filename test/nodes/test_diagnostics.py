@@ -50,7 +50,7 @@ def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(grap
     """
     slow = {'start_row': 0, 'end_row': 0, 'rho_resolution': 0.5, 'theta_resolution_deg': 0.1}
     stream = Stream(graph, 'runway_detector', **slow)
-    noise = np.random.default_rng(0).integers(0, 255, (8, 480, 640), np.uint8)
+    noise = np.random.default_rng(0).integers(0, 255, (8, 768, 1024), np.uint8)
     sent = 200
     for index in range(sent):
         stamp_ns = stream.next_stamp(100.0)
