@@ -269,9 +269,10 @@ class IdentityTracker:
         except GroupingError as error:
             return str(error)
         search.name(lights, self._clutter, self._sure)
-        if search.is_replaced:
-            self._body = search.faults, self._body[1]
-            self._body[1].start_afresh()
+        faults, memory = self._body
+        if search.faults is not faults:
+            self._body = search.faults, memory
+            memory.start_afresh()
         return ''
 
     def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:

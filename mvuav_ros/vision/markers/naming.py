@@ -202,14 +202,14 @@ class Search:
         """
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
         self._known = tuple(self.found)
-        self.faults = faults  # what speaks against each marker
+        # What speaks against each marker; another one where others have taken all names.
+        self.faults = faults
         self.views = faults.views  # at this frame's time
         # Those of the found of which one or some must be another light.
         self.suspects = set(consensus.suspects)
         # Log odds of the markers found again together, after hardly any was in sight.
         self.reacquired: Mapping[int, float] = {}
         self._doubtful = set(doubtful)
-        self.is_replaced = False  # the names by others, which a view of its own gave
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._markers = markers
         self._view = consensus.view()
@@ -365,7 +365,6 @@ class Search:
         self.views = ViewFilter(shape, again.view, self.views.time, self.views)
         self.faults, self._view = FaultDetector(self.views), self.views.view
         self.found, self.suspects, self.reacquired = dict(again.lights), set(), again.odds
-        self.is_replaced = True
 
     def _is_better(self, again: Again) -> bool:
         is_other = any(

@@ -98,7 +98,7 @@ def test_a_marker_that_is_another_light_leaves_no_evidence_for_a_body():
     prior = prior_after(1.0)
     beside = SPOTS[3]._replace(x=SPOTS[3].x + 8.0)
     guesses = guess_body(SHAPE, [*SPOTS[:3], beside, *OTHERS], prior, 4)
-    assert all(guess.evidence < 0.0 for guess in guesses)
+    assert all(guess.evidence < -8.0 for guess in guesses)
 
 
 def test_the_less_is_known_of_the_view_the_less_evidence_there_is():
