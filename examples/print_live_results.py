@@ -6,16 +6,17 @@ import sys
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 
+printed = []
+
 
 def show_roll(message: Vector3Stamped) -> None:
     """Right wing down is positive."""
-    print(f'roll {math.degrees(message.vector.x):.1f} deg', flush=True)
+    printed.append(print(f'roll {math.degrees(message.vector.x):.1f} deg', flush=True))
 
 
 def show_pose(message: PoseWithCovarianceStamped) -> None:
     """The tanker, from the camera."""
-    place = message.pose.pose.position
-    print(f'distance {math.hypot(place.x, place.y, place.z):.1f} m', flush=True)
+    printed.append(print(f'{message.pose.pose.position.z:.1f} m ahead', flush=True))
 
 
 try:
@@ -23,12 +24,12 @@ try:
     node = rclpy.create_node('print_live_results')
     node.create_subscription(Vector3Stamped, '/marker_tracker/rpy', show_roll, 10)
     node.create_subscription(PoseWithCovarianceStamped, '/marker_tracker/pose', show_pose, 10)
-    for _ in range(int(sys.argv[1]) if len(sys.argv) > 1 else 10):
-        rclpy.spin_once(node)
+    while rclpy.ok() and len(printed) < (int(sys.argv[1]) if len(sys.argv) > 1 else 10):
+        rclpy.spin_once(node, timeout_sec=0.5)  # A signal in its first moment does not wake it.
+    rclpy.try_shutdown()
 except KeyboardInterrupt:
     pass
 except Exception:
     # After Ctrl-C or kill rclpy's calls fail, each in its own way.
     if rclpy.ok():
         raise
-rclpy.try_shutdown()

@@ -17,6 +17,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from rosbags import rosbag2
+from support.commands import started
 from support.places import ROOT
 from support.recording_samples import (
     IMAGE,
@@ -192,7 +193,7 @@ for number in range(100_000):
 """
     environment = {**os.environ, 'PYTHONPATH': f'{ROOT}:{ROOT / "test"}'}
     flushed: list[Sample] = []
-    with subprocess.Popen(
+    with started(
         [sys.executable, '-c', code], stdout=subprocess.PIPE, text=True, env=environment
     ) as process:
         assert process.stdout is not None

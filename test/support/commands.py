@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,6 +28,17 @@ ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': '200'}
 def environment() -> dict[str, str]:
     """`ENVIRONMENT` with what fixtures have set since."""
     return {**os.environ, **ENVIRONMENT}
+
+
+@contextmanager
+def started(*arguments: Any, **options: Any) -> Iterator[subprocess.Popen[Any]]:
+    """A process that is waited for, and killed where the test fails: else that waits for ever."""
+    with subprocess.Popen(*arguments, **options) as process:
+        try:
+            yield process
+        except BaseException:
+            process.kill()
+            raise
 
 
 class Run(NamedTuple):

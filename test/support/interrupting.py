@@ -15,7 +15,7 @@ from typing import NamedTuple
 from mvuav_ros.recordings.reading import open_recording
 from support.commands import COMMAND, ENVIRONMENT, MARKERS, ROOT, stamp
 
-FRAMES = 20_000
+FRAMES = 100_000
 """More than any replay gets through before it is interrupted."""
 DEADLINE = 120.0
 """Seconds to start or to end, whatever else the machine does."""

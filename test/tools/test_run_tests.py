@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from support.commands import started
 from support.places import ROOT
 
 
@@ -133,7 +134,7 @@ sys.exit(runner.main())
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_ends_all_parts(number):
-    with subprocess.Popen(
+    with started(
         [sys.executable, '-c', INTERRUPTED], cwd=ROOT, stdout=subprocess.PIPE, text=True
     ) as process:
         sleeping: list[int] = []

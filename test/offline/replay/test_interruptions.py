@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from support.commands import ENVIRONMENT, ROOT, mvuav_process, stamp, write_flight
+from support.commands import ENVIRONMENT, ROOT, mvuav_process, stamp, started, write_flight
 from support.interrupting import FRAMES, busy_processes, interrupt, results, start, wait_for
 
 NODE = ('--nodes', 'marker_tracker')
@@ -75,7 +75,7 @@ def test_processes_end_with_their_parent(flight: Path, tmp_path: Path) -> None:
         size = out.stat().st_size
         time.sleep(1.0)
     stamps, _ = results(out)
-    assert 0 < len(stamps) < 20_000
+    assert 0 < len(stamps) < FRAMES
 
 
 def test_killed_replay_leaves_what_was_handed_to_the_file(flight: Path, tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ OutputFile.append = noted
 sys.argv = ['mvuav', 'replay', {str(flight)!r}, '-o', {str(out)!r}, '--jobs', '1', *{NODE!r}]
 main()
 """
-    with subprocess.Popen([sys.executable, '-c', code], env=ENVIRONMENT, cwd=ROOT) as process:
+    with started([sys.executable, '-c', code], env=ENVIRONMENT, cwd=ROOT) as process:
         deadline = time.monotonic() + 120
         while not log.exists() or len(log.read_text().splitlines()) < 12:
             assert process.poll() is None

@@ -20,6 +20,7 @@ from support.commands import (
     mvuav_process,
     read,
     stamps,
+    started,
     write_flight,
 )
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
@@ -186,9 +187,7 @@ def test_a_process_that_dies_costs_its_own_recording_only(tmp_path: Path) -> Non
     out = tmp_path / 'out'
     jobs = ('--jobs', '1')
     command = [*COMMAND, 'replay', str(long), str(short), '-o', str(out), *NODE, *jobs]
-    with subprocess.Popen(
-        command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with started(command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
         os.kill(_child_at_work(process, out / 'long.mcap'), signal.SIGKILL)
         _, err = process.communicate(timeout=300)
     assert process.returncode == 1
@@ -286,9 +285,7 @@ def _interrupt_on_cluster(folder: Path, address: str) -> Path:
     flight = write_flight(folder / 'long.mcap', 20_000)
     output = folder / 'interrupted' / 'long.mcap'
     command = [*COMMAND, 'replay', str(flight), '-o', str(output.parent), *NODE, '--dask', address]
-    with subprocess.Popen(
-        command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with started(command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
         _wait_for(process, output)
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=300)

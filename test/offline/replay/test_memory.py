@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from support.commands import COMMAND, ENVIRONMENT, ROOT, write_flight
+from support.commands import COMMAND, ENVIRONMENT, ROOT, started, write_flight
 from support.recording_samples import START_NS, Sample, write_mcap
 
 # MVUAV_LONG_FLIGHT=60000 takes minutes.
@@ -25,7 +25,7 @@ def peak_kib(*arguments: object, status: int = 0) -> int:
     when it forked.
     """
     peaks: dict[str, int] = {}
-    with subprocess.Popen(
+    with started(
         [*COMMAND, *map(str, arguments)], env=ENVIRONMENT, cwd=ROOT, stdout=subprocess.PIPE
     ) as process:
         while process.poll() is None:

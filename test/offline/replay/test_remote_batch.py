@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.commands import COMMAND, ROOT, environment, mvuav_process, read, write_flight
+from support.commands import COMMAND, ROOT, environment, mvuav_process, read, started, write_flight
 from support.s3_server import fsspec, s3_bucket
 
 from mvuav_ros.recordings.remote import fetch, read_text
@@ -65,7 +65,7 @@ def test_two_workers_of_which_one_is_killed_in_the_middle(s3: str, tmp_path: Pat
         n_workers=2, threads_per_worker=1, dashboard_address=None, env=environment()
     ) as cluster:
         command = [*COMMAND, 'replay', *flights, '-o', out, '--dask', cluster.scheduler_address]
-        with subprocess.Popen(
+        with started(
             [*command, *NODE], env=environment(), cwd=ROOT, stderr=subprocess.PIPE, text=True
         ) as process:
             os.kill(worker_with_the_long_one(cluster), signal.SIGKILL)
