@@ -338,7 +338,7 @@ class MarkerMemory:
                 is_new = checked and marker.odds < CONFIDENCE.min_odds
                 marker.weigh((1.0 if is_new else usual) * (own - other))
             # Those that were on probation when the others went have nothing to check them.
-            left = among_others and marker.untrusted and self._was_checked
+            left = among_others and marker.untrusted and self._was_checked and len(seen) < 3
             if index not in given and not left:
                 continue
             if found_again and index in found_again:
@@ -348,7 +348,7 @@ class MarkerMemory:
                 # By fewer than two others hardly anything is known of its place.
                 known = followed or not among_others or len(firm - {index}) >= 2
                 marker.give(own if known else other, other, among_others, followed)
-        self._was_checked = checked
+        self._was_checked = len(seen) >= 3
 
 
 def _is_cut(spot: Detection, reach: float, window: Window, size: tuple[int, int]) -> bool:
