@@ -49,6 +49,7 @@ _TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
+MAX_MOVED_ERROR = 20.0  # px (1 sigma), of a marker's place by that of another and the expected turn
 _SAME_TILT = 0.2  # rad, within which two views to start from are the same
 _KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights are enough
 _MAX_TILTED = 1.2  # rad, from straight behind
@@ -231,6 +232,10 @@ def _rough_guesses(
         return []
     views = _rough_views(shape, places, prior, count - fewest)
     views = views[prior.allows(views)]
+    errors = np.zeros((len(views), count))
+    if prior.noise is not None:
+        moved, around = _moved_views(shape, places, prior)
+        views, errors = np.concatenate((views, moved)), np.concatenate((errors, around))
     if not len(views):
         return []
     cost = prior.away(views)
@@ -240,7 +245,7 @@ def _rough_guesses(
     squares = np.take_along_axis(apart, nearest[..., None], axis=2)[..., 0]
     scale = np.exp(views[:, SCALE, None])
     has = squares < (_REACH * scale) ** 2
-    squares /= (_ROUGH * scale if prior.noise is None else 3.0 * prior.noise) ** 2
+    squares /= (_ROUGH * scale if prior.noise is None else 3.0 * prior.noise) ** 2 + errors**2
     if prior.noise is not None:
         has &= squares < ABSENT
     chosen = np.flatnonzero(has.sum(axis=1) >= fewest)
@@ -284,6 +289,32 @@ def _rough_views(shape: WeakPerspective, places: Complex, prior: Prior, hidden: 
     views[:, ROLL], views[:, SCALE] = np.angle(turn), np.log(np.maximum(np.abs(turn), 1e-9))
     views[:, X], views[:, Y], views[:, FOCAL] = middle.real, middle.imag, math.log(focal)
     return views
+
+
+def _moved_views(shape: WeakPerspective, places: Complex, prior: Prior) -> tuple[Array, Array]:
+    """The expected view moved so that one marker is one of the spots, (v, 8).
+
+    Where roll, size and tilt are known well, they are so better than three spots would give them.
+
+    Returns:
+        The views, none where that is not so, and how far the other markers may be off (1 sigma,
+        px), (v, n).
+    """
+    seen, slopes = shape.linearize(prior.mean[None])
+    expected, slopes = seen.view(np.complex128)[0], slopes.view(np.complex128)[0]
+    change = slopes * prior.deviations[:, None]
+    change[[X, Y]] = 0.0
+    apart = change[:, None] - change[:, :, None]
+    errors = np.sqrt(np.square(np.abs(apart)).sum(axis=0))
+    markers, spots = np.nonzero(np.ones((len(expected), len(places))))
+    if errors.max() > MAX_MOVED_ERROR:
+        markers, spots = markers[:0], spots[:0]
+    move = places[spots] - expected[markers]
+    views = np.tile(prior.mean, (len(move), 1))
+    views[:, X] += move.real
+    views[:, Y] += move.imag
+    kept = prior.allows(views)
+    return views[kept], errors[markers[kept]]
 
 
 def _pairs(shape: WeakPerspective, places: Complex, prior: Prior) -> NDArray[np.bool_]:
