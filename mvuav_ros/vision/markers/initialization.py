@@ -144,7 +144,7 @@ def guess_body(
     """All probable ways of seeing a body in a number of spots, most probable first.
 
     Three markers are tried on all threes of spots (`MAX_CANDIDATES` at most, px without
-    distortion), in every order; the two views of each that follow say where the other markers
+    distortion), in every order; the views of each that follow say where the other markers
     are, and the best are fitted. The fewest of its markers must be among the spots, beside which
     there are so many strays per px².
     """

@@ -281,14 +281,14 @@ def views_of_three(
         may_be: which of some views (v, 8), that are about right, are worth to be worked out.
 
     Returns:
-        (v, 8), see `WeakPerspective.project`: up to two for each three. Where there is none, a view
+        (v, 8), see `WeakPerspective.project`: up to three for each three. Where there is none, a view
         that does not show the markers there.
     """
     # Markers, axes, rows: the rows last, along which all is computed.
     points = np.ascontiguousarray(shape.points[markers].transpose(1, 2, 0))
     seen = (places - complex(*shape.centre)).T / focal
     depths = _orthographic_depths(points, seen)
-    points, seen = np.concatenate((points, points), axis=2), np.concatenate((seen, seen), axis=1)
+    points, seen = np.tile(points, 3), np.tile(seen, 3)
     if may_be is not None:
         kept = may_be(_views_at(shape, points, seen, depths, focal))
         if not kept.any():
@@ -330,9 +330,10 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _orthographic_depths(points: Array, seen: Complex) -> Array:
-    """Depths (3, 2 t) of points (3, 3, t) seen (3, t) about from behind, by Alter's solution.
+    """Depths (3, 3 t) of points (3, 3, t) seen (3, t) about from behind.
 
-    The second half of them is the mirror image of the first half.
+    Alter's solution, its mirror image, and what lies between: where three are seen from nearly
+    straight above, perspective has more than two solutions.
     """
     edges = points[1:] - points[0]
     first, second = (edges * edges).sum(axis=1)
@@ -352,8 +353,8 @@ def _orthographic_depths(points: Array, seen: Complex) -> Array:
     q = np.sqrt(np.maximum(squared * second - v_squared, 0.0))
     q = np.where(squared * between >= across, q, -q)
     away = np.array((0.0 * p, p, q))
-    away = np.maximum(1.0 + np.concatenate((away, -away), axis=1), _MIN_DEPTH)
-    return np.asarray(away / np.tile(np.sqrt(squared), 2))
+    away = np.maximum(1.0 + np.concatenate((away, -away, 0.0 * away), axis=1), _MIN_DEPTH)
+    return np.asarray(away / np.tile(np.sqrt(squared), 3))
 
 
 def _perspective_depths(points: Array, seen: Complex, depths: Array) -> Array:
