@@ -235,7 +235,7 @@ class IdentityTracker:
         assert self._body is not None
         memory = self._body[1]
         # Where other lights are about, some three of all nearly always look like three markers.
-        if len(search.reacquired) >= FAULTS.min_agreeing or not self._clutter.is_about:
+        if not self._clutter.is_about:
             memory.trust(search.reacquired)
         expected = self._in_image(search.expected(search.missing))
         others = self._clutter.is_about or not self._is_redundant

@@ -240,7 +240,7 @@ class Search:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
                 self._name_joined()
-        if len(self.found.keys() - self._doubtful) < FAULTS.min_firm:
+        if len(self.found.keys() - self._doubtful - self.given) < FAULTS.min_firm:
             self._find_again()
         self._check()
         self.alone = {
@@ -356,7 +356,7 @@ class Search:
         if is_firm:
             fewest = max(fewest, len(self.found))
         again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
-        if again is None or (is_firm and not self._is_better(again)):
+        if again is None or (self.found and not self._is_better(again)):
             return
         shape = older.shape
         if shape.offsets is not None and len(again.lights) == count:
