@@ -343,8 +343,8 @@ class Search:
     def _find_otherwise(self, frame: Lights, older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view.
 
-        While enough names are firm it must name two markers more, or one and show that one of those
-        names is wrong.
+        Where names were found it must name two markers more, or one and show that one of those
+        names is wrong; and the odds of its names must exceed theirs.
         """
         count = len(self._markers)
         lights = frame.candidates(count)
@@ -367,11 +367,14 @@ class Search:
         self.found, self.suspects, self.reacquired = dict(again.lights), set(), again.odds
 
     def _is_better(self, again: Again) -> bool:
+        """Whether a body says more of the lights than the names found so far."""
         is_other = any(
             marker not in again.lights or not are_close(again.lights[marker], light, SAME_SPOT)
             for marker, light in self.found.items()
         )
-        return len(again.lights) - len(self.found) > (0 if is_other else 1)
+        if len(again.lights) - len(self.found) <= (0 if is_other else 1):
+            return False
+        return sum(again.odds.values()) > sum(self._markers[marker].odds for marker in self.found)
 
     def _check(self) -> None:
         """Take back names that the others contradict, those given in this frame first."""

@@ -32,16 +32,16 @@ def random_views(count, seed):
 
 
 def errors(shape, triple, truth):
-    """How far the nearer of each pair of views shows the markers from where they are, px."""
+    """How far the nearest of the three views of each triple shows the markers from where they are, px."""
     seen = shape.project(truth)
     places = seen[:, list(triple), 0] + 1j * seen[:, list(triple), 1]
     markers = np.tile(triple, (len(places), 1))
     found = shape.project(views_of_three(shape, markers, places, FOCAL))
-    apart = np.abs(found.reshape(2, *seen.shape) - seen).max(axis=(2, 3))
+    apart = np.abs(found.reshape(3, *seen.shape) - seen).max(axis=(2, 3))
     return apart.min(axis=0)
 
 
-def test_one_of_both_views_is_the_one_from_which_three_markers_were_seen():
+def test_one_of_the_views_is_the_one_from_which_three_markers_were_seen():
     shape = WeakPerspective.of(TANKER_747, LENS)
     (triangle,) = shape.triangles(0)
     assert triangle == (0, 2, 4)
