@@ -94,7 +94,9 @@ class FaultDetector:
         if last is not None and last[1].before is self.views.means and last[0] == key:
             return last[1:]
         untrusted = self.untrusted.intersection(found)
-        if len(found) - len(untrusted) < TUNING.min_firm:
+        # Of three lights one may be another one; it would bend the view unseen.
+        fewest = TUNING.min_firm - (len(found) == TUNING.min_firm)
+        if len(found) - len(untrusted) < fewest:
             untrusted.clear()
         ignored = self.doubtful if len(found) < TUNING.min_agreeing else ()
         correction = self.views.correct(found, untrusted, ignored)
