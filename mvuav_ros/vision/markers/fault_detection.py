@@ -94,8 +94,9 @@ class FaultDetector:
         if last is not None and last[1].before is self.views.means and last[0] == key:
             return last[1:]
         untrusted = self.untrusted.intersection(found)
-        # Of three lights one may be another one; it would bend the view unseen.
-        fewest = TUNING.min_firm - (len(found) == TUNING.min_firm)
+        count = len(self.views.shape.points)
+        # Of three lights of a larger body one may be another one; it would bend the view unseen.
+        fewest = TUNING.min_firm - (len(found) == TUNING.min_firm < count)
         if len(found) - len(untrusted) < fewest:
             untrusted.clear()
         ignored = self.doubtful if len(found) < TUNING.min_agreeing else ()

@@ -240,7 +240,9 @@ class Search:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
                 self._name_joined()
-        if len(self.found.keys() - self._doubtful - self.given) < FAULTS.min_firm:
+        # Of three markers no two say where the third one is.
+        new = self.given if len(self._markers) > FAULTS.min_firm else set()
+        if len(self.found.keys() - self._doubtful - new) < FAULTS.min_firm:
             self._find_again()
         self._check()
         self.alone = {
@@ -356,7 +358,8 @@ class Search:
         if is_firm:
             fewest = max(fewest, len(self.found))
         again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
-        if again is None or (self.found and not self._is_better(again)):
+        holds = is_firm or (self.found and count > FAULTS.min_firm)
+        if again is None or (holds and not self._is_better(again)):
             return
         shape = older.shape
         if shape.offsets is not None and len(again.lights) == count:
