@@ -335,6 +335,9 @@ class Search:
             self.reacquired = again.odds
             self._free = lights
             self._take(dict(again.lights))
+            away = max(self.faults.nis_of(places_of(self.found)).values())
+            if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
+                self._begin(self.views.shape, again)
             self._name_clear()
 
     @property
@@ -365,9 +368,13 @@ class Search:
         if shape.offsets is not None and len(again.lights) == count:
             places = np.array(list(places_of(again.lights).values()))
             shape = shape.with_offsets(again.view, places)
+        self.found, self.suspects, self.reacquired = dict(again.lights), set(), again.odds
+        self._begin(shape, again)
+
+    def _begin(self, shape: WeakPerspective, again: Again) -> None:
+        """Follow a body that was found again from where it is: the filter has lost it."""
         self.views = ViewFilter(shape, again.view, self.views.time, self.views)
         self.faults, self._view = FaultDetector(self.views), self.views.view
-        self.found, self.suspects, self.reacquired = dict(again.lights), set(), again.odds
 
     def _is_better(self, again: Again) -> bool:
         """Whether a body says more of the lights than the names found so far."""
