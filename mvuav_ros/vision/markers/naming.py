@@ -220,6 +220,15 @@ class Search:
         return self.found.keys() - set(self._known)
 
     @property
+    def _firm(self) -> int:
+        """How many names are in no doubt: those from before, unless all markers have theirs."""
+        firm = self.found.keys() - self._doubtful
+        # Of three markers no two say where the third one is.
+        if len(firm) == len(self._markers) or len(self._markers) <= FAULTS.min_firm:
+            return len(firm)
+        return len(firm - self.given)
+
+    @property
     def missing(self) -> list[int]:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
@@ -240,9 +249,7 @@ class Search:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
                 self._name_joined()
-        # Of three markers no two say where the third one is.
-        new = self.given if len(self._markers) > FAULTS.min_firm else set()
-        if len(self.found.keys() - self._doubtful - new) < FAULTS.min_firm:
+        if self._firm < FAULTS.min_firm:
             self._find_again()
         self._check()
         self.alone = {
