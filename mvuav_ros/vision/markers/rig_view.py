@@ -259,6 +259,7 @@ def possible(parameters: Array) -> Array:
 
 _THREE_PAIRS = ((0, 1), (0, 2), (1, 2))
 _DEPTH_ITERATIONS = 6
+_FLAT = 0.3  # Of a rig's size: depths of three seen from nearly straight above differ by less
 _MAX_DEPTH_STEP = 0.3
 """Of a depth, by its own length."""
 _MIN_DEPTH = 0.3  # Least distance of a marker over that of the first one, to begin with
@@ -287,8 +288,8 @@ def views_of_three(
     # Markers, axes, rows: the rows last, along which all is computed.
     points = np.ascontiguousarray(shape.points[markers].transpose(1, 2, 0))
     seen = (places - complex(*shape.centre)).T / focal
-    depths = _orthographic_depths(points, seen)
-    points, seen = np.tile(points, 3), np.tile(seen, 3)
+    depths, rows = _orthographic_depths(points, seen)
+    points, seen = points[..., rows], seen[:, rows]
     if may_be is not None:
         kept = may_be(_views_at(shape, points, seen, depths, focal))
         if not kept.any():
@@ -329,11 +330,11 @@ def _cross(a: Array, b: Array) -> Array:
     )
 
 
-def _orthographic_depths(points: Array, seen: Complex) -> Array:
-    """Depths (3, 3 t) of points (3, 3, t) seen (3, t) about from behind.
+def _orthographic_depths(points: Array, seen: Complex) -> tuple[Array, NDArray[np.intp]]:
+    """Depths (3, v) of points (3, 3, t) seen (3, t) about from behind, and whose they are, (v,).
 
-    Alter's solution, its mirror image, and what lies between: where three are seen from nearly
-    straight above, perspective has more than two solutions.
+    Alter's solution and its mirror image, and what lies between where three are seen from nearly
+    straight above: there perspective has more than two solutions.
     """
     edges = points[1:] - points[0]
     first, second = (edges * edges).sum(axis=1)
@@ -353,8 +354,10 @@ def _orthographic_depths(points: Array, seen: Complex) -> Array:
     q = np.sqrt(np.maximum(squared * second - v_squared, 0.0))
     q = np.where(squared * between >= across, q, -q)
     away = np.array((0.0 * p, p, q))
-    away = np.maximum(1.0 + np.concatenate((away, -away, 0.0 * away), axis=1), _MIN_DEPTH)
-    return np.asarray(away / np.tile(np.sqrt(squared), 3))
+    every, flat = np.arange(len(squared)), np.flatnonzero(np.abs(away).max(axis=0) < _FLAT)
+    rows = np.concatenate((every, every, flat))
+    away = np.concatenate((away, -away, np.zeros((3, len(flat)))), axis=1)
+    return np.maximum(1.0 + away, _MIN_DEPTH) / np.sqrt(squared)[rows], rows
 
 
 def _perspective_depths(points: Array, seen: Complex, depths: Array) -> Array:

@@ -32,13 +32,13 @@ def random_views(count, seed):
 
 
 def errors(shape, triple, truth):
-    """How far the nearest of the three views of each triple shows the markers from where they are, px."""
-    seen = shape.project(truth)
-    places = seen[:, list(triple), 0] + 1j * seen[:, list(triple), 1]
-    markers = np.tile(triple, (len(places), 1))
-    found = shape.project(views_of_three(shape, markers, places, FOCAL))
-    apart = np.abs(found.reshape(3, *seen.shape) - seen).max(axis=(2, 3))
-    return apart.min(axis=0)
+    """How far the nearest of a triple's views shows the markers from where they are, px."""
+    nearest = []
+    for seen in shape.project(truth):
+        places = seen[None, list(triple), 0] + 1j * seen[None, list(triple), 1]
+        found = shape.project(views_of_three(shape, np.array([triple]), places, FOCAL))
+        nearest.append(np.abs(found - seen).max(axis=(1, 2)).min())
+    return np.array(nearest)
 
 
 def test_one_of_the_views_is_the_one_from_which_three_markers_were_seen():
