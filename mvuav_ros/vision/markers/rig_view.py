@@ -282,8 +282,8 @@ def views_of_three(
         may_be: which of some views (v, 8), that are about right, are worth to be worked out.
 
     Returns:
-        (v, 8), see `WeakPerspective.project`: up to three for each three. Where there is none, a view
-        that does not show the markers there.
+        (v, 8), see `WeakPerspective.project`: up to three for each three. Where there is none, a
+        view that does not show the markers there.
     """
     # Markers, axes, rows: the rows last, along which all is computed.
     points = np.ascontiguousarray(shape.points[markers].transpose(1, 2, 0))
