@@ -16,7 +16,8 @@ def show_roll(message: Vector3Stamped) -> None:
 
 def show_pose(message: PoseWithCovarianceStamped) -> None:
     """The tanker, from the camera."""
-    printed.append(print(f'{message.pose.pose.position.z:.1f} m ahead', flush=True))
+    place = message.pose.pose.position
+    printed.append(print(f'distance {math.hypot(place.x, place.y, place.z):.1f} m', flush=True))
 
 
 try:
@@ -29,7 +30,6 @@ try:
     rclpy.try_shutdown()
 except KeyboardInterrupt:
     pass
-except Exception:
-    # After Ctrl-C or kill rclpy's calls fail, each in its own way.
+except Exception:  # After Ctrl-C or kill rclpy's calls fail, each in its own way.
     if rclpy.ok():
         raise
