@@ -324,6 +324,7 @@ class MarkerMemory:
         """
         usual = CONFIDENCE.share * evidence.redundancy
         checked = len(seen) >= FAULTS.min_agreeing
+        few = len(seen) < FAULTS.min_firm
         # What four and more agree on, another light would contradict.
         among_others = others and not checked
         firm: set[int] = set()
@@ -338,7 +339,7 @@ class MarkerMemory:
                 is_new = checked and marker.odds < CONFIDENCE.min_odds
                 marker.weigh((1.0 if is_new else usual) * (own - other))
             # Those that were on probation when the others went have nothing to check them.
-            left = among_others and marker.untrusted and self._was_checked and len(seen) < 3
+            left = among_others and marker.untrusted and self._was_checked and few
             if index not in given and not left:
                 continue
             if found_again and index in found_again:
@@ -348,7 +349,7 @@ class MarkerMemory:
                 # By fewer than two others hardly anything is known of its place.
                 known = followed or not among_others or len(firm - {index}) >= 2
                 marker.give(own if known else other, other, among_others, followed)
-        self._was_checked = len(seen) >= 3
+        self._was_checked = not few
 
 
 def _is_cut(spot: Detection, reach: float, window: Window, size: tuple[int, int]) -> bool:

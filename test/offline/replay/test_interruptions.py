@@ -75,7 +75,7 @@ def test_processes_end_with_their_parent(flight: Path, tmp_path: Path) -> None:
         size = out.stat().st_size
         time.sleep(1.0)
     stamps, _ = results(out)
-    assert 0 < len(stamps) < FRAMES
+    assert 0 < len(stamps) < 20_000
 
 
 def test_killed_replay_leaves_what_was_handed_to_the_file(flight: Path, tmp_path: Path) -> None:
