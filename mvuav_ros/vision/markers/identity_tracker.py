@@ -18,6 +18,7 @@ from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.initialization import (
     Attempts,
     Named,
+    Trial,
     initialize,
 )
 from mvuav_ros.vision.markers.lights import (
@@ -26,6 +27,7 @@ from mvuav_ros.vision.markers.lights import (
     Lens,
     Light,
     Lights,
+    places_of,
     straightened,
 )
 from mvuav_ros.vision.markers.marker_memory import PROBATION, Expectation, MarkerMemory
@@ -41,6 +43,7 @@ from mvuav_ros.vision.markers.marker_results import (
 )
 from mvuav_ros.vision.markers.naming import SAME_SPOT, Clutter, Search
 from mvuav_ros.vision.markers.rig_view import Array, WeakPerspective
+from mvuav_ros.vision.markers.view_correction import Point
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -138,6 +141,7 @@ class IdentityTracker:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
         self._attempts = Attempts()
+        self._trial: Trial | None = None  # of a body that is not what its rig says
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame, of a later time (s) than the last one."""
@@ -181,6 +185,8 @@ class IdentityTracker:
         memory = MarkerMemory(frame.time, list(named.lights.values()), probation)
         views = self._filter_of(named, frame.time)
         self._body = FaultDetector(views), memory
+        if not named.fits:
+            self._trial = Trial(self._shape, views.view, places_of(named.lights))
         self._is_sure = True  # whether four firm names agreed in the newest frame
         spots = {index: light.seen for index, light in named.lights.items()}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
@@ -208,6 +214,8 @@ class IdentityTracker:
         faults.doubtful = memory.doubtful
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
+            if self._trial is not None and self._trial.is_refuted(named):
+                return self._give_up()
             memory.weigh(spots, faults.evidence(named))
             faults.commit(named)
             self._is_sure = True
@@ -225,8 +233,19 @@ class IdentityTracker:
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
             return self._report.nothing('no marker in view')
+        if self._trial is not None:
+            agreeing = {m: light for m, light in search.found.items() if m not in search.suspects}
+            contradicted = bool(consensus.dropped or consensus.suspects)
+            if self._trial.is_refuted(places_of(agreeing), contradicted):
+                return self._give_up()
         memory.trust_again(doubted, search.alone)
         return self._conclude(frame, search, windows, status)
+
+    def _give_up(self) -> MarkerResult:
+        """Forget a body that was none."""
+        self._start_again()
+        self._attempts.was_wrong = True
+        return self._report.nothing('the lights are not those of one body')
 
     def _conclude(
         self, frame: Frame, search: Search, windows: list[Window], status: str

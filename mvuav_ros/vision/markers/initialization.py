@@ -33,7 +33,7 @@ from mvuav_ros.vision.markers.rig_view import (
     Y,
     views_of_three,
 )
-from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
+from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, Point
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ANY_ROLL = 1.6  # rad, 1 sigma: at the start an upright body is likelier than one upside down
@@ -366,7 +366,7 @@ SURE_AT_START = -13.0
 """Logarithm of the odds of a body among other lights, against none being there, from which on one
 frame is believed. Its place and size are free: that they may be anything costs 11 more than that
 they are those of some body in the image."""
-SAME_MISFIT = (0.2, 0.25)
+SAME_MISFIT = (0.2, 0.2)
 """px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
 that of a light that is no marker does not."""
 
@@ -452,6 +452,9 @@ class Attempts:
     _lights: int = 0
     _first_misfit: float = 0.0
     _is_odd: bool = False  # whether one of the lights may well have been another one meanwhile
+    # Whether a body was followed that was none: one that is not what its rig says must be seen
+    # alike in enough frames from then on.
+    was_wrong: bool = False
 
     def due(self, lights: int) -> bool:
         """Whether to try in this frame: another number of lights may be what was waited for."""
@@ -465,7 +468,7 @@ class Attempts:
 
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""
-        odd = named.odd or self._is_odd
+        odd = named.odd or self._is_odd or (self.was_wrong and not named.fits)
         return (named.certain and not odd) or self.agreed >= (CONFIRMED_ODD if odd else CONFIRMED)
 
     def succeed(self, named: Named) -> bool:
@@ -486,3 +489,40 @@ class Attempts:
             self._first_misfit = named.view.misfit
         self.last = named.lights
         return alike
+
+
+class Trial:
+    """A body that is followed and not what its rig says: measured badly, or lights of others.
+
+    The former goes on to differ from its rig as it did; the latter do not.
+    """
+
+    def __init__(self, shape: WeakPerspective, view: ViewState, found: Mapping[int, Point]) -> None:
+        """Begin with all markers, px without distortion, in a view fitted to them."""
+        self._shape, self._view, self._left = shape, view, CONFIRMED_ODD
+        self._first = self._misfit(found)
+
+    def is_refuted(self, found: Mapping[int, Point], contradicted: bool = False) -> bool:
+        """Whether it is none, by the markers found, of which some contradicted the others before.
+
+        Once all were seen alike in enough frames it is one.
+        """
+        if self._left == 0:
+            return False
+        if len(found) < len(self._shape.points):
+            return contradicted
+        self._left -= 1
+        least = SAME_MISFIT[0] / self._view.scale
+        return abs(self._misfit(found) - self._first) > least + SAME_MISFIT[1] * self._first
+
+    def _misfit(self, found: Mapping[int, Point]) -> float:
+        """Of a view by these alone, in units of the body's size."""
+        before = Prior.at_start(self._shape)
+        mean = before.mean.copy()
+        mean[SCALE] = self._view.parameters[SCALE]
+        belief = Belief(mean[None], np.diag(before.deviations**2)[None])
+        variance = (0.3 + MODEL_ERROR * self._view.scale) ** 2
+        noise, start = np.full((1, 2 * len(found)), variance), self._view.parameters[None]
+        named = NamedPlaces.of(found)
+        self._view = Correction.of(self._shape, belief, named, noise, variance, start).view()
+        return self._view.misfit / self._view.scale

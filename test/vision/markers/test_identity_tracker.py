@@ -17,6 +17,7 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.initialization import Attempts
 from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.rig import TANKER_747
 from mvuav_thesis.identity_runs import IdentityTask, fly_names
 from mvuav_thesis.light_flights import LightFlight, LightScene
 
@@ -159,6 +160,28 @@ def test_the_thesiss_assumption_where_the_layout_does_not_tell():
     for step in range(5):
         result = pipeline.process(Image(draw(places + step), 'mono8'), step * 33_000_000)
         assert [m.x for m in result.markers] == pytest.approx(places[:, 0] + step, abs=0.2)
+
+
+def test_a_light_among_those_of_a_first_frame_that_is_no_marker():
+    """Before a camera that is not calibrated, nearly any five lights may be those of some body."""
+    x, y, z = TANKER_747.positions.T
+    own = np.column_stack((320.0 - 300.0 * y / (60.0 + x), 240.0 - 300.0 * z / (60.0 + x)))
+    pipeline = MarkerTracker()
+    wrong = 0
+    for step in range(40):
+        places = own.copy()
+        if step < 15:
+            # The rudder's is hidden, and another light comes by.
+            places[2] += (12.0 + 2.0 * step, -6.0)
+        result = pipeline.process(Image(draw(places), 'mono8'), step * 33_000_000)
+        rudder = result.markers[2]
+        if step < 15:
+            wrong += rudder.state is DETECTED
+        elif step > 15:
+            seen = [(marker.x, marker.y) for marker in result.markers]
+            assert np.array(seen) == pytest.approx(own, abs=0.3), step
+    # One frame cannot show it.
+    assert 0 < wrong <= 3
 
 
 def test_colour_and_a_small_frame():
