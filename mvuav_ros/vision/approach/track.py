@@ -327,6 +327,8 @@ class RunwayTrack(FollowedStrip):
         if self.locked:
             strip = self.strip()
             self._measure(view, strip, strip[1] + strip[4:6], weighed=True)
+            in_place = 0.0 if self.points is None else self.kinds.share(self.kinds.likeliest)
+            self.agreement += self._memory * (in_place - self.agreement)
             self._see_ends(view)
         else:
             seen = self._weigh(view, share)
@@ -344,7 +346,7 @@ class RunwayTrack(FollowedStrip):
         """Near the ground everything around a runway has straight edges, too."""
         exact = self.kinds.share(EdgeKind.STEP, EdgeKind.LINE)
         near = _width(self.strip()) > TRACK.lock_width and self.age > TRACK.lock_age
-        likely = confidence_weights().runway_odds(self.report) > 0.0
+        likely = self.confidence * (1.0 + self.other_edges) > 0.5
         begins = near and likely and exact > TRACK.lock_share
         self.locked = begins or (self.locked and exact > TRACK.unlock_share)
 
