@@ -10,7 +10,6 @@ from typing import Any
 from mvuav_ros.vision.approach import track, tuning
 from mvuav_ros.vision.approach.attitude import HorizonFinder
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
-from mvuav_ros.vision.approach.search import LevelledImage
 from mvuav_ros.vision.approach.side_lines import SideLines
 from mvuav_ros.vision.approach.strip_edges import EdgeLook
 
@@ -21,7 +20,6 @@ def _returns(value: Any) -> Callable[..., Any]:
 
 WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'overlays': [(Overlaid, 'take', _returns(None))],
-    'tracks hidden by overlays': [(LevelledImage, 'share_hidden', _returns(0.0))],
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
     'horizon in the image': [(HorizonFinder, 'find', _returns(None))],

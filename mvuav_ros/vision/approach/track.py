@@ -227,9 +227,11 @@ class RunwayTrack(FollowedStrip):
 
     Attributes:
         moved: frames that differed from the one before.
-        distinct: share of the last frames in which the edges are clear lines or colours.
+        distinct: share of the last frames in which the edges are clear lines or colours, or
+            steps where lines are not looked for.
         shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
-        agreement: probability of the strips that are where the mean is.
+        agreement: probability of the strips that are where the mean is; of the kind by which
+            the edges are measured while it is locked.
         locked: it is followed by its edges alone.
         attitude: the horizon is known from a sensor.
         above_horizon: it lies above a horizon that has been known for longer.
@@ -327,6 +329,8 @@ class RunwayTrack(FollowedStrip):
         if self.locked:
             strip = self.strip()
             self._measure(view, strip, strip[1] + strip[4:6], weighed=True)
+            in_place = 0.0 if self.points is None else self.kinds.share(self.kinds.likeliest)
+            self.agreement += self._memory * (in_place - self.agreement)
             self._see_ends(view)
         else:
             seen = self._weigh(view, share)
@@ -344,7 +348,7 @@ class RunwayTrack(FollowedStrip):
         """Near the ground everything around a runway has straight edges, too."""
         exact = self.kinds.share(EdgeKind.STEP, EdgeKind.LINE)
         near = _width(self.strip()) > TRACK.lock_width and self.age > TRACK.lock_age
-        likely = confidence_weights().runway_odds(self.report) > 0.0
+        likely = self.confidence > TRACK.lock_confidence
         begins = near and likely and exact > TRACK.lock_share
         self.locked = begins or (self.locked and exact > TRACK.unlock_share)
 
@@ -402,8 +406,9 @@ class RunwayTrack(FollowedStrip):
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
         if weighed:
             self.kinds.take_in(evidence)
-            seen = EdgeKind.STEP if self._look.coloured else EdgeKind.LINE
-            distinct = measured.get(EdgeKind.LINE) or measured.get(seen)
+            # Where the runway is too wide for lines to be looked for, steps must do.
+            plain = self._look.coloured or width >= LINES.max_width
+            distinct = measured.get(EdgeKind.LINE) or (plain and measured.get(EdgeKind.STEP))
             self.distinct += self._memory * (bool(distinct) - self.distinct)
         self.points = measured.get(self.kinds.likeliest)
         if self.points is not None:

@@ -184,3 +184,24 @@ def test_a_camera_that_looks_down_needs_no_horizon():
         found.append(worst_of(result, frame.truth) < 32.0)
     assert sum(found) >= 0.9 * len(found)
     assert all(found[-5:])
+
+
+def test_a_camera_that_looks_down_without_attitude():
+    """The markings within the runway have plain edges, too, and fill the frame sooner."""
+    settings = RunwaySettings(frames=1000, seed=100, camera_pitch_deg=31.0, shake=2)
+    flight = RunwayFlight(settings)
+    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach'))
+    over_threshold = int(settings.start_distance / settings.speed * settings.fps)
+    right = wrong = 0
+    for number, index in enumerate(range(over_threshold - 65, over_threshold + 75)):
+        frame = flight.frame(index)
+        result = pipeline.process(frame.image.pixels, frame.stamp_ns)
+        if number < WARM_UP or result.corners is None:
+            continue
+        left, right_edge = frame.truth.lines[:2]
+        ends = (left.x1, right_edge.x1), (left.x2, right_edge.x2)
+        allowed = max(3.0, *(0.05 * abs(b - a) for a, b in ends))
+        is_right = worst_of(result, frame.truth) <= allowed
+        right, wrong = right + is_right, wrong + (not is_right)
+    assert right >= 0.6 * (140 - WARM_UP)
+    assert wrong <= 0.02 * (140 - WARM_UP)

@@ -56,6 +56,16 @@ def test_a_doubtful_strip_is_followed_by_its_edges_alone_if_lines_speak_for_it(l
     assert track.locked == bool(lines)
 
 
+@pytest.mark.parametrize('agreement', [0.1, 0.95])
+def test_a_runway_whose_place_is_doubtful_is_not_followed_by_its_edges_alone(agreement):
+    track = RunwayTrack(STRIP, 3.0)
+    track.age, track.moved, track.agreement = 30, 30, agreement
+    for _ in range(30):
+        track.kinds.take_in({EdgeKind.STEP: 6.0})
+    track._lock()
+    assert track.locked == (agreement > 0.5)
+
+
 def test_a_strip_on_its_side_is_none():
     assert np.isnan(turn_strips(STRIP[None], LEVEL, BANKED)).all()
     (there,) = turn_strips(STRIP[None], LEVEL, Derotation(320, 240, 1, 0.1))
