@@ -56,6 +56,15 @@ STEEP: dict[str, dict[str, Any]] = {
 }
 """The camera looks down: no horizon is in view, and the runway reaches the top."""
 STEEP_CHECK = tuple(name for name in STEEP if 'pitch 32' in name or 'pitch 30' in name)
+LOOKING_DOWN: dict[str, dict[str, Any]] = {
+    'pitch 26': {'camera_pitch_deg': 26.0},
+    'low pass, pitch 30': {'camera_pitch_deg': 30.0, 'motion': 'low_pass'},
+    'slabs, pitch 29, shaken': {'camera_pitch_deg': 29.0, 'shake': 2},
+    'pitch 31, shaken': {'camera_pitch_deg': 31.0, 'shake': 2},
+    'pitch 33, shaken': {'camera_pitch_deg': 33.0, 'shake': 2},
+}
+"""The same with several seeds each, whose pitch differs by up to 1.2 degrees."""
+TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(110, 115)
 FLIGHT_FRAMES = 275
 
 
@@ -104,8 +113,29 @@ class SlabFlight(BankedFlight):
 
 def simulated(name: str, step: int, cache: Path | None) -> Row:
     """A simulated flight down to 20 m before the runway; within 3 px of the true ends."""
-    kind = SlabFlight if name.startswith('slabs') else BankedFlight
-    flight = kind(RunwaySettings(frames=1000, **(FLIGHTS | STEEP).get(name, {'seed': 21})))
+    return of_flight(name, (FLIGHTS | STEEP).get(name, {'seed': 21}), step, cache)
+
+
+def looking_down(name: str, seeds: range, step: int, cache: Path | None) -> Row:
+    """Several flights with a camera that looks down, each without its first frames."""
+    plain = name.removesuffix(', attitude')
+    rows = []
+    for seed in seeds:
+        settings = {**LOOKING_DOWN[plain], 'seed': seed}
+        settings['camera_pitch_deg'] += 0.3 * (seed % 5)
+        flown = name.replace(plain, f'looking down, {plain}, seed {seed}')
+        rows.append(of_flight(flown, settings, step, cache))
+    frames = [frame for row in rows for frame in row.frames[row.warm_up :]]
+    row = Row(f'{name}, seeds {seeds[0]} to {seeds[-1]}', frames, warm_up=0)
+    for time in ('first_ms', 'later_ms', 'opencv_ms'):
+        setattr(row, time, float(np.mean([getattr(each, time) for each in rows])))
+    return row
+
+
+def of_flight(name: str, given: dict[str, Any], step: int, cache: Path | None) -> Row:
+    """The row of a flight with settings; its name says what is drawn, and whether attitude is."""
+    kind = SlabFlight if 'slabs' in name else BankedFlight
+    flight = kind(RunwaySettings(frames=1000, **given))
     flight.bank_deg = BANKS.get(name, 0.0)
     settings = flight.settings
     row, detector = Row(f'simulated {name}'), Timed(settings.runway_width)
@@ -116,7 +146,8 @@ def simulated(name: str, step: int, cache: Path | None) -> Row:
     last = int((settings.start_distance - 20) / settings.speed * settings.fps)
     errors = []
     frames = range(last - FLIGHT_FRAMES, last, step)
-    if name in STEEP:
+    looks_down = name in STEEP or name.startswith('looking down')
+    if looks_down:
         # Of the near end until the far one comes into view.
         frames = range(last - 50, last + 150, step)
     for index in frames:
@@ -124,9 +155,11 @@ def simulated(name: str, step: int, cache: Path | None) -> Row:
         attitude = None
         if name in BANKS or name.endswith('attitude'):
             attitude = Attitude(*measured_attitude(truth.pose, settings.seed, index))
-        result = detector.process(drawn(flight, name, index, cache), attitude)
+        result = detector.process(
+            drawn(flight, name.removesuffix(', attitude'), index, cache), attitude
+        )
         worst, allowed = 0.0, 3.0
-        if name in STEEP:
+        if looks_down:
             # As labelled flights are judged: near by, the runway is as wide as the frame.
             left, right = truth.lines[:2]
             ends = (left.x1, right.x1), (left.x2, right.x2)

@@ -20,7 +20,17 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from approach_flights import BANKS, FLIGHTS, STEEP, STEEP_CHECK, simulated
+from approach_flights import (
+    BANKS,
+    CHECK_SEEDS,
+    FLIGHTS,
+    LOOKING_DOWN,
+    STEEP,
+    STEEP_CHECK,
+    TUNED_SEEDS,
+    looking_down,
+    simulated,
+)
 from approach_mechanisms import WITHOUT, switch_off
 from approach_rows import HEADER, Frame, Row, Timed, judged
 from approach_variants import PLAIN, VARIANTS, Variant
@@ -285,6 +295,12 @@ def jobs(options: argparse.Namespace) -> Iterator[Job]:
         name = f'simulated {flight}'
         one = partial(simulated, flight, step, options.cache)
         yield Job('no horizon', name, flight in STEEP_CHECK, lambda one=one: [one()])
+    for flight in LOOKING_DOWN:
+        for check, seeds in ((False, TUNED_SEEDS), (True, CHECK_SEEDS)):
+            for given in ('', ', attitude'):
+                several = partial(looking_down, flight + given, seeds, step, options.cache)
+                name = f'looking down, {flight}{given}'
+                yield Job('looking down', name, check, lambda several=several: [several()])
 
 
 def summary(rows: list[Row]) -> Iterator[str]:
