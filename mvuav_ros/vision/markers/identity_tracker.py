@@ -43,7 +43,6 @@ from mvuav_ros.vision.markers.marker_results import (
 )
 from mvuav_ros.vision.markers.naming import SAME_SPOT, Clutter, Search
 from mvuav_ros.vision.markers.rig_view import Array, WeakPerspective
-from mvuav_ros.vision.markers.view_correction import Point
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
