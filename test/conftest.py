@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-from support.places import SHARED
+from support.places import FOOTAGE, SHARED
 
 # An example that takes long says something about the machine, not about us.
 settings.register_profile(
@@ -13,8 +13,7 @@ settings.register_profile(
 settings.load_profile('any machine')
 
 
-def _shared(name: str) -> Path:
-    path = SHARED / name
+def _there(path: Path) -> Path:
     if not path.exists():
         pytest.skip(f'{path} is not on this machine')
     return path
@@ -22,4 +21,4 @@ def _shared(name: str) -> Path:
 
 @pytest.fixture(scope='session')
 def footage() -> Path:
-    return _shared('footage')
+    return _there(FOOTAGE)
