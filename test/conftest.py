@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-from support.places import FOOTAGE, SHARED
+from support.places import FOOTAGE
 
 # An example that takes long says something about the machine, not about us.
 settings.register_profile(
@@ -13,12 +13,8 @@ settings.register_profile(
 settings.load_profile('any machine')
 
 
-def _there(path: Path) -> Path:
-    if not path.exists():
-        pytest.skip(f'{path} is not on this machine')
-    return path
-
-
 @pytest.fixture(scope='session')
 def footage() -> Path:
-    return _there(FOOTAGE)
+    if not FOOTAGE.exists():
+        pytest.skip(f'{FOOTAGE} is not on this machine')
+    return FOOTAGE
