@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -37,6 +38,12 @@ Method = Literal['fork', 'spawn']
 """Forking is quick, but right only where the parent has no threads of its own or OpenCV's."""
 
 _PARENT_LOOK = 1.0
+
+
+def quick_method() -> Method:
+    """Forking, unless this process has threads of Python: what they hold stays locked in a fork."""
+    # Those that `threading` does not know of as well.
+    return 'fork' if len(sys._current_frames()) == 1 else 'spawn'
 
 
 class ProcessDiedError(Exception):

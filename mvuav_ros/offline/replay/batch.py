@@ -17,7 +17,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
 import mvuav_ros
-from mvuav_ros.offline.processes import Method, TaskProgress, run_in_processes
+from mvuav_ros.offline.processes import Method, TaskProgress, quick_method, run_in_processes
 from mvuav_ros.offline.replay.job import (
     JobProgress,
     ReplayJob,
@@ -106,7 +106,7 @@ def run_jobs(jobs: Sequence[ReplayJob], at_once: int, stop: Stop) -> Generator[E
     """
     # Forked, as importing everything anew takes a second; but fsspec may have begun a thread.
     remote = any(is_url(job.source) or is_url(job.output) for job in jobs)
-    method: Method = 'spawn' if remote else 'fork'
+    method: Method = 'spawn' if remote else quick_method()
     for message in run_in_processes(attempt, jobs, at_once, stop, method=method):
         if isinstance(message, TaskProgress):
             yield message.number, message.message
