@@ -104,7 +104,7 @@ def run_jobs(jobs: Sequence[ReplayJob], at_once: int, stop: Stop) -> Generator[E
     Yields:
         Each job's progress and, at its end, its outcome.
     """
-    # Forked, as importing everything anew takes a second; but fsspec may have begun a thread.
+    # Forked if possible, as importing everything anew takes a second; fsspec may begin a thread.
     remote = any(is_url(job.source) or is_url(job.output) for job in jobs)
     method: Method = 'spawn' if remote else quick_method()
     for message in run_in_processes(attempt, jobs, at_once, stop, method=method):

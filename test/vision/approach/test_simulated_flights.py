@@ -168,20 +168,25 @@ def test_beyond_the_threshold_the_distance_is_unknown_and_says_so():
     assert seen > 10
 
 
+def reports(flight, frames):
+    """Results and truth of some frames, without attitude and calibration."""
+    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach', min_confidence=0.5))
+    for index in frames:
+        frame = flight.frame(index)
+        yield pipeline.process(frame.image.pixels, frame.stamp_ns), frame.truth
+
+
 def test_a_camera_that_looks_down_needs_no_horizon():
     """The near end of the runway, then the border of its pavement, which is no horizon.
 
     From the 20th of these frames on it was taken for one, and the runway was lost.
     """
     flight = RunwayFlight(RunwaySettings(frames=1000, seed=31, camera_pitch_deg=26.0))
-    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach', min_confidence=0.5))
     last = int((flight.settings.start_distance - 20) / flight.settings.speed * flight.settings.fps)
-    found = []
-    for index in range(last, last + 40):
-        frame = flight.frame(index)
-        result = pipeline.process(frame.image.pixels, frame.stamp_ns)
-        # 5 % of the width, which is that of the frame.
-        found.append(worst_of(result, frame.truth) < 32.0)
+    # 5 % of the width, which is that of the frame.
+    found = [
+        worst_of(result, truth) < 32.0 for result, truth in reports(flight, range(last, last + 40))
+    ]
     assert sum(found) >= 0.9 * len(found)
     assert all(found[-5:])
 
@@ -189,19 +194,15 @@ def test_a_camera_that_looks_down_needs_no_horizon():
 def test_a_camera_that_looks_down_without_attitude():
     """The markings within the runway have plain edges, too, and fill the frame sooner."""
     settings = RunwaySettings(frames=1000, seed=100, camera_pitch_deg=31.0, shake=2)
-    flight = RunwayFlight(settings)
-    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach'))
     over_threshold = int(settings.start_distance / settings.speed * settings.fps)
+    frames = range(over_threshold - 65, over_threshold + 75)
     right = wrong = 0
-    for number, index in enumerate(range(over_threshold - 65, over_threshold + 75)):
-        frame = flight.frame(index)
-        result = pipeline.process(frame.image.pixels, frame.stamp_ns)
-        if number < WARM_UP or result.corners is None:
+    for result, truth in list(reports(RunwayFlight(settings), frames))[WARM_UP:]:
+        if result.corners is None:
             continue
-        left, right_edge = frame.truth.lines[:2]
-        ends = (left.x1, right_edge.x1), (left.x2, right_edge.x2)
-        allowed = max(3.0, *(0.05 * abs(b - a) for a, b in ends))
-        is_right = worst_of(result, frame.truth) <= allowed
+        left, right_edge = truth.lines[:2]
+        widths = right_edge.x1 - left.x1, right_edge.x2 - left.x2
+        is_right = worst_of(result, truth) <= max(3.0, 0.05 * max(map(abs, widths)))
         right, wrong = right + is_right, wrong + (not is_right)
     assert right >= 0.6 * (140 - WARM_UP)
     assert wrong <= 0.02 * (140 - WARM_UP)

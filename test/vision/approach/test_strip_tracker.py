@@ -46,24 +46,22 @@ def test_a_strip_in_the_sky_does_not_replace_a_runway_that_looks_less_like_one()
     assert tracker.best is cloud
 
 
-@pytest.mark.parametrize('lines', [0.0, 1.0])
-def test_a_doubtful_strip_is_followed_by_its_edges_alone_if_lines_speak_for_it(lines):
-    track = RunwayTrack(STRIP, 0.3)
-    track.age, track.moved, track.distinct = 30, 30, lines
+@pytest.mark.parametrize(
+    ('log_odds', 'lines', 'agreement', 'alone'),
+    [
+        pytest.param(0.3, 0.0, 1.0, False, id='doubtful'),
+        pytest.param(0.3, 1.0, 1.0, True, id='lines speak for it'),
+        pytest.param(3.0, 0.0, 0.1, False, id='likely, but where is doubtful'),
+        pytest.param(3.0, 0.0, 0.95, True, id='likely, and there'),
+    ],
+)
+def test_a_likely_report_is_followed_by_its_edges_alone(log_odds, lines, agreement, alone):
+    track = RunwayTrack(STRIP, log_odds)
+    track.age, track.moved, track.distinct, track.agreement = 30, 30, lines, agreement
     for _ in range(30):
         track.kinds.take_in({EdgeKind.STEP: 6.0})
     track._lock()
-    assert track.locked == bool(lines)
-
-
-@pytest.mark.parametrize('agreement', [0.1, 0.95])
-def test_a_runway_whose_place_is_doubtful_is_not_followed_by_its_edges_alone(agreement):
-    track = RunwayTrack(STRIP, 3.0)
-    track.age, track.moved, track.agreement = 30, 30, agreement
-    for _ in range(30):
-        track.kinds.take_in({EdgeKind.STEP: 6.0})
-    track._lock()
-    assert track.locked == (agreement > 0.5)
+    assert track.locked == alone
 
 
 def test_a_strip_on_its_side_is_none():
