@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from mvuav_ros.simulation.ground import GroundPainter, Ripmap, load_ground
 from mvuav_ros.simulation.pinhole import CameraPose
 from mvuav_ros.simulation.runway_flight import RunwayFlight, measured_attitude
 from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.simulation.texture import smooth_noise
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_rpy
 
@@ -64,7 +66,48 @@ LOOKING_DOWN: dict[str, dict[str, Any]] = {
     'pitch 33, shaken': {'camera_pitch_deg': 33.0, 'shake': 2},
 }
 """The same with several seeds each, whose pitch differs by up to 1.2 degrees."""
-TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(110, 115)
+OVERFLOWN: dict[str, dict[str, Any]] = {
+    'low': {'camera_pitch_deg': 8.0, 'motion': 'low_pass', 'runway_length': 500.0},
+    'low, narrow, shaken': {
+        'camera_pitch_deg': 10.0,
+        'motion': 'low_pass',
+        'runway_length': 400.0,
+        'runway_width': 14.0,
+        'shake': 2,
+    },
+    'slabs, low': {'camera_pitch_deg': 8.0, 'motion': 'low_pass', 'runway_length': 400.0},
+    'airstrip, low': {
+        'camera_pitch_deg': 12.0,
+        'motion': 'low_pass',
+        'runway_length': 300.0,
+        'runway_width': 12.0,
+    },
+    'S-turn': {'camera_pitch_deg': 15.0, 'motion': 's_turn', 'runway_length': 600.0},
+    'S-turn, narrow': {
+        'camera_pitch_deg': 12.0,
+        'motion': 's_turn',
+        'runway_length': 500.0,
+        'runway_width': 15.0,
+    },
+}
+"""Flights over a short runway, whose near end is out of sight and whose far end is not, with a
+horizon in view; at a height of 22 m, or 70 m and banked. Each has several seeds, as above."""
+CAMERAS: tuple[dict[str, float], ...] = (
+    {},
+    {'blur': 1.0, 'noise': 4.0},
+    {'visibility': 2500.0},
+    {'blur': 1.6, 'visibility': 5000.0},
+    {'noise': 8.0, 'gain_steps': 0.1},
+)
+"""By seed, of flights over a runway: what else spoils the picture."""
+
+
+def overflown_settings(name: str, seed: int) -> dict[str, Any]:
+    """Settings of one of `OVERFLOWN`."""
+    return {**OVERFLOWN[name], 'seed': seed, **CAMERAS[seed % len(CAMERAS)]}
+
+
+TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(120, 125)
 FLIGHT_FRAMES = 275
 
 
@@ -98,15 +141,44 @@ class Slabs(Surface):
         self._mark_end(width / 30.0, 0.5 * width, length, far=False)
 
 
-class SlabFlight(BankedFlight):
-    """A flight to such a runway."""
+class Airstrip(Surface):
+    """A runway of patched asphalt without any markings."""
+
+    def _pavement(
+        self, width: float, length: float, detail: float, rng: np.random.Generator
+    ) -> NDArray[np.float32]:
+        pavement = super()._pavement(width, length, detail, rng)
+        patches = smooth_noise(self._shape, 24.0, rng, octaves=2, stretch=4.0)
+        return np.asarray(pavement * (0.8 + 0.12 * patches)[:, :, None], np.float32)
+
+    def _mark(self, width: float, length: float) -> None:
+        """There are none."""
+
+
+SURFACES = {'slabs': Slabs, 'airstrip': Airstrip}
+
+
+def flight_of(name: str, given: dict[str, Any]) -> BankedFlight:
+    """A flight with settings; its name says what runway is drawn."""
+    for word, surface in SURFACES.items():
+        if word in name:
+            return SurfaceFlight(RunwaySettings(frames=1000, **given), surface)
+    return BankedFlight(RunwaySettings(frames=1000, **given))
+
+
+class SurfaceFlight(BankedFlight):
+    """A flight to a runway with another surface."""
+
+    def __init__(self, settings: RunwaySettings, surface: type[Surface]) -> None:
+        super().__init__(settings)
+        self._surface = surface
 
     @cached_property
     def _painter(self) -> GroundPainter:
         s = self.settings
         ground = load_ground(s.runway_width, s.runway_length, s.detail, s.seed)
         land = draw_terrain(s.runway_length, s.detail, s.seed)
-        surface = Slabs(land, s.runway_width, s.runway_length, s.detail, s.seed)
+        surface = self._surface(land, s.runway_width, s.runway_length, s.detail, s.seed)
         runway = Ripmap(surface.texture, surface.origin, surface.step, wrap=False)
         return GroundPainter(ground._replace(runway=runway), self.camera, s.visibility)
 
@@ -116,15 +188,37 @@ def simulated(name: str, step: int, cache: Path | None) -> Row:
     return of_flight(name, (FLIGHTS | STEEP).get(name, {'seed': 21}), step, cache)
 
 
+def looking_down_settings(name: str, seed: int) -> dict[str, Any]:
+    """Settings of one of `LOOKING_DOWN`."""
+    settings = LOOKING_DOWN[name]
+    pitch = settings['camera_pitch_deg'] + 0.3 * (seed % 5)
+    return {**settings, 'seed': seed, 'camera_pitch_deg': pitch}
+
+
 def looking_down(name: str, seeds: range, step: int, cache: Path | None) -> Row:
     """Several flights with a camera that looks down, each without its first frames."""
+    return of_flights('looking down', looking_down_settings, name, seeds, step, cache)
+
+
+def overflown(name: str, seeds: range, step: int, cache: Path | None) -> Row:
+    """Several flights over a runway, each without its first frames."""
+    return of_flights('over', overflown_settings, name, seeds, step, cache)
+
+
+def of_flights(
+    kind: str,
+    settings: Callable[[str, int], dict[str, Any]],
+    name: str,
+    seeds: range,
+    step: int,
+    cache: Path | None,
+) -> Row:
+    """The row of several flights of a kind, one for each seed; attitude is known if so named."""
     plain = name.removesuffix(', attitude')
     rows = []
     for seed in seeds:
-        settings = {**LOOKING_DOWN[plain], 'seed': seed}
-        settings['camera_pitch_deg'] += 0.3 * (seed % 5)
-        flown = name.replace(plain, f'looking down, {plain}, seed {seed}')
-        rows.append(of_flight(flown, settings, step, cache))
+        flown = name.replace(plain, f'{kind}, {plain}, seed {seed}')
+        rows.append(of_flight(flown, settings(plain, seed), step, cache))
     frames = [frame for row in rows for frame in row.frames[row.warm_up :]]
     row = Row(f'{name}, seeds {seeds[0]} to {seeds[-1]}', frames, warm_up=0)
     for time in ('first_ms', 'later_ms', 'opencv_ms'):
@@ -134,8 +228,7 @@ def looking_down(name: str, seeds: range, step: int, cache: Path | None) -> Row:
 
 def of_flight(name: str, given: dict[str, Any], step: int, cache: Path | None) -> Row:
     """The row of a flight with settings; its name says what is drawn, and whether attitude is."""
-    kind = SlabFlight if 'slabs' in name else BankedFlight
-    flight = kind(RunwaySettings(frames=1000, **given))
+    flight = flight_of(name, given)
     flight.bank_deg = BANKS.get(name, 0.0)
     settings = flight.settings
     row, detector = Row(f'simulated {name}'), Timed(settings.runway_width)
@@ -146,12 +239,19 @@ def of_flight(name: str, given: dict[str, Any], step: int, cache: Path | None) -
     last = int((settings.start_distance - 20) / settings.speed * settings.fps)
     errors = []
     frames = range(last - FLIGHT_FRAMES, last, step)
-    looks_down = name in STEEP or name.startswith('looking down')
-    if looks_down:
+    near_by = name in STEEP or name.startswith(('looking down', 'over'))
+    if name.startswith('over'):
+        # From behind the near end until 60 m before the far one, which then goes out of view.
+        metres = settings.start_distance + 20.0, settings.start_distance + settings.runway_length
+        begin, end = (int(each / settings.speed * settings.fps) for each in metres)
+        frames = range(begin, end - 45, step)
+    elif near_by:
         # Of the near end until the far one comes into view.
         frames = range(last - 50, last + 150, step)
     for index in frames:
         truth = flight.truth_at(flight.seen_at(index))
+        if not all(line.visible for line in truth.lines[:2]):
+            continue
         attitude = None
         if name in BANKS or name.endswith('attitude'):
             attitude = Attitude(*measured_attitude(truth.pose, settings.seed, index))
@@ -159,7 +259,7 @@ def of_flight(name: str, given: dict[str, Any], step: int, cache: Path | None) -
             drawn(flight, name.removesuffix(', attitude'), index, cache), attitude
         )
         worst, allowed = 0.0, 3.0
-        if looks_down:
+        if near_by:
             # As labelled flights are judged: near by, the runway is as wide as the frame.
             left, right = truth.lines[:2]
             ends = (left.x1, right.x1), (left.x2, right.x2)

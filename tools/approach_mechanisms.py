@@ -20,6 +20,7 @@ def _returns(value: Any) -> Callable[..., Any]:
 
 WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'overlays': [(Overlaid, 'take', _returns(None))],
+    'tracks hidden by overlays': [(tuning.TRACKER, 'max_hidden', 2.0)],
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
     'horizon in the image': [(HorizonFinder, 'find', _returns(None))],

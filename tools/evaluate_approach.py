@@ -25,10 +25,12 @@ from approach_flights import (
     CHECK_SEEDS,
     FLIGHTS,
     LOOKING_DOWN,
+    OVERFLOWN,
     STEEP,
     STEEP_CHECK,
     TUNED_SEEDS,
     looking_down,
+    overflown,
     simulated,
 )
 from approach_mechanisms import WITHOUT, switch_off
@@ -295,12 +297,14 @@ def jobs(options: argparse.Namespace) -> Iterator[Job]:
         name = f'simulated {flight}'
         one = partial(simulated, flight, step, options.cache)
         yield Job('no horizon', name, flight in STEEP_CHECK, lambda one=one: [one()])
-    for flight in LOOKING_DOWN:
+    flown = [('looking down', looking_down, flight) for flight in LOOKING_DOWN]
+    flown += [('over the runway', overflown, flight) for flight in OVERFLOWN]
+    for kind, fly, flight in flown:
         for check, seeds in ((False, TUNED_SEEDS), (True, CHECK_SEEDS)):
             for given in ('', ', attitude'):
-                several = partial(looking_down, flight + given, seeds, step, options.cache)
-                name = f'looking down, {flight}{given}'
-                yield Job('looking down', name, check, lambda several=several: [several()])
+                several = partial(fly, flight + given, seeds, step, options.cache)
+                name = f'{kind}, {flight}{given}'
+                yield Job(kind, name, check, lambda several=several: [several()])
 
 
 def summary(rows: list[Row]) -> Iterator[str]:

@@ -3,13 +3,14 @@
 Not part of the package: it needs the footage, which is not given away, and takes minutes. Only
 the tuning half is used: the flights of run 3 and of run 5, the cockpit stills of every other
 video, two roads and the part of the UAV clip without a runway; in colour and in grey. Run 2, the
-other stills and the motorway are left for checks. The weights of strips whose edges meet above
-the image are fitted to the same flights, roads and fields cut off below their horizons, and to
-simulated flights whose camera looks down. Narrow strips of the cut flights have the same weights
-as those with a horizon. Every image counts twice: as it is, and with text drawn into it
-(`approach_text`); of every still and flight there are images with text and no runway, too.
+other stills and the motorway are left for checks. The weights of strips seen from near by are
+fitted to the same flights, stills, roads and fields, also cut off below their horizons, and to
+simulated flights near a runway, over it, and looking down at it. The others of the cut flights
+have the same weights as those with a horizon. Every image counts twice: as it is, and with text
+drawn into it (`approach_text`); of every still and flight there are images with text and no
+runway, too.
 
-    python tools/fit_approach.py ../shared/footage [--above]
+    python tools/fit_approach.py ../shared/footage [--near-by]
 """
 
 from __future__ import annotations
@@ -25,19 +26,26 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from approach_flights import STEEP, STEEP_CHECK, BankedFlight, SlabFlight
+from approach_flights import (
+    FLIGHTS,
+    LOOKING_DOWN,
+    OVERFLOWN,
+    TUNED_SEEDS,
+    flight_of,
+    looking_down_settings,
+    overflown_settings,
+)
 from approach_text import burned_in
 from approach_views import Shot, following, painted_over, without_runway
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from mvuav_ros.offline.evaluation.corners import LabelledFrame, read_corners, read_horizon
-from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation, HorizonLine
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.search import Candidates, LevelledImage, find_candidates
-from mvuav_ros.vision.approach.tuning import APPEARANCE, PROBABILITY
+from mvuav_ros.vision.approach.tuning import PROBABILITY
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 QUANTILES = (0.2, 0.8)
@@ -46,6 +54,8 @@ PENALTY = 40.0
 """Of squared slopes; 20 fits the tuning half better and the stills left for checks no worse."""
 RUN_WEIGHT = 0.4
 """Of an image of run 3, of which there are many, beside any other image."""
+SIMULATED_WEIGHT, ROAD_WEIGHT = 0.4, 3.0
+"""The same, from near by: of a simulated one, and of a whole one without a runway."""
 
 
 _SEEDS = itertools.count(1)
@@ -84,6 +94,9 @@ class Allowed(NamedTuple):
     share: float
 
 
+USUAL = Allowed(3.0, 0.05)
+
+
 def examples(footage: Path) -> Iterator[Example]:
     """All images of the tuning half."""
     yield from of_stills(footage / 'runway' / 'cockpit_stills')
@@ -99,39 +112,64 @@ def examples(footage: Path) -> Iterator[Example]:
         yield from of_clip(footage / clip, step)
 
 
-def examples_above(footage: Path) -> Iterator[Example]:
-    """Images of the tuning half without a horizon, of which strips meet above."""
+def examples_near_by(footage: Path) -> Iterator[Example]:
+    """Images of the tuning half, of whose candidates those seen from near by are taken."""
     yield from of_cut_runs(footage, near_by=True)
-    for name, settings in STEEP.items():
-        if name in STEEP_CHECK or name.endswith('attitude'):
-            continue
-        kind = SlabFlight if name.startswith('slabs') else BankedFlight
-        flight = kind(RunwaySettings(frames=1000, **settings))
-        last = int((flight.settings.start_distance - 20) / flight.settings.speed * 25)
-        for number, index in enumerate(range(last - 50, last + 150, 8)):
-            lines = flight.truth_at(flight.seen_at(index)).lines
-            ends = [p for line in lines[:2] for p in ((line.x2, line.y2), (line.x1, line.y1))]
-            if np.isfinite(ends).all():
-                image = both_kinds(flight.frame(index).image.pixels)[number % 2]
-                corners = ends[0], ends[2], ends[3], ends[1]
-                yield without_horizon(
-                    image, LabelledFrame('', *corners), Allowed(6.0, 0.05), text=False
-                )
+    yield from of_flights()
+    for run, step, allowed in (('run3', 12, Allowed(3.0, 0.05)), ('run5', 16, Allowed(4.0, 0.08))):
+        folder = footage / 'runway' / f'approach_{run}'
+        for number, label in enumerate(read_corners(folder / 'corners.csv')[::step]):
+            image = both_kinds(cv2.imread(str(folder / label.file)))[number % 2]
+            for text, seen in enumerate(plain_and_with_text(image)):
+                yield in_part(seen, label, allowed, text=bool(text))
+    for number, path in enumerate(tuned_stills(footage / 'runway' / 'cockpit_stills')):
+        yield in_part(both_kinds(cv2.imread(str(path)))[number % 2], None)
     for clip, step, horizon in (
-        ('road/straight_rural_road_720p50.mp4', 25, 0.5),
-        ('road/forest_road_white_edges.mp4', 25, 0.5),
+        ('road/straight_rural_road_720p50.mp4', 4, 0.5),
+        ('road/forest_road_white_edges.mp4', 6, 0.5),
         ('runway/uav_a4_over_threshold_640x480.mp4', 16, 0.6),
     ):
-        video, index = cv2.VideoCapture(str(footage / clip)), 0
-        while video.grab():
-            if index % step == 0 and not ('uav' in clip and 180 <= index < 450):
-                image = video.retrieve()[1]
-                image = both_kinds(image)[index // step % 2]
-                # Whole, and without the horizon.
-                top = 0 if index // step % 3 == 0 else int(horizon * image.shape[0])
-                for text, seen in enumerate(plain_and_with_text(np.ascontiguousarray(image[top:]))):
-                    yield without_horizon(seen, None, Allowed(3.0, 0.05), text=bool(text))
-            index += 1
+        for number, image in enumerate(frames_without_runway(footage / clip, step)):
+            cut = np.ascontiguousarray(image[int(horizon * image.shape[0]) :])
+            # Without the horizon in every fourth.
+            for top, seen in enumerate((image, cut) if number % 4 == 0 else (image,)):
+                for text, drawn in enumerate(plain_and_with_text(seen)):
+                    found = in_part(drawn, None, text=bool(text))
+                    yield found._replace(weight=1.0 if top else ROAD_WEIGHT)
+
+
+def of_flights() -> Iterator[Example]:
+    """Simulated flights of the tuning half: near a runway, over it, and looking down at it."""
+    for name, settings, (first, last) in near_flights():
+        flight = flight_of(name, settings)
+        threshold = flight.settings.start_distance / flight.settings.speed
+        fps = flight.settings.fps
+        frames = range(round((threshold + first) * fps), round((threshold + last) * fps), 12)
+        for number, index in enumerate(frames):
+            truth = flight.truth_at(flight.seen_at(index))
+            left, right = truth.lines[:2]
+            near, far = (
+                ((left.x1, left.y1), (right.x1, right.y1)),
+                ((right.x2, right.y2), (left.x2, left.y2)),
+            )
+            if np.isfinite((near, far)).all():
+                label = LabelledFrame('', *near, *far)
+                image = both_kinds(flight.frame(index).image.pixels)[number % 2]
+                slope = math.atan(-1.0 / math.tan(truth.horizon[1]))
+                found = in_part(image, label, Allowed(6.0, 0.05), slope=slope)
+                yield found._replace(weight=SIMULATED_WEIGHT)
+
+
+def near_flights() -> Iterator[tuple[str, dict[str, Any], tuple[float, float]]]:
+    """Name and settings of simulated flights, and from when to when, s after the threshold."""
+    for name in LOOKING_DOWN:
+        for seed in TUNED_SEEDS:
+            yield name, looking_down_settings(name, seed), (-2.0, 5.0)
+    for name, settings in OVERFLOWN.items():
+        for seed in TUNED_SEEDS:
+            yield name, overflown_settings(name, seed), (0.5, (settings['runway_length'] - 60) / 40)
+    for name in ('approach', 'low pass', '15 m aside', 'shaken'):
+        yield name, FLIGHTS[name], (-4.0, 0.0)
 
 
 def of_cut_runs(footage: Path, *, near_by: bool) -> Iterator[Example]:
@@ -148,33 +186,28 @@ def of_cut_runs(footage: Path, *, near_by: bool) -> Iterator[Example]:
             label, line = frames[index]
             colour = cv2.imread(str(folder / label.file))
             number = index // step
-            view = following((2.0, 8.0, 14.0, 20.0)[number % 4], (1, 2, 3)[number % 3])
+            view = following((2.0, 8.0, 14.0, 20.0, 30.0)[number % 5], (1, 2, 3)[number % 3])
             shot = view(Shot(both_kinds(colour)[number % 2], label, line), index)
             if shot.label is not None and shot.label.near_left[1] > 12:
                 for text, seen in enumerate(plain_and_with_text(shot.image)):
-                    yield without_horizon(
-                        seen, shot.label, allowed, text=bool(text), near_by=near_by
-                    )
+                    yield in_part(seen, shot.label, allowed, text=bool(text), near_by=near_by)
 
 
-def without_horizon(
+def in_part(
     image: NDArray[Any],
     label: LabelledFrame | None,
-    allowed: Allowed,
+    allowed: Allowed = USUAL,
     *,
-    text: bool,
+    text: bool = False,
     near_by: bool = True,
+    slope: float = 0.0,
 ) -> Example:
-    """Candidates that meet above an image, or all but the wide ones of them."""
+    """The candidates seen from near by, or the others; the image is levelled by a slope, rad."""
     pixels, factor = shrink_levels(image)
-    height = pixels.shape[0]
-    found = find_candidates(
-        LevelledImage(pixels), -0.45 * height, 0.0 if near_by else 0.65 * height
-    )
-    used = found.strips[:, 1] < APPEARANCE.min_sky_row
-    if not near_by:
-        used &= found.features[:, FEATURES.index('width')] > PROBABILITY.min_near_by
-        used = ~used
+    height, columns = pixels.shape[:2]
+    level = Derotation(columns, height, factor, slope)
+    found = find_candidates(LevelledImage(pixels, level), -0.45 * height, 0.65 * height)
+    used = (found.features[:, FEATURES.index('depth')] > PROBABILITY.min_near_by) == near_by
     found = Candidates(found.strips[used], found.features[used])
     if label is None:
         return without(found, 1.0, text=text)
@@ -184,7 +217,10 @@ def without_horizon(
         (3, (label.near_right, label.far_right)),
     ):
         for on_x, on_y in ends:
-            x, y = (on_x + 0.5) / factor - 0.5, (on_y + 0.5) / factor - 0.5
+            right = (on_x + 0.5) / factor - 0.5 - level.centre[0]
+            down = (on_y + 0.5) / factor - 0.5 - level.centre[1]
+            x = level.centre[0] + math.cos(slope) * right + math.sin(slope) * down
+            y = level.centre[1] - math.sin(slope) * right + math.cos(slope) * down
             at = found.strips[:, 0] + found.strips[:, side] * (y - found.strips[:, 1])
             worst = np.maximum(worst, np.abs(at - x))
     width = abs(label.near_right[0] - label.near_left[0]) / factor
@@ -204,10 +240,9 @@ def of_stills(folder: Path) -> Iterator[Example]:
         for row in csv.DictReader(file):
             box = [float(row[name]) for name in ('x_min', 'y_min', 'x_max', 'y_max')]
             boxes.setdefault(row['file'], []).append(box)
-    for name in sorted(boxes):
-        if int(name.split('-')[1]) // 2 % 2:
-            continue
-        for image in both_kinds(cv2.imread(str(folder / name))):
+    for path in tuned_stills(folder):
+        name = path.name
+        for image in both_kinds(cv2.imread(str(path))):
             for text, seen in enumerate(plain_and_with_text(image)):
                 found, factor = whole(seen)
                 corners = (corners_of(found.strips) + 0.5) * factor - 0.5
@@ -216,6 +251,13 @@ def of_stills(folder: Path) -> Iterator[Example]:
                 yield chosen(found, overlaps >= 0.3, clear, 1.0, text=bool(text))
             bare = painted_over(image, [((x, y), (x2, y2)) for x, y, x2, y2 in boxes[name]])
             yield without(whole(with_text(bare))[0], 1.0, text=True)
+
+
+def tuned_stills(folder: Path) -> list[Path]:
+    """Those of the videos whose number over two is even."""
+    return [
+        path for path in sorted(folder.glob('*.jpg')) if not int(path.name.split('-')[1]) // 2 % 2
+    ]
 
 
 def of_run(folder: Path, step: int, allowed: Allowed, weight: float) -> Iterator[Example]:
@@ -251,13 +293,17 @@ def of_run(folder: Path, step: int, allowed: Allowed, weight: float) -> Iterator
 
 def of_clip(path: Path, step: int) -> Iterator[Example]:
     """Frames without a runway, colour and grey by turns."""
-    clip = cv2.VideoCapture(str(path))
-    index = 0
+    for image in frames_without_runway(path, step):
+        for text, seen in enumerate(plain_and_with_text(image)):
+            yield without(whole(seen)[0], 1.0, text=bool(text))
+
+
+def frames_without_runway(path: Path, step: int) -> Iterator[NDArray[Any]]:
+    """Every so many frames of a clip, colour and grey by turns."""
+    clip, index = cv2.VideoCapture(str(path)), 0
     while clip.grab():
         if index % step == 0 and not ('uav' in path.name and 180 <= index < 450):
-            image = both_kinds(clip.retrieve()[1])[index // step % 2]
-            for text, seen in enumerate(plain_and_with_text(image)):
-                yield without(whole(seen)[0], 1.0, text=bool(text))
+            yield both_kinds(np.asarray(clip.retrieve()[1]))[index // step % 2]
         index += 1
 
 
@@ -396,17 +442,28 @@ class Problem:
         )
 
 
+def with_sky(images: list[Example], seen: bool) -> list[Example]:
+    """The candidates whose vanishing points are in the picture, or are not."""
+    sky = FEATURES.index('sky')
+    parts = []
+    for image in images:
+        chosen = np.isnan(image.features[:, sky]) != seen
+        part = image._replace(features=image.features[chosen], right=image.right[chosen])
+        parts += [part] if chosen.any() else []
+    return parts
+
+
 def main() -> None:
     """Fit and write."""
     cv2.setNumThreads(1)
     fitted = json.loads(OUTPUT.read_text())
-    which = examples_above if '--above' in sys.argv else examples
-    images = [image for image in which(Path(sys.argv[1])) if len(image.features)]
-    weights = fit(images)
-    if '--above' in sys.argv:
-        fitted['above'] = weights
+    near_by = '--near-by' in sys.argv
+    footage = Path(sys.argv[1])
+    images = [i for i in (examples_near_by if near_by else examples)(footage) if len(i.features)]
+    if near_by:
+        fitted |= {'over': fit(with_sky(images, True)), 'above': fit(with_sky(images, False))}
     else:
-        fitted |= weights
+        fitted |= fit(images)
     OUTPUT.write_text(json.dumps(fitted, indent=1) + '\n')
     found = sum(bool(image.right.any()) for image in images)
     print(f'{OUTPUT}: fitted to {len(images)} images, {found} with a runway found')

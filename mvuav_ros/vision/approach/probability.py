@@ -16,7 +16,7 @@ from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.tuning import PROBABILITY
 
 _FILE = 'probability.json'
-_SKY, _WIDTH = FEATURES.index('sky'), FEATURES.index('width')
+_DEPTH, _SKY = FEATURES.index('depth'), FEATURES.index('sky')
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,11 +122,12 @@ def _logistic(log_odds: float) -> float:
 
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) log odds of strips with (n, features); of those seen from near by other weights."""
-    above = np.isnan(features[:, _SKY]) & (features[:, _WIDTH] > PROBABILITY.min_near_by)
+    """(n,) log odds of strips with (n, features): of those seen from near by with other weights."""
+    near_by, above = features[:, _DEPTH] > PROBABILITY.min_near_by, np.isnan(features[:, _SKY])
     odds = evidence_weights('').log_odds(features)
-    if above.any():
-        odds[above] = evidence_weights('above').log_odds(features[above])
+    for name, chosen in (('over', near_by & ~above), ('above', near_by & above)):
+        if chosen.any():
+            odds[chosen] = evidence_weights(name).log_odds(features[chosen])
     return odds
 
 
@@ -134,7 +135,8 @@ def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
 def evidence_weights(which: str) -> EvidenceWeights:
     """The weights that belong to this version; made by tools/fit_approach.py.
 
-    Those named ``above`` are of wide strips whose edges meet above the image.
+    Those named ``over`` and ``above`` are of strips seen from near by: the edges of the former meet
+    in the picture, those of the latter above it.
     """
     data = _fitted()[which] if which else _fitted()
     if tuple(data['features']) != FEATURES:

@@ -387,6 +387,24 @@ class LevelledImage:
         known[:, :2] -= (left, top)
         return Part(self._part(level, (left, top, right, bottom)), known, level, (left, top))
 
+    def share_hidden(self, strip: Strip) -> float:
+        """Share of a strip's edges over which something is laid."""
+        if self._overlaid is None:
+            return 0.0
+        x, y, left, right, far, near = strip.tolist()
+        depth = far + (near - far) * _ALONG
+        places = self.level.to_frame(x + np.array([[left], [right]]) * depth, y + depth)
+        column, row = (np.rint(place / self.level.factor).astype(np.intp) for place in places)
+        height, width = self._overlaid.shape
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        if not inside.any():
+            return 1.0
+        return float((self._overlaid[row[inside], column[inside]] > 0).mean())
+
+
+_ALONG = np.linspace(0.0, 1.0, 12)
+"""Where it is looked whether a strip's edges are hidden, from the far to the near end."""
+
 
 class Part(NamedTuple):
     """A part of an image.

@@ -130,7 +130,11 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             others = TRACKER.others_certain if self.certain else TRACKER.others_period
             track.step(view, TRACKER.best_period if shown else others, shown=shown)
         self.tracks = [
-            track for track in self.tracks if not track.lost and track.log_odds > TRACKER.min_odds
+            track
+            for track in self.tracks
+            if not track.lost
+            and track.log_odds > TRACKER.min_odds
+            and working.share_hidden(track.strip()) < TRACKER.max_hidden
         ]
         self._merge()
         if self._frame % self._search_period() == 0:

@@ -240,9 +240,9 @@ class AppearanceTuning:
 class ProbabilityTuning:
     """Of log odds and confidence."""
 
-    # logarithm of px of the near end: run 5 below its horizon has up to 35 px, simulated
-    # flights that look down 90 and more
-    min_near_by: float = math.log(48.0)
+    # logarithm of px from the vanishing point to the near end: run 5 has up to 48 px, nine tenths
+    # of run 3 up to 53, simulated flights over a runway 90 and more
+    min_near_by: float = math.log(60.0)
     max_deviations: float = 4.0  # standard deviations: features beyond say no more
     least_odds: float = -6.0  # log odds of a track; fewer count as that
     most_odds: float = 8.0  # likewise, more
@@ -314,7 +314,7 @@ class TrackTuning:
     # edges
     lock_width: float = 24.0
     lock_age: int = 20  # frames, likewise
-    lock_confidence: float = 0.5  # likewise, as in its reports. Simulated flights that look down
+    lock_confidence: float = 0.6  # likewise. Simulated flights that look down, the country road
     plain_support: float = 0.7  # of steps that need no strips beside them
     lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
     unlock_share: float = 0.5  # the same, below which it is no longer
@@ -343,6 +343,7 @@ class TrackerTuning:
     others_period: int = 12  # the same of others
     others_certain: int = 24  # the same of others, with a runway
     scene_frames: int = 24  # for which the image as a whole is taken to stay alike
+    max_hidden: float = 0.5  # share of a strip's edges: more is the edge of an overlay
     min_odds: float = -5.0  # log odds of a track
     min_start_odds: float = -3.0  # log odds of a candidate
     # log odds lost by what lies above a horizon that the image has shown for longer. Text in run 3

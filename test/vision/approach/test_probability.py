@@ -1,6 +1,17 @@
 """The confidence of a report."""
 
-from mvuav_ros.vision.approach.probability import Report, confidence_weights
+import math
+
+import numpy as np
+import pytest
+
+from mvuav_ros.vision.approach.appearance import FEATURES
+from mvuav_ros.vision.approach.probability import (
+    Report,
+    confidence_weights,
+    evidence_weights,
+    log_odds_of,
+)
 
 DOUBTFUL = Report(log_odds=1.0, agreement=0.5, moved=0, attitude=False, distinct=0.0)
 
@@ -40,3 +51,26 @@ def test_two_places_for_an_edge_leave_half_of_it():
 
 def test_extremes_are_probabilities_still():
     assert 0.0 <= confidence(log_odds=-1e9) < confidence(log_odds=1e9) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ('depth', 'sky', 'which'),
+    [(50.0, 0.5, ''), (50.0, math.nan, ''), (70.0, 0.5, 'over'), (70.0, math.nan, 'above')],
+)
+def test_weights_follow_from_where_a_strip_is_seen(depth, sky, which):
+    features = evidence_weights('').mean[None].copy()
+    features[0, FEATURES.index('depth')] = math.log(depth)
+    features[0, FEATURES.index('sky')] = sky
+    assert log_odds_of(features) == evidence_weights(which).log_odds(features)
+    others = {'', 'over', 'above'} - {which}
+    assert all(
+        log_odds_of(features) != evidence_weights(other).log_odds(features) for other in others
+    )
+
+
+def test_strips_of_one_frame_may_have_different_weights():
+    features = np.repeat(evidence_weights('').mean[None], 2, axis=0)
+    features[:, FEATURES.index('depth')] = math.log(50.0), math.log(70.0)
+    far, near = log_odds_of(features)
+    assert far == log_odds_of(features[:1])[0]
+    assert near == log_odds_of(features[1:])[0]

@@ -191,6 +191,26 @@ def test_a_camera_that_looks_down_needs_no_horizon():
     assert all(found[-5:])
 
 
+@pytest.mark.parametrize(
+    'settings',
+    [
+        {'seed': 110, 'motion': 'low_pass', 'runway_length': 400.0, 'runway_width': 14.0},
+        {'seed': 112, 'motion': 's_turn', 'runway_length': 600.0, 'camera_pitch_deg': 15.0},
+    ],
+    ids=['low', 'banked, from 70 m'],
+)
+def test_a_runway_is_found_from_over_it(settings):
+    """Its near end is out of sight, its far one and a horizon are not."""
+    flight = RunwayFlight(RunwaySettings(frames=1000, **settings))
+    given = flight.settings
+    first = int((given.start_distance + 60.0) / given.speed * given.fps)
+    found = []
+    for result, truth in reports(flight, range(first, first + 80, 2)):
+        left, right = truth.lines[:2]
+        found.append(worst_of(result, truth) < max(3.0, 0.05 * abs(right.x1 - left.x1)))
+    assert sum(found[5:]) >= 0.9 * len(found[5:])
+
+
 def test_a_camera_that_looks_down_without_attitude():
     """The markings within the runway have plain edges, too, and fill the frame sooner."""
     settings = RunwaySettings(frames=1000, seed=100, camera_pitch_deg=31.0, shake=2)
