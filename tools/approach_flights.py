@@ -166,6 +166,14 @@ def flight_of(name: str, given: dict[str, Any]) -> BankedFlight:
     return BankedFlight(RunwaySettings(frames=1000, **given))
 
 
+def frames_between(flight: BankedFlight, first: float, last: float, step: int) -> range:
+    """Numbers of the frames from one place to another, m behind the near end."""
+    settings = flight.settings
+    ways = settings.start_distance + first, settings.start_distance + last
+    begin, end = (round(way / settings.speed * settings.fps) for way in ways)
+    return range(begin, end, step)
+
+
 class SurfaceFlight(BankedFlight):
     """A flight to a runway with another surface."""
 
@@ -241,10 +249,8 @@ def of_flight(name: str, given: dict[str, Any], step: int, cache: Path | None) -
     frames = range(last - FLIGHT_FRAMES, last, step)
     near_by = name in STEEP or name.startswith(('looking down', 'over'))
     if name.startswith('over'):
-        # From behind the near end until 60 m before the far one, which then goes out of view.
-        metres = settings.start_distance + 20.0, settings.start_distance + settings.runway_length
-        begin, end = (int(each / settings.speed * settings.fps) for each in metres)
-        frames = range(begin, end - 45, step)
+        # The far end then goes out of view.
+        frames = frames_between(flight, 20.0, settings.runway_length - 60.0, step)
     elif near_by:
         # Of the near end until the far one comes into view.
         frames = range(last - 50, last + 150, step)

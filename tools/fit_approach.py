@@ -32,6 +32,7 @@ from approach_flights import (
     OVERFLOWN,
     TUNED_SEEDS,
     flight_of,
+    frames_between,
     looking_down_settings,
     overflown_settings,
 )
@@ -42,7 +43,7 @@ from scipy.optimize import minimize
 
 from mvuav_ros.offline.evaluation.corners import LabelledFrame, read_corners, read_horizon
 from mvuav_ros.vision.approach.appearance import FEATURES
-from mvuav_ros.vision.approach.attitude import Derotation, HorizonLine
+from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.search import Candidates, LevelledImage, find_candidates
 from mvuav_ros.vision.approach.tuning import PROBABILITY
@@ -121,9 +122,9 @@ def examples_near_by(footage: Path) -> Iterator[Example]:
         for number, label in enumerate(read_corners(folder / 'corners.csv')[::step]):
             image = both_kinds(cv2.imread(str(folder / label.file)))[number % 2]
             for text, seen in enumerate(plain_and_with_text(image)):
-                yield in_part(seen, label, allowed, text=bool(text))
+                yield near_or_far(seen, label, allowed, text=bool(text))
     for number, path in enumerate(tuned_stills(footage / 'runway' / 'cockpit_stills')):
-        yield in_part(both_kinds(cv2.imread(str(path)))[number % 2], None)
+        yield near_or_far(both_kinds(cv2.imread(str(path)))[number % 2], None)
     for clip, step, horizon in (
         ('road/straight_rural_road_720p50.mp4', 4, 0.5),
         ('road/forest_road_white_edges.mp4', 6, 0.5),
@@ -134,7 +135,7 @@ def examples_near_by(footage: Path) -> Iterator[Example]:
             # Without the horizon in every fourth.
             for top, seen in enumerate((image, cut) if number % 4 == 0 else (image,)):
                 for text, drawn in enumerate(plain_and_with_text(seen)):
-                    found = in_part(drawn, None, text=bool(text))
+                    found = near_or_far(drawn, None, text=bool(text))
                     yield found._replace(weight=1.0 if top else ROAD_WEIGHT)
 
 
@@ -142,9 +143,7 @@ def of_flights() -> Iterator[Example]:
     """Simulated flights of the tuning half: near a runway, over it, and looking down at it."""
     for name, settings, (first, last) in near_flights():
         flight = flight_of(name, settings)
-        threshold = flight.settings.start_distance / flight.settings.speed
-        fps = flight.settings.fps
-        frames = range(round((threshold + first) * fps), round((threshold + last) * fps), 12)
+        frames = frames_between(flight, first, last, 12)
         for number, index in enumerate(frames):
             truth = flight.truth_at(flight.seen_at(index))
             left, right = truth.lines[:2]
@@ -156,20 +155,20 @@ def of_flights() -> Iterator[Example]:
                 label = LabelledFrame('', *near, *far)
                 image = both_kinds(flight.frame(index).image.pixels)[number % 2]
                 slope = math.atan(-1.0 / math.tan(truth.horizon[1]))
-                found = in_part(image, label, Allowed(6.0, 0.05), slope=slope)
+                found = near_or_far(image, label, Allowed(6.0, 0.05), slope=slope)
                 yield found._replace(weight=SIMULATED_WEIGHT)
 
 
 def near_flights() -> Iterator[tuple[str, dict[str, Any], tuple[float, float]]]:
-    """Name and settings of simulated flights, and from when to when, s after the threshold."""
+    """Name and settings of simulated flights, and from where to where, m behind the near end."""
     for name in LOOKING_DOWN:
         for seed in TUNED_SEEDS:
-            yield name, looking_down_settings(name, seed), (-2.0, 5.0)
+            yield name, looking_down_settings(name, seed), (-80.0, 200.0)
     for name, settings in OVERFLOWN.items():
         for seed in TUNED_SEEDS:
-            yield name, overflown_settings(name, seed), (0.5, (settings['runway_length'] - 60) / 40)
+            yield name, overflown_settings(name, seed), (20.0, settings['runway_length'] - 60.0)
     for name in ('approach', 'low pass', '15 m aside', 'shaken'):
-        yield name, FLIGHTS[name], (-4.0, 0.0)
+        yield name, FLIGHTS[name], (-160.0, 0.0)
 
 
 def of_cut_runs(footage: Path, *, near_by: bool) -> Iterator[Example]:
@@ -190,10 +189,10 @@ def of_cut_runs(footage: Path, *, near_by: bool) -> Iterator[Example]:
             shot = view(Shot(both_kinds(colour)[number % 2], label, line), index)
             if shot.label is not None and shot.label.near_left[1] > 12:
                 for text, seen in enumerate(plain_and_with_text(shot.image)):
-                    yield in_part(seen, shot.label, allowed, text=bool(text), near_by=near_by)
+                    yield near_or_far(seen, shot.label, allowed, text=bool(text), near_by=near_by)
 
 
-def in_part(
+def near_or_far(
     image: NDArray[Any],
     label: LabelledFrame | None,
     allowed: Allowed = USUAL,
@@ -211,20 +210,7 @@ def in_part(
     found = Candidates(found.strips[used], found.features[used])
     if label is None:
         return without(found, 1.0, text=text)
-    worst = np.zeros(len(found.strips))
-    for side, ends in (
-        (2, (label.near_left, label.far_left)),
-        (3, (label.near_right, label.far_right)),
-    ):
-        for on_x, on_y in ends:
-            right = (on_x + 0.5) / factor - 0.5 - level.centre[0]
-            down = (on_y + 0.5) / factor - 0.5 - level.centre[1]
-            x = level.centre[0] + math.cos(slope) * right + math.sin(slope) * down
-            y = level.centre[1] - math.sin(slope) * right + math.cos(slope) * down
-            at = found.strips[:, 0] + found.strips[:, side] * (y - found.strips[:, 1])
-            worst = np.maximum(worst, np.abs(at - x))
-    width = abs(label.near_right[0] - label.near_left[0]) / factor
-    error = worst / max(allowed.least, allowed.share * width)
+    error = errors(found.strips, label, level, allowed)
     return chosen(found, error <= 1, (error <= 1) | (error > 2.0), 1.0, text=text)
 
 
@@ -262,19 +248,14 @@ def tuned_stills(folder: Path) -> list[Path]:
 
 def of_run(folder: Path, step: int, allowed: Allowed, weight: float) -> Iterator[Example]:
     """Frames of a labelled approach; right is an error within the tolerance."""
-    with (folder / 'corners.csv').open(newline='') as file:
-        labels = list(csv.DictReader(file))
-    corners = read_corners(folder / 'corners.csv')
-    with (folder / 'horizon.csv').open(newline='') as file:
-        horizons = list(csv.DictReader(file))
-    frames = list(zip(labels, horizons, corners, strict=True))[::step]
-    for number, (label, horizon, shape) in enumerate(frames):
-        slope, row = math.radians(float(horizon['slope_deg'])), float(horizon['row_at_centre'])
-        colour = cv2.imread(str(folder / label['file']))
+    labels = read_corners(folder / 'corners.csv')
+    lines = read_horizon(folder / 'horizon.csv', labels)
+    for number, (label, line) in enumerate(list(zip(labels, lines, strict=True))[::step]):
+        colour = cv2.imread(str(folder / label.file))
         gray_camera = folder.name == 'approach_run5'
         for image in both_kinds(colour)[1 if gray_camera else 0 :]:
-            level = Derotation(image.shape[1], image.shape[0], 1, slope)
-            middle = level.row_of(row)
+            level = Derotation(image.shape[1], image.shape[0], 1, line.slope)
+            middle = level.row_of(line.row)
 
             def candidates(
                 seen: NDArray[Any], level: Derotation = level, middle: float = middle
@@ -287,7 +268,7 @@ def of_run(folder: Path, step: int, allowed: Allowed, weight: float) -> Iterator
                 clear = (error <= 1) | (error > 1.4)
                 yield chosen(found, error <= 1, clear, weight, text=bool(text))
             if number % 2:
-                bare = without_runway(Shot(image, shape, HorizonLine(row, slope)), 0).image
+                bare = without_runway(Shot(image, label, line), 0).image
                 yield without(candidates(with_text(bare)), weight, text=True)
 
 
@@ -349,18 +330,22 @@ def overlap(corners: NDArray[np.float64], box: list[float]) -> NDArray[np.float6
 
 
 def errors(
-    strips: NDArray[np.float64], label: dict[str, str], level: Derotation, allowed: Allowed
+    strips: NDArray[np.float64], label: LabelledFrame, level: Derotation, allowed: Allowed
 ) -> NDArray[np.float64]:
     """(n,) largest horizontal error at the four corners, in tolerances."""
     worst = np.zeros(len(strips))
     cos, sin = math.cos(level.slope), math.sin(level.slope)
-    for corner in ('near_left', 'far_left', 'near_right', 'far_right'):
-        dx = float(label[f'{corner}_x']) - level.centre[0]
-        dy = float(label[f'{corner}_y']) - level.centre[1]
-        x, y = level.centre[0] + cos * dx + sin * dy, level.centre[1] - sin * dx + cos * dy
-        slope = strips[:, 2 if 'left' in corner else 3]
-        worst = np.maximum(worst, np.abs(strips[:, 0] + slope * (y - strips[:, 1]) - x))
-    width = abs(float(label['near_right_x']) - float(label['near_left_x']))
+    for side, ends in (
+        (2, (label.near_left, label.far_left)),
+        (3, (label.near_right, label.far_right)),
+    ):
+        for on_x, on_y in ends:
+            dx = (on_x + 0.5) / level.factor - 0.5 - level.centre[0]
+            dy = (on_y + 0.5) / level.factor - 0.5 - level.centre[1]
+            x, y = level.centre[0] + cos * dx + sin * dy, level.centre[1] - sin * dx + cos * dy
+            at = strips[:, 0] + strips[:, side] * (y - strips[:, 1])
+            worst = np.maximum(worst, np.abs(at - x))
+    width = abs(label.near_right[0] - label.near_left[0]) / level.factor
     return worst / max(allowed.least, allowed.share * width)
 
 

@@ -168,6 +168,12 @@ def test_beyond_the_threshold_the_distance_is_unknown_and_says_so():
     assert seen > 10
 
 
+def tolerance(truth):
+    """3 px, or 5 % of the width where that is more, px."""
+    left, right = truth.lines[:2]
+    return max(3.0, 0.05 * max(abs(right.x1 - left.x1), abs(right.x2 - left.x2)))
+
+
 def reports(flight, frames):
     """Results and truth of some frames, without attitude and calibration."""
     pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach', min_confidence=0.5))
@@ -204,10 +210,10 @@ def test_a_runway_is_found_from_over_it(settings):
     flight = RunwayFlight(RunwaySettings(frames=1000, **settings))
     given = flight.settings
     first = int((given.start_distance + 60.0) / given.speed * given.fps)
-    found = []
-    for result, truth in reports(flight, range(first, first + 80, 2)):
-        left, right = truth.lines[:2]
-        found.append(worst_of(result, truth) < max(3.0, 0.05 * abs(right.x1 - left.x1)))
+    frames = range(first, first + 80, 2)
+    found = [
+        worst_of(result, truth) < tolerance(truth) for result, truth in reports(flight, frames)
+    ]
     assert sum(found[5:]) >= 0.9 * len(found[5:])
 
 
@@ -220,9 +226,7 @@ def test_a_camera_that_looks_down_without_attitude():
     for result, truth in list(reports(RunwayFlight(settings), frames))[WARM_UP:]:
         if result.corners is None:
             continue
-        left, right_edge = truth.lines[:2]
-        widths = right_edge.x1 - left.x1, right_edge.x2 - left.x2
-        is_right = worst_of(result, truth) <= max(3.0, 0.05 * max(map(abs, widths)))
+        is_right = worst_of(result, truth) <= tolerance(truth)
         right, wrong = right + is_right, wrong + (not is_right)
     assert right >= 0.6 * (140 - WARM_UP)
     assert wrong <= 0.02 * (140 - WARM_UP)
