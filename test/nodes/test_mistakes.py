@@ -56,8 +56,8 @@ class Mistakes:
         self.says(words)
         self.graph.probe.destroy_publisher(publisher)
 
-    def sends(self, publisher, message, words, node=MARKERS):
-        """Publish such images until the words come."""
+    def sends(self, publisher, message, words, node=MARKERS, inform=None):
+        """Publish such images until the words come; before each, inform the nodes of its header."""
         documented(words)
         self.graph.diagnostics(node)
         messages = self.graph.received['/diagnostics']
@@ -65,6 +65,8 @@ class Mistakes:
         def heard():
             self.index += 1
             message.header = image_message(np.zeros((1, 1), np.uint8), self.index).header
+            if inform is not None:
+                inform(message.header)
             publisher.publish(message)
             self.graph.spin(0.03)
             said = [s.message for m in messages for s in m.status if s.name == f'/{node}']
@@ -107,10 +109,12 @@ def test_a_running_node_names_each(mistakes):
         (OTHER_SIZE, 'camera_info is for 320 x 240 px, the images are 640 x 480 px'),
         (CameraModel(640, 480, (0.0,) * 9), 'camera_info is all zeros'),
     ):
-        mistakes.index += 1
-        header = image_message(np.zeros((1, 1), np.uint8), mistakes.index).header
-        infos.publish(encode_camera_info(camera, header))
-        mistakes.sends(publisher, tanker, words)
+
+        def inform(header, camera=camera):
+            # With each image: a single one is lost where a node does not know the publisher yet.
+            infos.publish(encode_camera_info(camera, header))
+
+        mistakes.sends(publisher, tanker, words, inform=inform)
 
     zero = image_message(draw(tanker_at()), 0)
     zero.header.stamp.sec = zero.header.stamp.nanosec = 0
