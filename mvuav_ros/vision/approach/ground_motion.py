@@ -174,6 +174,9 @@ class Overlaid:
         votes += np.minimum(around, 1.0) - self._counted(moved)
         np.clip(votes, 0.0, MOTION.max_votes, out=votes)
         cells = np.where(votes >= MOTION.min_votes, 255, 0).astype(np.uint8)
+        # Along a line that stands still there are no corners.
+        closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+        cells = np.asarray(closed, np.uint8)
         if not cells.any():
             self.mask = None
             return

@@ -279,7 +279,7 @@ def _moved(strips: Strips, chosen: list[NDArray[np.intp]]) -> tuple[Strips, NDAr
     valid = (
         (right - left > SEARCH.min_slope_gap)
         & (depth > SEARCH.min_depth)
-        & (depth < SEARCH.max_depth)
+        & (depth < np.maximum(SEARCH.max_depth, 1.5 * near))
     )
     return moved, valid
 
@@ -377,6 +377,10 @@ class LevelledImage:
         """The part of the image that is needed to describe strips, on the first one's level."""
         # Of the pyramid, on which a strip's near end is neither too deep nor too shallow.
         level = max(0, math.ceil(math.log2(max(float(strips[0, 5]), 1.0) / SEARCH.max_level_depth)))
+        return self._part_on(level, strips)
+
+    def _part_on(self, level: int, strips: Strips) -> Part | None:
+        """The part of a level of the pyramid around strips, if it is large enough."""
         known = _scaled(strips, 0.5**level)
         box = surrounding_box(known)
         height, width = (side >> level for side in self.size)
@@ -386,6 +390,16 @@ class LevelledImage:
             return None
         known[:, :2] -= (left, top)
         return Part(self._part(level, (left, top, right, bottom)), known, level, (left, top))
+
+    def refined(self, strips: Strips, level: int) -> Strips:
+        """Strips that were aligned on a level of the pyramid, aligned on the finer ones as well."""
+        for finer in range(level - 1, SEARCH.finest_aligned - 1, -1):
+            part = self._part_on(finer, strips)
+            if part is None:
+                break
+            moved, valid = align(part.map, part.strips)
+            strips = np.where(valid[:, None], part.whole(moved), strips)
+        return strips
 
     def share_hidden(self, strip: Strip) -> float:
         """Share of a strip's edges over which something is laid."""
@@ -421,6 +435,12 @@ class Part(NamedTuple):
     level: int
     place: tuple[int, int]
 
+    def whole(self, strips: Strips) -> Strips:
+        """Strips of the map as they are on the image."""
+        strips = _scaled(strips, 2**self.level)
+        strips[:, :2] += np.array(self.place) * 2**self.level
+        return strips
+
 
 def describe_around(
     working: LevelledImage, strip: Strip, expected: Strips, most: int
@@ -442,9 +462,7 @@ def describe_around(
     features = np.zeros((len(strips), len(FEATURES)))
     scene = working.scene(part.level, part.place[0])
     features[valid], measured[valid] = describe(part.map, measured[valid], scene, part.level)
-    measured = _scaled(measured, 2**part.level)
-    measured[:, :2] += np.array(part.place) * 2**part.level
-    return measured, features, valid
+    return working.refined(part.whole(measured), part.level), features, valid
 
 
 def ends_of(working: LevelledImage, strip: Strip) -> NDArray[np.float64] | None:

@@ -124,7 +124,7 @@ class SideLines:
         """Measure both edges of a narrow runway by the outer sides of the lines along a strip's.
 
         Lines are expected between the strip's edges and those known, or where colour has shown
-        those. None if the lines are not clear, or the runway is too wide.
+        those. None if the lines are not clear or seen in too few rows, or the runway is too wide.
         """
         rows, expected, outwards = rows_of(strip, _ALONG)
         if outwards[1, -1] >= LINES.max_width:
@@ -140,7 +140,9 @@ class SideLines:
             return None
         rows, edges, outwards = rows_of(strip, np.array([0.0, 1.0]))
         middles = edges + outwards * np.array(lines)[:, :2]
-        return _outer_sides(frame, strips_through(middles[None], rows, rows[None])[0])
+        sides = _outer_sides(frame, strips_through(middles[None], rows, rows[None])[0])
+        plain = sides is not None and min(side.support for side in sides) > LINES.min_support
+        return sides if plain else None
 
 
 def _outer_sides(frame: LevelledFrame, strip: Strip) -> Edges | None:

@@ -145,6 +145,8 @@ class LinesTuning:
     max_width: float = 90.0  # px of the near end, beyond which threshold markings are distinguished
     min_clearness: float = 1.2  # of the fainter line, in usual ridges of the place
     min_depth: float = 2.0  # grey levels by which it becomes darker outside of a line
+    # share of the rows in which it does so: runs 3 and 5 have 0.5, mere texture 0.1 to 0.22
+    min_support: float = 0.25
     max_ridge: float = 4.0  # usual ridges: more counts as that, so that one lamp is not a line
 
 
@@ -218,6 +220,7 @@ class SearchTuning:
     min_depth: float = 4.0  # px of an aligned strip
     max_depth: float = 60.0  # px, likewise
     levels: int = 4  # of the pyramid
+    finest_aligned: int = 1  # level on which edges found on coarser ones are placed at last
     min_part: int = 12  # px of the sides of the part around strips
     # px of a level: a near end below that is measured on the next one
     max_level_depth: float = 28.0

@@ -76,3 +76,12 @@ def test_without_lines_there_is_no_answer():
 
 def test_a_wide_runway_is_measured_by_its_pavement():
     assert offsets(runway((0.7, 1.0)), slope=1.2) is None
+
+
+@pytest.mark.parametrize('seed', [3, 8, 12, 23])
+def test_patches_of_land_along_both_sides_are_no_lines(seed):
+    """Among so many straight lines one goes through enough bright patches to stand out."""
+    land = np.random.default_rng(seed).normal(0.0, 1.0, (240, 320))
+    land = cv2.GaussianBlur(land, (0, 0), 2.0)
+    image = np.clip(100.0 + 40.0 * land / land.std(), 0, 255).astype(np.uint8)
+    assert offsets(image, slope=0.6) is None
