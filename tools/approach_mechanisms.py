@@ -35,6 +35,8 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'edges alone': [(tuning.TRACK, 'lock_width', math.inf)],
     'shoulders': [(track, 'shows_shoulders', _returns(None))],
     'shoulders as plain': [(tuning.SHOULDERS, 'min_step_share', 0.0)],
+    'edges on finer levels': [(tuning.SEARCH, 'finest_aligned', 9)],
+    'lines in few rows': [(tuning.LINES, 'min_support', -1.0)],
     'steps farther off': [(tuning.EDGES, 'far_reach', 0.0)],
     'registration': [(Registration, 'shift', _returns((0.0, 0.0)))],
     'colour': [(EdgeLook, 'coloured', property(_returns(False)))],

@@ -96,6 +96,39 @@ def _cut(shot: Shot, top: int, zoom: int) -> Shot:
     return Shot(np.ascontiguousarray(image), label, horizon, None, zoom)
 
 
+def magnified(zoom: int) -> View:
+    """Show the runway as a longer lens does; there is no label where its near end is in view."""
+
+    def view(shot: Shot, index: int) -> Shot:
+        label, horizon = shot.label, shot.horizon
+        assert label is not None
+        assert horizon is not None
+        height, width = (side // zoom for side in shot.image.shape[:2])
+        slope = math.tan(horizon.slope)
+        middle = 0.5 * (label.far_left[0] + label.far_right[0])
+        left = int(np.clip(8 * round((middle - 0.5 * width) / 8), 0, shot.image.shape[1] - width))
+        row = horizon.row + (left + 0.5 * (width - shot.image.shape[1])) * slope
+        top = int(np.clip(round(row - 0.35 * height), 0, shot.image.shape[0] - height))
+        part = shot.image[top : top + height, left : left + width]
+        image = cv2.resize(part, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
+        line = replace(horizon, row=zoom * (row - top + 0.5) - 0.5)
+        last = top + height - 1.0
+        if min(label.near_left[1], label.near_right[1]) <= last:
+            return Shot(image, None, line, None, zoom)
+        near_left = _at_row(label.near_left, label.far_left, last)
+        near_right = _at_row(label.near_right, label.far_right, last)
+        corners = near_left, near_right, label.far_right, label.far_left
+        moved = [(zoom * (x - left + 0.5) - 0.5, zoom * (y - top + 0.5) - 0.5) for x, y in corners]
+        return Shot(image, LabelledFrame(label.file, *moved), line, None, zoom)
+
+    return view
+
+
+def _at_row(one: Point, other: Point, row: float) -> Point:
+    share = (row - one[1]) / (other[1] - one[1])
+    return one[0] + share * (other[0] - one[0]), row
+
+
 def _above_cut(label: LabelledFrame, top: float) -> list[Point]:
     """Corners, of which the far ones are moved along the edges into the picture."""
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from approach_drone import model_airfield, uav
 from approach_flights import (
     BANKS,
     CHECK_SEEDS,
@@ -44,6 +45,7 @@ from approach_views import (
     cropped,
     following,
     in_sky_or_text,
+    magnified,
     painted_over,
     with_text,
     without_runway,
@@ -83,6 +85,8 @@ CUTS: dict[str, list[tuple[str, View, slice]]] = {
     ],
 }
 """Of each flight: name, what is seen of a frame, and which frames; no horizon is in view."""
+MAGNIFIED = {'approach_run3': (3, 4), 'approach_run5': (4,)}
+"""By how much, so that the near end is out of view: as from over the runway."""
 CLIPS = {
     'road/udacity_solidWhiteRight.mp4': 221,
     'road/straight_rural_road_720p50.mp4': 1295,
@@ -90,7 +94,7 @@ CLIPS = {
     'runway/uav_a4_over_threshold_640x480.mp4': 1001,
 }
 CHECK_CLIPS = ('road/udacity_solidWhiteRight.mp4', 'runway/uav_a4_over_threshold_640x480.mp4')
-UAV_RUNWAY = range(200, 451)
+UAV_RUNWAY = range(120, 456)
 """Frames of the UAV clip in which its runway may be seen."""
 STILL_FRAMES = 30
 OVERLAP = 0.3
@@ -140,6 +144,10 @@ def run_jobs(footage: Path, options: argparse.Namespace) -> Iterator[Job]:
                     yield job('runs', name, variant=variant)
                 for cut, view, rows in CUTS[run]:
                     yield job('no horizon', f'{run[-4:]} {kind} {cut}', rows, view=view)
+                for zoom in MAGNIFIED.get(run, ()):
+                    rows = slice(360, None, options.step)
+                    name = f'{run[-4:]} {kind}, {zoom} times'
+                    yield job('over the runway', name, rows, view=magnified(zoom))
                 if horizon == (run == 'approach_run3' and gray):
                     for style in TEXTS:
                         name = f'{run[-4:]} {kind} {style}'
@@ -174,7 +182,8 @@ def labelled_run(
         changed = variant.label(label, width), variant.horizon(line, width)
         shot = view(Shot(variant.image(image, index), *changed), index)
         result = detector.process(shot.image, shot.horizon if horizon else None)
-        assert shot.label is not None
+        if shot.label is None:
+            continue
         within = Tolerance(shot.zoom * allowed.least, allowed.share)
         error = score_frame(shot.label, result.lines, within).error
         frame = judged(label.file, detector, result, math.inf if absent else error)
@@ -289,6 +298,12 @@ def jobs(options: argparse.Namespace) -> Iterator[Job]:
             if text:
                 make_all = partial(make_all, absent=True)
                 yield Job('stills with text', f'{name}, no runway', check, make_all)
+    folder = footage / 'runway' / 'model_airfield'
+    clip_path = footage / 'runway' / 'uav_a4_over_threshold_640x480.mp4'
+    for gray in (False, True):
+        yield Job('drones', 'UAV', True, lambda gray=gray: [uav(clip_path, gray=gray)])
+        drone = partial(model_airfield, folder, options.still_frames, gray=gray)
+        yield Job('drones', 'model airfield', True, lambda drone=drone: [drone()])
     for flight in (*FLIGHTS, *BANKS):
         name = f'simulated {flight}'
         one = partial(simulated, flight, step, options.cache)

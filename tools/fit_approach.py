@@ -4,11 +4,11 @@ Not part of the package: it needs the footage, which is not given away, and take
 the tuning half is used: the flights of run 3 and of run 5, the cockpit stills of every other
 video, two roads and the part of the UAV clip without a runway; in colour and in grey. Run 2, the
 other stills and the motorway are left for checks. The weights of strips seen from near by are
-fitted to the same flights, stills, roads and fields, also cut off below their horizons, and to
-simulated flights near a runway, over it, and looking down at it. The others of the cut flights
-have the same weights as those with a horizon. Every image counts twice: as it is, and with text
-drawn into it (`approach_text`); of every still and flight there are images with text and no
-runway, too.
+fitted to the same flights, stills, roads and fields, also cut off below their horizons or
+magnified, to simulated flights near a runway, over it, and looking down at it, and to single views
+of simulated runways (`approach_glimpses`). The others of the cut flights have the same weights as
+those with a horizon. Every image counts twice: as it is, and with text drawn into it
+(`approach_text`); of every still and flight there are images with text and no runway, too.
 
     python tools/fit_approach.py ../shared/footage [--near-by]
 """
@@ -36,8 +36,9 @@ from approach_flights import (
     looking_down_settings,
     overflown_settings,
 )
+from approach_glimpses import glimpses
 from approach_text import burned_in
-from approach_views import Shot, following, painted_over, without_runway
+from approach_views import Shot, following, magnified, painted_over, without_runway
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
@@ -55,10 +56,13 @@ PENALTY = 40.0
 """Of squared slopes; 20 fits the tuning half better and the stills left for checks no worse."""
 RUN_WEIGHT = 0.4
 """Of an image of run 3, of which there are many, beside any other image."""
-SIMULATED_WEIGHT, ROAD_WEIGHT = 0.4, 3.0
-"""The same, from near by: of a simulated one, and of a whole one without a runway."""
-
-
+SIMULATED_WEIGHT, GLIMPSE_WEIGHT = 0.4, 0.8
+"""The same, from near by: of a frame of a simulated flight, and of a single view of a runway."""
+ROAD_WEIGHT, CUT_WEIGHT = 12.0, 4.0
+"""Likewise of one without a runway: as it is, and cut off below its horizon."""
+GLIMPSE_SEEDS = range(400, 560)
+UAV_RUNWAY = range(120, 456)
+"""Frames of the UAV clip that may show its runway."""
 _SEEDS = itertools.count(1)
 
 
@@ -96,6 +100,9 @@ class Allowed(NamedTuple):
 
 
 USUAL = Allowed(3.0, 0.05)
+NEAR_BY = Allowed(12.0, 0.1)
+"""Of simulated runways from near by: they are found on coarse images, and their edges are placed
+on finer ones afterwards."""
 
 
 def examples(footage: Path) -> Iterator[Example]:
@@ -116,7 +123,9 @@ def examples(footage: Path) -> Iterator[Example]:
 def examples_near_by(footage: Path) -> Iterator[Example]:
     """Images of the tuning half, of whose candidates those seen from near by are taken."""
     yield from of_cut_runs(footage, near_by=True)
+    yield from of_magnified_runs(footage)
     yield from of_flights()
+    yield from of_glimpses()
     for run, step, allowed in (('run3', 12, Allowed(3.0, 0.05)), ('run5', 16, Allowed(4.0, 0.08))):
         folder = footage / 'runway' / f'approach_{run}'
         for number, label in enumerate(read_corners(folder / 'corners.csv')[::step]):
@@ -136,7 +145,7 @@ def examples_near_by(footage: Path) -> Iterator[Example]:
             for top, seen in enumerate((image, cut) if number % 4 == 0 else (image,)):
                 for text, drawn in enumerate(plain_and_with_text(seen)):
                     found = near_or_far(drawn, None, text=bool(text))
-                    yield found._replace(weight=1.0 if top else ROAD_WEIGHT)
+                    yield found._replace(weight=CUT_WEIGHT if top else ROAD_WEIGHT)
 
 
 def of_flights() -> Iterator[Example]:
@@ -155,7 +164,7 @@ def of_flights() -> Iterator[Example]:
                 label = LabelledFrame('', *near, *far)
                 image = both_kinds(flight.frame(index).image.pixels)[number % 2]
                 slope = math.atan(-1.0 / math.tan(truth.horizon[1]))
-                found = near_or_far(image, label, Allowed(6.0, 0.05), slope=slope)
+                found = near_or_far(image, label, NEAR_BY, slope=slope)
                 yield found._replace(weight=SIMULATED_WEIGHT)
 
 
@@ -190,6 +199,34 @@ def of_cut_runs(footage: Path, *, near_by: bool) -> Iterator[Example]:
             if shot.label is not None and shot.label.near_left[1] > 12:
                 for text, seen in enumerate(plain_and_with_text(shot.image)):
                     yield near_or_far(seen, shot.label, allowed, text=bool(text), near_by=near_by)
+
+
+def of_magnified_runs(footage: Path) -> Iterator[Example]:
+    """Frames of the labelled approaches, magnified, if the near end is then out of view."""
+    for run, zoom, step, allowed in (
+        ('approach_run3', 2, 1, Allowed(6.0, 0.05)),
+        ('approach_run3', 3, 2, Allowed(9.0, 0.05)),
+        ('approach_run3', 4, 4, Allowed(12.0, 0.05)),
+        ('approach_run5', 4, 10, Allowed(16.0, 0.08)),
+    ):
+        folder = footage / 'runway' / run
+        labels = read_corners(folder / 'corners.csv')
+        frames = list(zip(labels, read_horizon(folder / 'horizon.csv', labels), strict=True))
+        for number, (label, line) in enumerate(frames[::step]):
+            colour = cv2.imread(str(folder / label.file))
+            shot = magnified(zoom)(Shot(both_kinds(colour)[number % 2], label, line), number)
+            if shot.label is not None:
+                for text, seen in enumerate(plain_and_with_text(shot.image)):
+                    at = line.slope
+                    yield near_or_far(seen, shot.label, allowed, text=bool(text), slope=at)
+
+
+def of_glimpses() -> Iterator[Example]:
+    """Single views of simulated runways, colour and grey by turns."""
+    for number, (colour, label, slope) in enumerate(glimpses(GLIMPSE_SEEDS, 4)):
+        for text, seen in enumerate(plain_and_with_text(both_kinds(colour)[number % 2])):
+            found = near_or_far(seen, label, NEAR_BY, text=bool(text), slope=slope)
+            yield found._replace(weight=GLIMPSE_WEIGHT)
 
 
 def near_or_far(
@@ -283,7 +320,7 @@ def frames_without_runway(path: Path, step: int) -> Iterator[NDArray[Any]]:
     """Every so many frames of a clip, colour and grey by turns."""
     clip, index = cv2.VideoCapture(str(path)), 0
     while clip.grab():
-        if index % step == 0 and not ('uav' in path.name and 180 <= index < 450):
+        if index % step == 0 and not ('uav' in path.name and index in UAV_RUNWAY):
             yield both_kinds(np.asarray(clip.retrieve()[1]))[index // step % 2]
         index += 1
 

@@ -25,7 +25,7 @@ OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 CHECK = ('run2', 'check', 'udacity')
 """Parts of the names of rows that nothing is fitted to."""
 LEFT_OUT = ('simulated',)
-UAV_RUNWAY = range(180, 451)
+UAV_RUNWAY = range(120, 456)
 """Frames of the UAV clip that may show its runway."""
 NEARBY = 4.0
 """Tolerances: a report that near is of the runway itself."""
