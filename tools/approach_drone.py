@@ -1,4 +1,7 @@
-"""Real footage from drones over a runway. All of it is kept back: nothing is fitted to it."""
+"""Real footage from drones over a runway, all of it kept back: no fit has seen it as a runway.
+
+Frames of the UAV clip that do not show its runway are in the fit.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,8 @@ from numpy.typing import NDArray
 from mvuav_ros.offline.evaluation.corners import LabelledFrame, Tolerance, score_frame
 
 ALLOWED = Tolerance(6.0, 0.05)
+UAV_RUNWAY = range(120, 456)
+"""Frames of the UAV clip that may show its runway."""
 STILLS = 0, 2, 10, 12, 14, 16
 """Of the model airfield: those in which both edges of the runway are in view."""
 MARGIN = 4

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from approach_drone import model_airfield, uav
+from approach_drone import UAV_RUNWAY, model_airfield, uav
 from approach_flights import (
     BANKS,
     CHECK_SEEDS,
@@ -94,8 +94,6 @@ CLIPS = {
     'runway/uav_a4_over_threshold_640x480.mp4': 1001,
 }
 CHECK_CLIPS = ('road/udacity_solidWhiteRight.mp4', 'runway/uav_a4_over_threshold_640x480.mp4')
-UAV_RUNWAY = range(120, 456)
-"""Frames of the UAV clip in which its runway may be seen."""
 STILL_FRAMES = 30
 OVERLAP = 0.3
 

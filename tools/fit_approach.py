@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from approach_drone import UAV_RUNWAY
 from approach_flights import (
     FLIGHTS,
     LOOKING_DOWN,
@@ -61,8 +62,6 @@ SIMULATED_WEIGHT, GLIMPSE_WEIGHT = 0.4, 0.8
 ROAD_WEIGHT, CUT_WEIGHT = 12.0, 4.0
 """Likewise of one without a runway: as it is, and cut off below its horizon."""
 GLIMPSE_SEEDS = range(400, 560)
-UAV_RUNWAY = range(120, 456)
-"""Frames of the UAV clip that may show its runway."""
 _SEEDS = itertools.count(1)
 
 

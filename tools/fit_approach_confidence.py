@@ -16,6 +16,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from approach_drone import UAV_RUNWAY
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
@@ -25,8 +26,6 @@ OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 CHECK = ('run2', 'check', 'udacity')
 """Parts of the names of rows that nothing is fitted to."""
 LEFT_OUT = ('simulated',)
-UAV_RUNWAY = range(120, 456)
-"""Frames of the UAV clip that may show its runway."""
 NEARBY = 4.0
 """Tolerances: a report that near is of the runway itself."""
 RUNWAY_BOUNDS = ((None, None), (0.0, 1.0), (0.0, 1.0), (0.0, 2.5), (0.0, 1.5), (0.0, 1.5))

@@ -279,7 +279,7 @@ def _moved(strips: Strips, chosen: list[NDArray[np.intp]]) -> tuple[Strips, NDAr
     valid = (
         (right - left > SEARCH.min_slope_gap)
         & (depth > SEARCH.min_depth)
-        & (depth < np.maximum(SEARCH.max_depth, 1.5 * near))
+        & (depth < np.maximum(SEARCH.max_depth, SEARCH.max_deeper * near))
     )
     return moved, valid
 

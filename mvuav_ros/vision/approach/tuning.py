@@ -89,6 +89,7 @@ class MotionTuning:
     max_residual: float = 1.0  # px by which corners may miss the map
     min_votes: float = 1.8  # votes, one of a comparison, from which a cell is overlaid
     max_votes: float = 6.0  # votes kept
+    joined: int = 5  # cells: overlaid ones that are no farther apart are joined. A drawn runway
     forgotten: float = 0.1  # share of the votes lost in a comparison: one wrong map hides nothing
 
 
@@ -219,6 +220,7 @@ class SearchTuning:
     min_slope_gap: float = 0.1  # columns per row between both edges of an aligned strip
     min_depth: float = 4.0  # px of an aligned strip
     max_depth: float = 60.0  # px, likewise
+    max_deeper: float = 1.5  # depths before; on a finer level that may be more than ``max_depth``
     levels: int = 4  # of the pyramid
     finest_aligned: int = 1  # level on which edges found on coarser ones are placed at last
     min_part: int = 12  # px of the sides of the part around strips
