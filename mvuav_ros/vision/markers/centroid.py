@@ -143,22 +143,17 @@ class CentroidMeter:
     def _sums(self, shown: Mapping[int, Pixels], windows: Sequence[Bounds]) -> list[Sums]:
         """Of the windows with a light: row, area, mass, x and y of its mean, and spread.
 
-        Those of about one size are one array; what they are too small for is dark.
+        Those of about one size are measured together.
         """
         alike: dict[int, list[int]] = {}
         for row, patch in shown.items():
             alike.setdefault(max(patch.shape).bit_length(), []).append(row)
         found: list[Sums] = []
         for rows in alike.values():
-            patches = [shown[row] for row in rows]
-            shapes = [patch.shape for patch in patches]
-            height, width = map(max, zip(*shapes, strict=True))
-            gray = np.zeros((len(rows), height, width), patches[0].dtype)
-            for space, patch, (rows_shown, columns) in zip(gray, patches, shapes, strict=True):
-                space[:rows_shown, :columns] = patch
-            middle_x, middle_y = 0.5 * (width - 1), 0.5 * (height - 1)
-            bright, weighed = self._moments(gray)
-            for row, (count, *_), (mass, mx, my, m2) in zip(rows, bright, weighed, strict=True):
+            gray = _stacked([shown[row] for row in rows])
+            middle_x, middle_y = 0.5 * (gray.shape[2] - 1), 0.5 * (gray.shape[1] - 1)
+            counts, moments = self._moments(gray)
+            for row, count, (mass, mx, my, m2) in zip(rows, counts, moments, strict=True):
                 if not count:
                     continue
                 area, mx, my = int(count), mx / mass, my / mass
@@ -167,17 +162,28 @@ class CentroidMeter:
                 found.append((row, area, mass, x, y, spread))
         return found
 
-    def _moments(self, gray: Pixels) -> list[list[list[float]]]:
-        """Sums over windows (n, height, width) times each of `_powers`, (2, n, 4).
+    def _moments(self, gray: Pixels) -> tuple[list[float], list[list[float]]]:
+        """Of windows (n, height, width) the bright pixels, and the weights' sums (see `_powers`).
 
-        Of the bright pixels, which count 1, and of the weights.
+        Of these there are four for each window.
         """
         count, height, width = gray.shape
         counts = _counts(self.level, self.weighted, full_scale(gray)).take(gray, axis=1)
         # One product instead of cv2.moments, which takes twice as long for a window.
         sums = counts.reshape(2 * count, -1).dot(_powers((height, width)))
-        rows: list[list[list[float]]] = sums.reshape(2, count, 4).tolist()
-        return rows
+        return sums[:count, 0].tolist(), sums[count:].tolist()
+
+
+def _stacked(patches: Sequence[Pixels]) -> Pixels:
+    """Windows as one array (n, height, width); what they are too small for is dark."""
+    shapes = {patch.shape for patch in patches}
+    if len(shapes) == 1:
+        return np.array(patches)
+    height, width = map(max, zip(*shapes, strict=True))
+    stacked = np.zeros((len(patches), height, width), patches[0].dtype)
+    for space, patch in zip(stacked, patches, strict=True):
+        space[: patch.shape[0], : patch.shape[1]] = patch
+    return stacked
 
 
 def _find_pull(cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]) -> Pull:

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.markers.lights import Point
 from mvuav_ros.vision.markers.rig_view import ViewState
-from mvuav_ros.vision.markers.view_correction import Correction, NamedPlaces, Point
+from mvuav_ros.vision.markers.view_correction import Correction, NamedPlaces
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 

@@ -27,6 +27,7 @@ from mvuav_ros.vision.markers.lights import (
     Lens,
     Light,
     Lights,
+    Point,
     places_of,
     straightened,
 )
@@ -79,12 +80,11 @@ class Reporter:
         earliest time (s).
         """
         rows = zip(self._labels, memory.predictor.motions(), memory.markers, strict=True)
-        markers = []
+        markers, detected = [], MarkerState.DETECTED
         for index, (label, motion, known) in enumerate(rows):
             if index in spots:
                 x, y, area, _ = spots[index]
-                state = MarkerState.DETECTED
-                markers.append(Marker(label, state, x, y, *motion, area, known.confidence))
+                markers.append(Marker(label, detected, x, y, *motion, area, known.confidence))
             elif known.last_seen >= earliest and index in expected:
                 x, y, _ = expected[index]
                 markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
@@ -97,9 +97,9 @@ class Reporter:
         status = remark
         if len(spots) < len(markers):
             status = counts_of(markers) + (f' ({remark})' if remark else '')
-        predictions = tuple(zip(memory.predicted[::2], memory.predicted[1::2], strict=True))
+        places = tuple(memory.predicted)
         has_wings = self._wings is not None
-        return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
+        return MarkerResult(tuple(markers), roll, status, tuple(windows), places, has_wings)
 
 
 GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
@@ -274,7 +274,7 @@ class IdentityTracker:
         spots = {index: spot for index, spot in spots.items() if index not in hidden}
         return self._report.result(memory, spots, frame.earliest, expected, windows, status)
 
-    def _search(self, frame: Frame, search: Search, around: Sequence[float]) -> str:
+    def _search(self, frame: Frame, search: Search, around: Sequence[Point]) -> str:
         """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
         assert self._body is not None
         # The filter as it was when four firm names agreed last; since then it has gone on alone.

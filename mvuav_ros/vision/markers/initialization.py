@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.detection import label_five
-from mvuav_ros.vision.markers.lights import Light, Lights, are_close
+from mvuav_ros.vision.markers.lights import Light, Lights, Point, are_close
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
@@ -33,7 +33,7 @@ from mvuav_ros.vision.markers.rig_view import (
     Y,
     views_of_three,
 )
-from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, Point
+from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ANY_ROLL = 1.6  # rad, 1 sigma: at the start an upright body is likelier than one upside down

@@ -25,6 +25,7 @@ from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
+Point = tuple[float, float]
 
 
 class Lens:
@@ -236,11 +237,11 @@ class Light(NamedTuple):
 class Lights:
     """The spots of a frame that may be lights, measured."""
 
-    def __init__(self, frame: Frame, lens: Lens, around: Sequence[float] = ()) -> None:
+    def __init__(self, frame: Frame, lens: Lens, around: Sequence[Point] = ()) -> None:
         """Measure the lights of a frame.
 
-        Of very many the nearest to some places (x and y in turn, px) are measured; the largest,
-        which show what is small, if there are none.
+        Of very many the nearest to some places (px) are measured; the largest, which show what is
+        small, if there are none.
 
         Raises:
             GroupingError: it is too bright or too noisy to hold markers.
@@ -266,16 +267,16 @@ class Lights:
         return [light for light in spots if light.seen.area >= least]
 
 
-def _most_useful(stats: Integers, around: Sequence[float]) -> Integers:
+def _most_useful(stats: Integers, around: Sequence[Point]) -> Integers:
     """The pieces (n, 5) that are the nearest to some places, or the largest."""
     if not len(around):
         return np.argsort(-stats[:, cv2.CC_STAT_AREA], kind='stable')[:MAX_MEASURED]
     middles = stats[:, :2] + 0.5 * (stats[:, 2:4] - 1)
-    apart = np.abs(middles[:, None] - np.reshape(around, (-1, 2))).max(axis=2).min(axis=1)
+    apart = np.abs(middles[:, None] - np.array(around)).max(axis=2).min(axis=1)
     return np.argsort(apart, kind='stable')[:MAX_MEASURED]
 
 
-def straightened(lens: Lens, spots: Iterable[Detection]) -> list[tuple[float, float]]:
+def straightened(lens: Lens, spots: Iterable[Detection]) -> list[Point]:
     """Where a lens without distortion would show detections, px."""
     places = [spot[:2] for spot in spots]
     if lens.is_straight:
@@ -283,7 +284,7 @@ def straightened(lens: Lens, spots: Iterable[Detection]) -> list[tuple[float, fl
     return [(x, y) for x, y in lens.to_ideal(np.array(places)).tolist()]
 
 
-def places_of(found: Mapping[int, Light]) -> dict[int, tuple[float, float]]:
+def places_of(found: Mapping[int, Light]) -> dict[int, Point]:
     """Where named lights are, px without distortion."""
     return {marker: (light.x, light.y) for marker, light in found.items()}
 

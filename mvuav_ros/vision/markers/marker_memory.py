@@ -58,13 +58,13 @@ class Jumps:
         Returns:
             The marker whose light has jumped in this frame, if one has.
         """
-        kept = [(m, JUMPS.forgetting * evidence) for m, evidence in self.evidence.items()]
-        self.evidence = {m: evidence for m, evidence in kept if evidence > 1.0}
+        faded = {m: JUMPS.forgetting * evidence for m, evidence in self.evidence.items()}
+        self.evidence = {m: evidence for m, evidence in faded.items() if evidence > 1.0}
         if len(away) < JUMPS.fewest:
             return None
         # What has shaken the camera has moved all of them.
-        middle = len(away) // 2
-        x, y = [sorted(values)[middle] for values in zip(*away.values(), strict=True)]
+        across, down = zip(*away.values(), strict=True)
+        x, y = sorted(across)[len(away) // 2], sorted(down)[len(away) // 2]
         apart = [math.hypot(dx - x, dy - y) for dx, dy in away.values()]
         usual = math.hypot(self._usual, JUMPS.least)
         limit = JUMPS.deviations * usual
@@ -144,8 +144,9 @@ class KnownMarker:
     def weigh(self, ratio: float) -> None:
         """Bayes's rule with a log ratio of likelihoods, after a frame in which it may be stolen."""
         kept = (1.0 - CONFIDENCE.stolen) / (CONFIDENCE.stolen + math.exp(-self.odds))
-        odds = math.log(kept) + ratio
-        self.odds = min(max(odds, CONFIDENCE.least), CONFIDENCE.most)
+        odds, least, most = math.log(kept) + ratio, CONFIDENCE.least, CONFIDENCE.most
+        # Conditions, as min and max take several times as long.
+        self.odds = least if odds < least else most if odds > most else odds
 
     def give(self, own: float, other: float, others: bool, followed: bool) -> None:
         """Bayes's rule for a light that has been given the name by its place.
@@ -211,38 +212,38 @@ class MarkerMemory:
 
     def predict(self, time: float) -> None:
         """Go on to the next frame, s."""
-        # x and y of every marker in turn in the newest frame, px, by its own motion.
-        self.predicted = self.predictor.predict(time)
+        flat = self.predictor.predict(time)
+        # Where each marker is in the newest frame, px, by its own motion.
+        self.predicted = list(zip(flat[::2], flat[1::2], strict=True))
 
     def look(self, frame: Frame) -> tuple[dict[int, Detection], list[Window]]:
         """The usual frame: the markers to which nothing has happened in their windows."""
         windows: list[Window] = []
         pulls: list[Pull | None] = []
-        for index, known in enumerate(self.markers):
+        least, size = frame.parameters.search_radius, frame.size
+        for index, (known, (x, y)) in enumerate(zip(self.markers, self.predicted, strict=True)):
             window = NO_WINDOW
             if not (known.unseen or known.returning):
-                x, y = self.predicted[2 * index], self.predicted[2 * index + 1]
-                radius = max(frame.parameters.search_radius, math.ceil(known.radius + EDGE))
-                window = Window.around(x, y, radius, frame.size)
+                window = Window.around(x, y, max(least, math.ceil(known.radius + EDGE)), size)
             windows.append(window)
             # The background changes slowly: it is looked at in turn.
             pulls.append(known.pull if (index + frame.number) % RING_EVERY else None)
-        found = frame.meter.measure_all(frame.cut, windows, frame.size, pulls)
+        found = frame.meter.measure_all(frame.cut, windows, size, pulls)
         spots: dict[int, Detection] = {}
         for index, (known, seen) in enumerate(zip(self.markers, found, strict=True)):
             if seen is not None:
                 spot, known.pull = seen
                 fits = known.is_usual(spot) and area_fits(spot.area, frame.parameters)
-                if fits and not _is_cut(spot, known.radius + 1.0, windows[index], frame.size):
+                if fits and not _is_cut(spot, known.radius + 1.0, windows[index], size):
                     spots[index] = spot
         return spots, windows
 
     def watch(self, seen: Mapping[int, Detection]) -> None:
         """Doubt a marker whose light, px, is the only one not where its own motion takes it."""
-        away = {
-            m: (spot.x - self.predicted[2 * m], spot.y - self.predicted[2 * m + 1])
-            for m, spot in seen.items()
-        }
+        away = {}
+        for marker, (seen_x, seen_y, *_) in seen.items():
+            x, y = self.predicted[marker]
+            away[marker] = seen_x - x, seen_y - y
         jumped = self.jumps.update(away)
         if jumped is not None:
             self.markers[jumped].untrusted = self._probation

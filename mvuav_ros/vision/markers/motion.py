@@ -95,7 +95,8 @@ class PredictionMixture:
         weights = [
             prior * (loss / least) ** power for prior, loss in zip(self._prior, losses, strict=True)
         ]
-        self.weights = np.array(weights) / sum(weights)
+        total = sum(weights)
+        self.weights = np.array([weight / total for weight in weights])
 
 
 class Vibration:
@@ -370,10 +371,10 @@ class MotionPredictor:
         self._mixture.learn(errors)
         # Once much has been learnt, every other frame is enough, and saves time.
         if self._frames % 2:
-            error = measured - self._prediction
-            lights[_VARIANCE] += (1 - TUNING.level_memory) * (error * error - lights[_VARIANCE])
-        innovation = errors[_FILTER]
-        lights[_STATE] += self._settled * innovation
+            error, variance = measured - self._prediction, lights[_VARIANCE]
+            variance += (1 - TUNING.level_memory) * (error * error - variance)
+        innovation, state = errors[_FILTER], lights[_STATE]
+        state += self._settled * innovation
         # Places and innovations move down by one.
         lights[_PLACES.start + 1 : _HISTORY.stop] = lights[_PLACES.start : _LINEAR]
         lights[_LAST : _PLACES.start + 1], lights[_LAGGED.start] = measured, innovation

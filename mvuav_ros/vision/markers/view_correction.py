@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.markers.lights import Point
 from mvuav_ros.vision.markers.rig_view import (
     COUNT,
     SETTLED,
@@ -23,7 +24,6 @@ from mvuav_ros.vision.markers.rig_view import (
     possible,
 )
 
-Point = tuple[float, float]
 Distance = tuple[float, float, float, float]
 """Factors of x², x y and y², and the logarithm of the density at no distance, px^-2."""
 BESIDE = 6.0
@@ -229,16 +229,17 @@ class Correction:
         """For each marker how far it lies from where the main filter's others put it."""
         return self.nis_by((0,) * len(self.gain.markers))
 
-    def nis_by(self, rows: tuple[int, ...], beside: bool = False) -> list[float]:
-        """The same by the filter in each marker's row, or of a light beside it (see `BESIDE`).
+    def nis_by(self, rows: tuple[int, ...]) -> list[float]:
+        """The same by the filter in each marker's row: chi squared with two degrees of freedom."""
+        return self._squares(rows, self.gain.distances(rows))
 
-        Chi squared with two degrees of freedom.
-        """
-        nis, weighed = [], self.weighed.tolist()
-        for index, (xx, xy, yy, _) in enumerate(self.gain.distances(rows, beside)):
-            x, y = weighed[rows[index]][2 * index : 2 * index + 2]
-            nis.append((xx * x + xy * y) * x + yy * y * y)
-        return nis
+    def _squares(self, rows: tuple[int, ...], distances: Sequence[Distance]) -> list[float]:
+        """Squared distances over variances by the filter in each marker's row."""
+        squares, weighed = [], self.weighed.tolist()
+        for index, (row, (xx, xy, yy, _)) in enumerate(zip(rows, distances, strict=True)):
+            x, y = weighed[row][2 * index : 2 * index + 2]
+            squares.append((xx * x + xy * y) * x + yy * y * y)
+        return squares
 
     def log_densities(self, row: int) -> list[float]:
         """Logarithm of how probable a filter's others make each marker's place, per px²."""
@@ -253,16 +254,16 @@ class Correction:
         It is Student's t in two dimensions, whose tails are wider than a normal distribution's: at
         times a motion was not foreseen.
         """
-        gain, likelihoods = self.gain, {}
-        main = (0,) * len(gain.markers)
-        own, other = gain.distances(main), gain.distances(main, beside=True)
-        far = self.nis_by(main, beside=True)
-        for index, marker in enumerate(gain.markers):
-            likelihoods[marker] = (
-                own[index][3] - _TAIL * math.log1p(self.nis[index] / _FREEDOM),
-                other[index][3] - _TAIL * math.log1p(far[index] / _FREEDOM),
+        markers, main = self.gain.markers, (0,) * len(self.gain.markers)
+        own, other = self.gain.distances(main), self.gain.distances(main, beside=True)
+        rows = zip(markers, own, self.nis, other, self._squares(main, other), strict=True)
+        return {
+            marker: (
+                by_it[3] - _TAIL * math.log1p(near / _FREEDOM),
+                by_another[3] - _TAIL * math.log1p(far / _FREEDOM),
             )
-        return likelihoods
+            for marker, by_it, near, by_another, far in rows
+        }
 
     def view(self, row: int = 0) -> ViewState:
         """What follows of a filter's view."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mvuav_ros.vision.markers.lights import Point
 from mvuav_ros.vision.markers.rig_view import (
     COUNT,
     FOCAL,
@@ -24,7 +25,7 @@ from mvuav_ros.vision.markers.rig_view import (
     deviations_of,
     possible,
 )
-from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, Point, times
+from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, times
 
 
 @dataclass(frozen=True)
@@ -166,17 +167,7 @@ class ViewFilter:
     @property
     def belief(self) -> Belief:
         """At `time`; after `predict` the prior of that frame."""
-        if self._is_behind:
-            self._learn()
-            before = self._covariances.reshape(-1, _STATES).dot(self._transition)
-            across = self._transition.T @ before.reshape(self._covariances.shape)
-            self._covariances = across + self._noise * np.concatenate((self._motion, self._motion))
-            self._is_behind = False
-            self.means[:, :COUNT] = possible(self.means[:, :COUNT])
-            old, new = self._variances, self._covariances[0].diagonal()[:COUNT]
-            least, most = TUNING.same_variance
-            self._is_steady = bool(((new >= least * old) & (new <= most * old)).all())
-            self._variances = new
+        self._catch_up()
         return Belief(self.means, self._covariances)
 
     @property
@@ -198,19 +189,34 @@ class ViewFilter:
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
-        # Of the last frame, even if nothing was committed there.
-        self._covariances = self.belief.covariance
+        # To the last frame, even if nothing was committed there.
+        self._catch_up()
         elapsed = time - self.time
         if abs(elapsed - self._step) > _SAME_TIME:
             self._step, self._transition, self._noise = elapsed, *_dynamics(elapsed, self._walk)
         self.means = self.means.dot(self._transition)
         self._is_behind, self.time = True, time
         if self._seen < _MIN_HOLDING:
-            self._covariances = self.belief.covariance
+            self._catch_up()
             usual = np.clip(self._max_motion, TUNING.min_unseen, TUNING.max_unseen)
             grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
             self._motion = np.maximum(self._motion, grown)
         self._seen = 0
+
+    def _catch_up(self) -> None:
+        """Take the covariances to `time`, where the means are already."""
+        if not self._is_behind:
+            return
+        self._learn()
+        before = self._covariances.reshape(-1, _STATES).dot(self._transition)
+        across = self._transition.T @ before.reshape(self._covariances.shape)
+        self._covariances = across + self._noise * np.concatenate((self._motion, self._motion))
+        self._is_behind = False
+        self.means[:, :COUNT] = possible(self.means[:, :COUNT])
+        old, new = self._variances, self._covariances[0].diagonal()[:COUNT]
+        least, most = TUNING.same_variance
+        self._is_steady = bool(((new >= least * old) & (new <= most * old)).all())
+        self._variances = new
 
     def places(self, view: ViewState | None = None) -> tuple[Array, Array]:
         """Where the markers should be, (n, 2) px, and how uncertain that is, (n,) px."""
@@ -276,7 +282,8 @@ class ViewFilter:
             return None
         both = times(gain.effect, away)
         change, weighed = both[:, :_STATES], both[:, _STATES:]
-        innovation = away[0, :width] - away[0, width:].dot(gain.slopes[0])
+        main = away[0]
+        innovation = main[:width] - main[width:].dot(gain.slopes[0])
         if innovation.dot(weighed[0]) > TUNING.usual_innovation * width:
             return None
         turned = (SHARED * change[:, :COUNT]).ravel()
