@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.identity_tracker import IdentityTracker
+from mvuav_ros.vision.markers.lights import Lens
 from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.self_calibration import Estimate, SelfCalibration
@@ -63,7 +64,7 @@ class CalibratedTracker:
         self._size = size
         self._tracker = _tracker(self._rig, self._camera)
         self._check: SelfCalibration | None = None
-        if self._camera is not None and _is_calibrated(self._camera, size):
+        if self._camera is not None and Lens(size, self._camera).focal is not None:
             self._check = SelfCalibration(self._rig.positions, self._camera)
         # One without the calibration, while nothing has been named with it.
         self._trial: IdentityTracker | None = None
@@ -188,14 +189,6 @@ def _tracker(rig: MarkerRig, camera: CameraModel | None) -> IdentityTracker:
     tracker = IdentityTracker(rig)
     tracker.set_camera(camera)
     return tracker
-
-
-def _is_calibrated(camera: CameraModel, size: tuple[int, int]) -> bool:
-    try:
-        camera.check(*size)
-    except CalibrationError:
-        return False
-    return True
 
 
 def _is_seen(marker: Marker) -> bool:

@@ -15,12 +15,7 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.initialization import (
-    Attempts,
-    Named,
-    Trial,
-    initialize,
-)
+from mvuav_ros.vision.markers.initialization import Attempts, Trial, initialize
 from mvuav_ros.vision.markers.lights import (
     Frame,
     GroupingError,
@@ -43,7 +38,7 @@ from mvuav_ros.vision.markers.marker_results import (
     roll_of,
 )
 from mvuav_ros.vision.markers.naming import SAME_SPOT, Clutter, Search
-from mvuav_ros.vision.markers.rig_view import Array, WeakPerspective
+from mvuav_ros.vision.markers.rig_view import WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -136,10 +131,11 @@ class IdentityTracker:
             self._camera = camera
             self._size = (0, 0)
 
-    def _start_again(self) -> None:
+    def _start_again(self, was_wrong: bool = False) -> None:
+        """Know nothing of the body, but that one was followed that was none, if so."""
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
-        self._attempts = Attempts()
+        self._attempts = Attempts(was_wrong)
         self._trial: Trial | None = None  # of a body that is not what its rig says
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -182,21 +178,14 @@ class IdentityTracker:
             return self._report.nothing(f'{seen} lights in view, not yet certain')
         probation = PROBATION if self._is_redundant else UNCHECKED
         memory = MarkerMemory(frame.time, list(named.lights.values()), probation)
-        views = self._filter_of(named, frame.time)
-        self._body = FaultDetector(views), memory
+        shape, places = self._shape, places_of(named.lights)
         if not named.fits:
-            self._trial = Trial(self._shape, views.view, places_of(named.lights))
+            self._trial = Trial(shape, named.view, places)
+            shape = shape.with_offsets(named.view, np.array(list(places.values())))
+        self._body = FaultDetector(ViewFilter(shape, named.view, frame.time)), memory
         self._is_sure = True  # whether four firm names agreed in the newest frame
         spots = {index: light.seen for index, light in named.lights.items()}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
-
-    def _filter_of(self, named: Named, time: float) -> ViewFilter:
-        """Begin to follow the view of a whole body."""
-        assert named.view is not None
-        shape = self._shape
-        if not named.fits:
-            shape = shape.with_offsets(named.view, _places(named))
-        return ViewFilter(shape, named.view, time)
 
     def _follow(self, frame: Frame, faults: FaultDetector, memory: MarkerMemory) -> MarkerResult:
         memory.predict(frame.time)
@@ -227,7 +216,7 @@ class IdentityTracker:
         doubted = memory.distrust(spots)
         faults.untrusted = memory.untrusted
         found = {index: Light(*place, spots[index]) for index, place in named.items()}
-        search = Search(faults, memory.markers, consensus, found, faults.doubtful)
+        search = Search(faults, memory.markers, consensus, found)
         status = self._search(frame, search, memory.predicted if consensus.kept else ())
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
@@ -242,8 +231,7 @@ class IdentityTracker:
 
     def _give_up(self) -> MarkerResult:
         """Forget a body that was none."""
-        self._start_again()
-        self._attempts.was_wrong = True
+        self._start_again(was_wrong=True)
         return self._report.nothing('the lights are not those of one body')
 
     def _conclude(
@@ -300,8 +288,3 @@ class IdentityTracker:
             index: Expectation(x, y, e.deviation)
             for (index, e), (x, y) in zip(expected.items(), places, strict=True)
         }
-
-
-def _places(named: Named) -> Array:
-    """(n, 2), px without distortion."""
-    return np.array([(light.x, light.y) for light in named.lights.values()])

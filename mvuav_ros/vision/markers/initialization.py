@@ -82,7 +82,7 @@ class Prior:
     def at_start(cls, shape: WeakPerspective) -> Prior:
         """The camera looks at an upright body from behind, give or take."""
         mean, deviations = np.zeros(COUNT), np.empty(COUNT)
-        mean[[X, Y]] = shape.centre
+        mean[[X, Y]] = shape.lens.centre
         mean[FOCAL] = math.log(shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal)
         deviations[ROLL], deviations[SCALE], deviations[[X, Y]] = ANY_ROLL, FREE[0], FREE[1]
         deviations[[PITCH, YAW]] = TILT
@@ -171,20 +171,14 @@ def _fitted(
     flat = np.array([(spot.x, spot.y) for spot in spots])
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
     scale = median_high([float(start[SCALE]) for _, start in starts])
-    variance = (prior.noise or 0.3 + MODEL_ERROR * math.exp(scale)) ** 2
     for number in sorted({len(way) for way, _ in starts}):
         same = [start for start in starts if len(start[0]) == number]
         pairs = np.array([way for way, _ in same], np.intp)
         views = np.array([start for _, start in same])
         # From half a turn about the expected roll.
         views[:, ROLL] = prior.mean[ROLL] + _turned(views[:, ROLL] - prior.mean[ROLL])
-        mean = np.tile(prior.mean, (len(same), 1))
-        if prior.deviations[SCALE] >= FREE[0]:
-            mean[:, SCALE] = scale
-        before = Belief(mean, np.tile(np.diag(prior.deviations**2), (len(same), 1, 1)))
         named = NamedPlaces(pairs[..., 0], flat[pairs[..., 1]].reshape(len(same), -1))
-        noise = np.full((len(same), 2 * number), variance)
-        fits = Correction.of(shape, before, named, noise, variance, views, iterations=8)
+        fits = _fit(shape, named, prior, scale, views)
         # Logarithms of how probable strays are in so many places, and in one place less.
         others, fewer = (
             k * math.log(strays)
@@ -201,6 +195,19 @@ def _fitted(
             }
             guesses.append(Guess(way, view, log_density - others, without))
     return guesses
+
+
+def _fit(
+    shape: WeakPerspective, named: NamedPlaces, prior: Prior, scale: float, starts: Array
+) -> Correction:
+    """Views (f, 8) by named lights, of about this scale (its logarithm), from where to start."""
+    mean = np.tile(prior.mean, (len(starts), 1))
+    if prior.deviations[SCALE] >= FREE[0]:
+        mean[:, SCALE] = scale
+    before = Belief(mean, np.tile(np.diag(prior.deviations**2), (len(starts), 1, 1)))
+    variance = (prior.noise or 0.3 + MODEL_ERROR * math.exp(scale)) ** 2
+    noise = np.full(named.places.shape, variance)
+    return Correction.of(shape, before, named, noise, variance, starts, iterations=8)
 
 
 def log_odds_of(best: Guess, ways: Sequence[Guess]) -> dict[int, float]:
@@ -230,11 +237,13 @@ def _rough_guesses(
     count = len(shape.points)
     if len(places) < fewest:
         return []
-    views = _rough_views(shape, places, prior, count - fewest)
+    seen, slopes = shape.linearize(prior.mean[None])
+    expected = seen.view(np.complex128)[0], slopes.view(np.complex128)[0]
+    views = _rough_views(shape, places, prior, count - fewest, expected)
     views = views[prior.allows(views)]
     errors = np.zeros((len(views), count))
     if prior.noise is not None:
-        moved, around = _moved_views(shape, places, prior)
+        moved, around = _moved_views(places, prior, *expected)
         views, errors = np.concatenate((views, moved)), np.concatenate((errors, around))
     if not len(views):
         return []
@@ -266,13 +275,22 @@ def _rough_guesses(
     return list(starts.values())
 
 
-def _rough_views(shape: WeakPerspective, places: Complex, prior: Prior, hidden: int) -> Array:
-    """Views (v, 8) in which three of the markers are any three of the spots, or two any two."""
+def _rough_views(
+    shape: WeakPerspective,
+    places: Complex,
+    prior: Prior,
+    hidden: int,
+    expected: tuple[Complex, Complex],
+) -> Array:
+    """Views (v, 8) in which three of the markers are any three of the spots, or two any two.
+
+    The markers are expected at places (n,), which move with the parameters by slopes (8, n).
+    """
     focal = math.exp(prior.mean[FOCAL])
     triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
     if triangles:
         markers, orders = np.array(triangles), _orders(len(places), 3)
-        may_be = _pairs(shape, places, prior)
+        may_be = _pairs(places, prior, *expected)
         first, second, third = markers.T[..., None]
         a, b, c = orders.T
         allowed = may_be[first, second, a, b] & may_be[second, third, b, c]
@@ -291,7 +309,9 @@ def _rough_views(shape: WeakPerspective, places: Complex, prior: Prior, hidden: 
     return views
 
 
-def _moved_views(shape: WeakPerspective, places: Complex, prior: Prior) -> tuple[Array, Array]:
+def _moved_views(
+    places: Complex, prior: Prior, expected: Complex, slopes: Complex
+) -> tuple[Array, Array]:
     """The expected view moved so that one marker is one of the spots, (v, 8).
 
     Where roll, size and tilt are known well, they are so better than three spots would give them.
@@ -300,8 +320,6 @@ def _moved_views(shape: WeakPerspective, places: Complex, prior: Prior) -> tuple
         The views, none where that is not so, and how far the other markers may be off (1 sigma,
         px), (v, n).
     """
-    seen, slopes = shape.linearize(prior.mean[None])
-    expected, slopes = seen.view(np.complex128)[0], slopes.view(np.complex128)[0]
     change = slopes * prior.deviations[:, None]
     change[[X, Y]] = 0.0
     apart = change[:, None] - change[:, :, None]
@@ -317,15 +335,13 @@ def _moved_views(shape: WeakPerspective, places: Complex, prior: Prior) -> tuple
     return views[kept], errors[markers[kept]]
 
 
-def _pairs(shape: WeakPerspective, places: Complex, prior: Prior) -> NDArray[np.bool_]:
+def _pairs(places: Complex, prior: Prior, expected: Complex, slopes: Complex) -> NDArray[np.bool_]:
     """Which two of the spots may be which two of the markers, (n, n, spots, spots).
 
     By the logarithm of the offset between them, of which size and roll are the parts.
     """
-    expected, slopes = shape.linearize(prior.mean[None])
-    seen, change = expected.view(np.complex128)[0], slopes.view(np.complex128)[0]
-    offsets, found = _apart(seen), _apart(places)
-    spread = (change[:, None] - change[:, :, None]) / offsets * prior.deviations[:, None, None]
+    offsets, found = _apart(expected), _apart(places)
+    spread = (slopes[:, None] - slopes[:, :, None]) / offsets * prior.deviations[:, None, None]
     apart = np.log(found / offsets[:, :, None, None])
     xx, yy = np.square(spread.real).sum(axis=0) + 1e-4, np.square(spread.imag).sum(axis=0) + 1e-4
     xy = (spread.real * spread.imag).sum(axis=0)
@@ -446,15 +462,15 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | No
 class Attempts:
     """When to name a whole body, and whether enough frames have named it alike."""
 
+    # Whether a body was followed that was none: one that is not what its rig says must be seen
+    # alike in enough frames from then on.
+    was_wrong: bool = False
     agreed: int = 0  # frames in a row that named the body alike
     last: Mapping[int, Light] = field(default_factory=dict)  # its markers in the last one
     _rest: int = 0  # frames until the next attempt
     _lights: int = 0
     _first_misfit: float = 0.0
     _is_odd: bool = False  # whether one of the lights may well have been another one meanwhile
-    # Whether a body was followed that was none: one that is not what its rig says must be seen
-    # alike in enough frames from then on.
-    was_wrong: bool = False
 
     def due(self, lights: int) -> bool:
         """Whether to try in this frame: another number of lights may be what was waited for."""
@@ -517,12 +533,7 @@ class Trial:
 
     def _misfit(self, found: Mapping[int, Point]) -> float:
         """Of a view by these alone, in units of the body's size."""
-        before = Prior.at_start(self._shape)
-        mean = before.mean.copy()
-        mean[SCALE] = self._view.parameters[SCALE]
-        belief = Belief(mean[None], np.diag(before.deviations**2)[None])
-        variance = (0.3 + MODEL_ERROR * self._view.scale) ** 2
-        noise, start = np.full((1, 2 * len(found)), variance), self._view.parameters[None]
-        named = NamedPlaces.of(found)
-        self._view = Correction.of(self._shape, belief, named, noise, variance, start).view()
+        start, prior = self._view.parameters, Prior.at_start(self._shape)
+        fitted = _fit(self._shape, NamedPlaces.of(found), prior, start[SCALE], start[None])
+        self._view = fitted.view()
         return self._view.misfit / self._view.scale

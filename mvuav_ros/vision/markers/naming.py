@@ -194,12 +194,8 @@ class Search:
         markers: Sequence[KnownMarker],
         consensus: Consensus,
         found: Mapping[int, Light],
-        doubtful: Collection[int] = (),
     ) -> None:
-        """Begin with the markers found so far, without those that a consensus drops.
-
-        The names of some are doubtful.
-        """
+        """Begin with the markers found so far, without those that a consensus drops."""
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
         self._known = tuple(self.found)
         # What speaks against each marker; another one where others have taken all names.
@@ -209,7 +205,7 @@ class Search:
         self.suspects = set(consensus.suspects)
         # Log odds of the markers found again together, after hardly any was in sight.
         self.reacquired: Mapping[int, float] = {}
-        self._doubtful = set(doubtful)
+        self._doubtful = faults.doubtful
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._markers = markers
         self._view = consensus.view()
@@ -425,9 +421,5 @@ class Search:
         by_view = deviations.tolist()
         return {i: Expectation(x[i], y[i], by_view[i]) for i in markers}
 
-    def is_likely(self, index: int, light: Light) -> bool:
-        """Whether a marker may look like a light."""
-        return self._markers[index].is_likely(light.seen)
-
     def _unlikeness(self, index: int, light: Light) -> float:
-        return 0.0 if self.is_likely(index, light) else UNLIKE
+        return 0.0 if self._markers[index].is_likely(light.seen) else UNLIKE

@@ -61,13 +61,8 @@ class WeakPerspective:
     def with_offsets(self, view: ViewState, measured: Array) -> WeakPerspective:
         """The shape that shows the markers where they are (n, 2), px, in a view."""
         beside = measured - replace(self, offsets=None).project(view.parameters)
-        turn = np.exp(complex(view.parameters[SCALE], view.roll))
+        turn = np.exp(complex(*view.parameters[[SCALE, ROLL]]))
         return replace(self, offsets=(beside[:, 0] + 1j * beside[:, 1]) / turn)
-
-    @property
-    def centre(self) -> Array:
-        """(2,), px: off it, near and far markers shift against each other."""
-        return self.lens.centre
 
     @cached_property
     def base(self) -> tuple[int, int]:
@@ -150,7 +145,7 @@ class WeakPerspective:
         nearness = views[:, SCALE, None] - views[:, FOCAL, None]
         near = np.exp(np.minimum(nearness, self._max_nearness))
         larger = 1.0 / np.maximum(1.0 + near * depth, _NEAREST)
-        origin = views[:, X : Y + 1].view(np.complex128) - self._middle
+        origin = views[:, X : Y + 1].view(np.complex128) - self.middle
         image = (turned + origin) * larger
         moved = image * near
         deeper = moved * (depth * (nearness <= self._max_nearness))
@@ -169,7 +164,7 @@ class WeakPerspective:
             image = image + beside
             slopes[:, ROLL] += 1j * beside
             slopes[:, SCALE] += beside
-        image += self._middle
+        image += self.middle
         return image.view(np.float64), slopes.view(np.float64)
 
     def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> tuple[Complex, Complex]:
@@ -188,8 +183,9 @@ class WeakPerspective:
         return image + barrel * cubic, slopes
 
     @cached_property
-    def _middle(self) -> complex:
-        return complex(*self.centre.tolist())
+    def middle(self) -> complex:
+        """The lens's principal point, x + iy, px: off it, near and far markers shift."""
+        return complex(*self.lens.centre.tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,11 +206,6 @@ class ViewState:
     def scale(self) -> float:
         """Pixels per unit of the shape."""
         return math.exp(float(self.parameters[SCALE]))
-
-    @property
-    def roll(self) -> float:
-        """In the image, rad, right wing down positive."""
-        return float(self.parameters[ROLL])
 
 
 def deviations_of(slopes: Array, covariance: Array) -> Array:
@@ -287,7 +278,7 @@ def views_of_three(
     """
     # Markers, axes, rows: the rows last, along which all is computed.
     points = np.ascontiguousarray(shape.points[markers].transpose(1, 2, 0))
-    seen = (places - complex(*shape.centre)).T / focal
+    seen = (places - shape.middle).T / focal
     depths, rows = _orthographic_depths(points, seen)
     points, seen = points[..., rows], seen[:, rows]
     if may_be is not None:
@@ -317,8 +308,8 @@ def _views_at(
     views[:, PITCH] = np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))
     views[:, YAW] = np.arctan2(-rotation[2, 0], rotation[2, 2])
     views[:, SCALE] = np.log(focal / distance)
-    views[:, X] = focal * x / distance + shape.centre[0]
-    views[:, Y] = focal * y / distance + shape.centre[1]
+    views[:, X] = focal * x / distance + shape.middle.real
+    views[:, Y] = focal * y / distance + shape.middle.imag
     views[:, FOCAL] = math.log(focal)
     return views
 

@@ -134,6 +134,8 @@ class ViewFilter:
         covariance[:COUNT, :COUNT] = view.covariance
         mean = np.concatenate((view.parameters, np.zeros(COUNT)))
         self._is_calibrated = shape.lens.focal is not None
+        # Parameters that the lights alone give.
+        self.unknowns = COUNT - 2 if self._is_calibrated else COUNT
         self._walk = (
             _WALK_NOISE * (np.arange(COUNT) < FOCAL) if self._is_calibrated else _WALK_NOISE
         )
@@ -181,11 +183,6 @@ class ViewFilter:
         """Of a measured marker from where the view has it (1 sigma, px)."""
         scale = math.exp(self.means.item(0, SCALE))
         return math.hypot(TUNING.noise, self.rig_error * scale)
-
-    @property
-    def unknowns(self) -> int:
-        """Parameters that the lights alone give."""
-        return COUNT - 2 if self._is_calibrated else COUNT
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
