@@ -62,7 +62,7 @@ class CalibratedTracker:
     def _begin(self, size: tuple[int, int]) -> None:
         """Begin with images of a size, px."""
         self._size = size
-        self._tracker = _tracker(self._rig, self._camera)
+        self._tracker = IdentityTracker(self._rig, self._camera)
         self._check: SelfCalibration | None = None
         if self._camera is not None and Lens(size, self._camera).focal is not None:
             self._check = SelfCalibration(self._rig.positions, self._camera)
@@ -163,7 +163,7 @@ class CalibratedTracker:
         The tracker begins with this frame, in which it finds the result.
         """
         assert self._camera is not None
-        tracker = _tracker(estimate.of_rig(self._rig), estimate.of_camera(self._camera))
+        tracker = IdentityTracker(estimate.of_rig(self._rig), estimate.of_camera(self._camera))
         again = tracker.track(*frame)
         if not all(_is_seen(marker) for marker in again.markers):
             return None
@@ -183,12 +183,6 @@ class CalibratedTracker:
                 f'camera_info says a focal length of {ours:.0f} px, the lights show {shown:.0f} px '
                 '(if the rig is measured right)'
             )
-
-
-def _tracker(rig: MarkerRig, camera: CameraModel | None) -> IdentityTracker:
-    tracker = IdentityTracker(rig)
-    tracker.set_camera(camera)
-    return tracker
 
 
 def _is_seen(marker: Marker) -> bool:

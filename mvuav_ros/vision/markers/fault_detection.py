@@ -53,9 +53,6 @@ class Evidence(NamedTuple):
     redundancy: float  # mean of the places in a fit of the view, from 0 to 1
 
 
-NO_EVIDENCE = Evidence({}, 0.0)
-
-
 class Consensus(NamedTuple):
     """What a set of named lights agrees on."""
 
@@ -144,9 +141,8 @@ class FaultDetector:
         if not self.views.has_bank:
             return {}
         evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
-        markers = correction.gain.markers
-        ignored = tuple([1 + marker for marker in markers])
-        for marker, square in zip(markers, correction.nis_by(ignored), strict=True):
+        squares = zip(correction.gain.markers, correction.nis_by_ignoring(), strict=True)
+        for marker, square in squares:
             shown = square - TUNING.allowance
             evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
         return evidence
@@ -166,7 +162,7 @@ class FaultDetector:
         margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
         suspects = tuple(m for m in score if score[m] > score[worst] - margin)
         row = 1 + worst
-        nis = zip(found, correction.nis_by((row,) * len(found)), strict=True)
+        nis = zip(found, correction.nis_by(row), strict=True)
         if max(square for marker, square in nis if marker != worst) > TUNING.gate:
             return None
         if len(suspects) > 1:
@@ -189,7 +185,7 @@ class FaultDetector:
         fitting = [
             (cost + sum(jumped[i] for i in rest), rest)
             for row, (cost, rest) in enumerate(zip(fits.cost.tolist(), rests, strict=True))
-            if max(fits.nis_by((row,) * len(rest))) <= TUNING.gate
+            if max(fits.nis_by(row)) <= TUNING.gate
         ]
         if not fitting:
             return None
@@ -218,7 +214,7 @@ class FaultDetector:
     def evidence(self, found: Mapping[int, Point]) -> Evidence:
         """What a frame's places say for their names."""
         if not found:
-            return NO_EVIDENCE
+            return Evidence({}, 0.0)
         redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
         return Evidence(self._correct(found)[0].log_likelihoods(), redundancy)
 

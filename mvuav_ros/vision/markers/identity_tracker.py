@@ -48,9 +48,7 @@ class Reporter:
 
     def __init__(self, rig: MarkerRig) -> None:
         names = rig.names
-        self._labels: list[int] = list(range(len(names)))
-        if names == TANKER_NAMES:
-            self._labels = [*TANKER_LABELS]
+        self._labels = TANKER_LABELS if names == TANKER_NAMES else range(len(names))
         self._wings = None
         if 'left_wing' in names and 'right_wing' in names:
             self._wings = names.index('left_wing'), names.index('right_wing')
@@ -115,21 +113,14 @@ class IdentityTracker:
     replaces them.
     """
 
-    def __init__(self, rig: MarkerRig) -> None:
-        self._rig = rig
+    def __init__(self, rig: MarkerRig, camera: CameraModel | None = None) -> None:
+        self._rig, self._camera = rig, camera
         self._count = len(rig.names)
         self._report = Reporter(rig)
         self._size = (0, 0)
-        self._camera: CameraModel | None = None
         self._tick = 0
         self.lights = 0  # in the newest frame in which the whole body was looked for
         self._start_again()
-
-    def set_camera(self, camera: CameraModel | None) -> None:
-        """Take a calibration, or that there is none; what was known under another one is lost."""
-        if camera != self._camera:
-            self._camera = camera
-            self._size = (0, 0)
 
     def _start_again(self, was_wrong: bool = False) -> None:
         """Know nothing of the body, but that one was followed that was none, if so."""

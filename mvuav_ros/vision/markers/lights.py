@@ -26,6 +26,7 @@ from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 Point = tuple[float, float]
+"""x and y, px."""
 
 
 class Lens:

@@ -85,7 +85,7 @@ class Gain:
         spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
         spread.reshape(-1, count * count)[:, :: count + 1] += noise
         self.weight = _inverses(spread)
-        self._distances: dict[tuple[tuple[int, ...], bool], list[Distance]] = {}
+        self._distances: dict[tuple[int | None, bool], list[Distance]] = {}
 
     @cached_property
     def effect(self) -> Array:
@@ -112,22 +112,23 @@ class Gain:
         left -= rest @ transposed
         return np.asarray(0.5 * (left + left.transpose(0, 2, 1)))
 
-    def distances(self, rows: tuple[int, ...], beside: bool = False) -> list[Distance]:
+    def distances(self, row: int | None, beside: bool = False) -> list[Distance]:
         """What makes weighed innovations squared distances from where the others put each marker.
 
-        For each marker by the filter in its row. With w = S⁻¹ r, the weighed innovations, and B the
-        marker's 2 x 2 block of S⁻¹, the innovation by all other markers alone is B⁻¹ w with the
-        covariance B⁻¹, of which the marker's own variance is a part. Where it is another one by d,
-        as for a light beside the marker (see `BESIDE`), the squared distance is
-        w (B + d B²)⁻¹ w, where B² is tr(B) B - det(B).
+        By the filter in a row; None: for each marker by the filter that ignores it. With w = S⁻¹ r,
+        the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the innovation by all other
+        markers alone is B⁻¹ w with the covariance B⁻¹, of which the marker's own variance is a
+        part. Where it is another one by d, as for a light beside the marker (see `BESIDE`), the
+        squared distance is w (B + d B²)⁻¹ w, where B² is tr(B) B - det(B).
         """
-        found = self._distances.get((rows, beside))
+        found = self._distances.get((row, beside))
         if found is None:
-            found = self._distances[rows, beside] = []
+            found = self._distances[row, beside] = []
             own = self.own + BESIDE * BESIDE if beside else self.own
-            for x, row in zip(range(0, 2 * len(rows), 2), rows, strict=True):
-                (xx, xy), (_, yy) = self.weight[row, x : x + 2, x : x + 2].tolist()
-                other = own - self.noise.item(row, x)
+            for index, marker in enumerate(self.markers):
+                one, x = 1 + marker if row is None else row, 2 * index
+                (xx, xy), (_, yy) = self.weight[one, x : x + 2, x : x + 2].tolist()
+                other = own - self.noise.item(one, x)
                 size = max(xx * yy - xy * xy, 1e-12 * xx * yy)
                 share, less = 1.0 + other * (xx + yy), other * size
                 wider = share + other * less  # the determinant of I + d B
@@ -226,25 +227,26 @@ class Correction:
 
     @cached_property
     def nis(self) -> list[float]:
-        """For each marker how far it lies from where the main filter's others put it."""
-        return self.nis_by((0,) * len(self.gain.markers))
+        """For each marker how far it lies from where the main filter's others put it.
 
-    def nis_by(self, rows: tuple[int, ...]) -> list[float]:
-        """The same by the filter in each marker's row: chi squared with two degrees of freedom."""
-        return self._squares(rows, self.gain.distances(rows))
+        Chi squared with two degrees of freedom.
+        """
+        return self.nis_by(0)
 
-    def _squares(self, rows: tuple[int, ...], distances: Sequence[Distance]) -> list[float]:
-        """Squared distances over variances by the filter in each marker's row."""
-        squares, weighed = [], self.weighed.tolist()
-        for index, (row, (xx, xy, yy, _)) in enumerate(zip(rows, distances, strict=True)):
-            x, y = weighed[row][2 * index : 2 * index + 2]
-            squares.append((xx * x + xy * y) * x + yy * y * y)
-        return squares
+    def nis_by(self, row: int) -> list[float]:
+        """The same by another filter."""
+        return _squares(self.weighed[row].tolist(), self.gain.distances(row))
+
+    def nis_by_ignoring(self) -> list[float]:
+        """The same, each marker by the filter that ignores it."""
+        weighed, every = [], self.weighed.tolist()
+        for index, marker in enumerate(self.gain.markers):
+            weighed += every[1 + marker][2 * index : 2 * index + 2]
+        return _squares(weighed, self.gain.distances(None))
 
     def log_densities(self, row: int) -> list[float]:
         """Logarithm of how probable a filter's others make each marker's place, per px²."""
-        rows = (row,) * len(self.gain.markers)
-        pairs = zip(self.nis_by(rows), self.gain.distances(rows), strict=True)
+        pairs = zip(self.nis_by(row), self.gain.distances(row), strict=True)
         return [factors[3] - 0.5 * square for square, factors in pairs]
 
     def log_likelihoods(self) -> dict[int, tuple[float, float]]:
@@ -254,9 +256,9 @@ class Correction:
         It is Student's t in two dimensions, whose tails are wider than a normal distribution's: at
         times a motion was not foreseen.
         """
-        markers, main = self.gain.markers, (0,) * len(self.gain.markers)
-        own, other = self.gain.distances(main), self.gain.distances(main, beside=True)
-        rows = zip(markers, own, self.nis, other, self._squares(main, other), strict=True)
+        own, other = self.gain.distances(0), self.gain.distances(0, beside=True)
+        far = _squares(self.weighed[0].tolist(), other)
+        rows = zip(self.gain.markers, own, self.nis, other, far, strict=True)
         return {
             marker: (
                 by_it[3] - _TAIL * math.log1p(near / _FREEDOM),
@@ -269,6 +271,12 @@ class Correction:
         """What follows of a filter's view."""
         mean, covariance = self.after
         return ViewState(mean[row, :COUNT], covariance[row, :COUNT, :COUNT], self.misfit(row))
+
+
+def _squares(weighed: list[float], distances: Sequence[Distance]) -> list[float]:
+    """Squared distances over variances of weighed innovations, x and y of each marker in turn."""
+    rows = zip(weighed[::2], weighed[1::2], distances, strict=True)
+    return [(xx * x + xy * y) * x + yy * y * y for x, y, (xx, xy, yy, _) in rows]
 
 
 def _seen(columns: NDArray[np.intp] | None, expected: Array, slopes: Array) -> tuple[Array, Array]:
