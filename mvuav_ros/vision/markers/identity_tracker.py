@@ -236,10 +236,11 @@ class IdentityTracker:
             memory.trust(search.reacquired)
         expected = self._in_image(search.expected(search.missing))
         others = self._clutter.is_about or not self._is_redundant
-        evidence = search.evidence()
+        faults, places = search.faults, places_of(search.found)
+        evidence = faults.evidence(places)
         memory.weigh(search.found, evidence, search.given, others, search.reacquired)
-        search.faults.doubtful = memory.doubtful
-        search.finish()
+        faults.doubtful = memory.doubtful
+        faults.commit(places)
         if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:
             self._is_sure = True
         for index, (x, y, deviation) in expected.items():

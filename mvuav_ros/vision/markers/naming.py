@@ -11,7 +11,7 @@ import numpy as np
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
-from mvuav_ros.vision.markers.fault_detection import Consensus, Evidence, FaultDetector
+from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.initialization import (
     ABSENT,
     MAX_CANDIDATES,
@@ -405,14 +405,6 @@ class Search:
             del self.found[marker]
         self.suspects = set(consensus.suspects)
         self._view = consensus.view()
-
-    def evidence(self) -> Evidence:
-        """What the places found say for their names."""
-        return self.faults.evidence(places_of(self.found))
-
-    def finish(self) -> None:
-        """Keep the view of this frame."""
-        self.faults.commit(places_of(self.found))
 
     def expected(self, markers: Collection[int]) -> dict[int, Expectation]:
         """Where markers should be by the view of those found so far, px without distortion."""

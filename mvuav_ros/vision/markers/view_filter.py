@@ -215,9 +215,8 @@ class ViewFilter:
         self._is_steady = bool(((new >= least * old) & (new <= most * old)).all())
         self._variances = new
 
-    def places(self, view: ViewState | None = None) -> tuple[Array, Array]:
-        """Where the markers should be, (n, 2) px, and how uncertain that is, (n,) px."""
-        view = view or self.view
+    def places(self, view: ViewState) -> tuple[Array, Array]:
+        """Where the markers should be in a view, (n, 2) px, and how uncertain that is, (n,) px."""
         places, slopes = self.shape.linearize(view.parameters[None])
         return places.reshape(-1, 2), deviations_of(slopes[0], view.covariance)
 
