@@ -337,10 +337,9 @@ class MotionPredictor:
         variance = 0.5 * (lights[_VARIANCE, ::2] + lights[_VARIANCE, 1::2])
         return np.asarray(np.sqrt(np.maximum(variance, least)) * frames**1.5)
 
-    def positions(self) -> list[float]:
-        """X and y of every light in turn at the newest frame, px."""
-        places: list[float] = self._lights[0].tolist()
-        return places
+    def positions(self) -> Array:
+        """Where every light is at the newest frame, (n, 2) px."""
+        return np.asarray(self._lights[0].reshape(-1, 2))
 
     def motions(self) -> list[tuple[float, float, float, float]]:
         """Velocity (px/s) and acceleration (px/s²) of every light, x and y each: n rows of four.

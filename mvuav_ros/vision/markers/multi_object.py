@@ -258,9 +258,9 @@ class MultiObjectTracker:
 
     def _result(self, given: Integers, found: Array, status: str) -> MarkerResult:
         motions = np.array(self._motion.motions()).reshape(-1, 4)
-        now = np.array(self._motion.positions()).reshape(-1, 2)
         visible = given >= 0
-        rows = np.column_stack((now, motions, np.full(len(given), math.nan)))
+        unknown = np.full(len(given), math.nan)
+        rows = np.column_stack((self._motion.positions(), motions, unknown))
         rows[np.ix_(visible, _MEASURED)] = found[given[visible]]
         states = MarkerState.PREDICTED, MarkerState.DETECTED
         markers = tuple(
