@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -141,16 +141,9 @@ class CentroidMeter:
         return [Detection(x, y, area, spread) for _, area, _, x, y, spread in sums]
 
     def _sums(self, shown: Mapping[int, Pixels], windows: Sequence[Bounds]) -> list[Sums]:
-        """Of the windows with a light: row, area, mass, x and y of its mean, and spread.
-
-        Those of about one size are measured together.
-        """
-        alike: dict[int, list[int]] = {}
-        for row, patch in shown.items():
-            alike.setdefault(max(patch.shape).bit_length(), []).append(row)
+        """Of the windows with a light: row, area, mass, x and y of its mean, and spread."""
         found: list[Sums] = []
-        for rows in alike.values():
-            gray = _stacked([shown[row] for row in rows])
+        for rows, gray in _stacked(shown):
             middle_x, middle_y = 0.5 * (gray.shape[2] - 1), 0.5 * (gray.shape[1] - 1)
             counts, moments = self._moments(gray)
             for row, count, (mass, mx, my, m2) in zip(rows, counts, moments, strict=True):
@@ -174,16 +167,24 @@ class CentroidMeter:
         return sums[:count, 0].tolist(), sums[count:].tolist()
 
 
-def _stacked(patches: Sequence[Pixels]) -> Pixels:
-    """Windows as one array (n, height, width); what they are too small for is dark."""
-    shapes = {patch.shape for patch in patches}
-    if len(shapes) == 1:
-        return np.array(patches)
-    height, width = map(max, zip(*shapes, strict=True))
-    stacked = np.zeros((len(patches), height, width), patches[0].dtype)
-    for space, patch in zip(stacked, patches, strict=True):
-        space[: patch.shape[0], : patch.shape[1]] = patch
-    return stacked
+def _stacked(shown: Mapping[int, Pixels]) -> Iterator[tuple[list[int], Pixels]]:
+    """Windows of about one size as one array (n, height, width), with their rows.
+
+    What they are too small for is dark.
+    """
+    if len({patch.shape for patch in shown.values()}) == 1:
+        yield list(shown), np.array(list(shown.values()))
+        return
+    alike: dict[int, list[int]] = {}
+    for row, patch in shown.items():
+        alike.setdefault(max(patch.shape).bit_length(), []).append(row)
+    for rows in alike.values():
+        patches = [shown[row] for row in rows]
+        height, width = map(max, zip(*[patch.shape for patch in patches], strict=True))
+        stacked = np.zeros((len(rows), height, width), patches[0].dtype)
+        for space, patch in zip(stacked, patches, strict=True):
+            space[: patch.shape[0], : patch.shape[1]] = patch
+        yield rows, stacked
 
 
 def _find_pull(cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]) -> Pull:
