@@ -97,7 +97,7 @@ class FaultDetector:
         fewest = TUNING.min_firm - (len(found) == TUNING.min_firm < count)
         if len(found) - len(untrusted) < fewest:
             untrusted.clear()
-        ignored = self.doubtful if len(found) < TUNING.min_agreeing else ()
+        ignored = self.doubtful.intersection(found) if len(found) < TUNING.min_agreeing else ()
         correction = self.views.correct(found, untrusted, ignored)
         self._corrected = key, correction, self._added(correction)
         return self._corrected[1:]

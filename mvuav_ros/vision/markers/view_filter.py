@@ -245,7 +245,6 @@ class ViewFilter:
 
         Those on probation hardly take part, and some not at all.
         """
-        ignored = [marker for marker in found if marker in ignored]
         again = None if untrusted or ignored else self._correct_as_before(found)
         if again is not None:
             return again
