@@ -123,9 +123,9 @@ class CentroidMeter:
         Each pull is as it was found some frames ago, or None where it is to be looked for.
         """
         shown = {
-            row: cut(*bounds)
-            for row, bounds in enumerate(windows)
-            if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]
+            row: cut(x0, x1, y0, y1)
+            for row, (x0, x1, y0, y1) in enumerate(windows)
+            if x0 <= x1 and y0 <= y1
         }
         found: list[Measured | None] = [None] * len(windows)
         for row, area, mass, x, y, spread in self._sums(shown, windows):

@@ -163,8 +163,9 @@ class KnownMarker:
 
     def learn(self, spot: Detection) -> None:
         """Follow slow changes of its light, as of the distance."""
-        self.area += _LEARNING * (spot.area - self.area)
-        self.spread += _LEARNING * (spot.spread - self.spread)
+        _, _, area, spread = spot
+        self.area += _LEARNING * (area - self.area)
+        self.spread += _LEARNING * (spread - self.spread)
         self.radius = math.sqrt(self.area / math.pi)
 
     def is_usual(self, spot: Detection) -> bool:
@@ -241,7 +242,7 @@ class MarkerMemory:
     def watch(self, seen: Mapping[int, Detection]) -> None:
         """Doubt a marker whose light, px, is the only one not where its own motion takes it."""
         away = {}
-        for marker, (seen_x, seen_y, *_) in seen.items():
+        for marker, (seen_x, seen_y, _, _) in seen.items():
             x, y = self.predicted[marker]
             away[marker] = seen_x - x, seen_y - y
         jumped = self.jumps.update(away)
