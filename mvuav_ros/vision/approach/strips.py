@@ -132,11 +132,9 @@ class Shape:
 
     @property
     def vanishing_point(self) -> tuple[float, float]:
-        """Where the edges meet, px; NaN where they are parallel."""
+        """Where the edges meet, px; very far away where they are parallel."""
         p_left, left, p_right, right = self.state.tolist()
-        if right - left < 1e-3:
-            return float('nan'), float('nan')
-        depth = -(p_right - p_left) / (right - left)
+        depth = (p_left - p_right) / max(right - left, 1e-3)
         return p_left + left * depth, self.reference + depth
 
     def predict(self, rightwards: float = 0.0, downwards: float = 0.0) -> None:

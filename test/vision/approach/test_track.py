@@ -100,3 +100,18 @@ def test_between_weighings_the_edges_are_measured_and_their_kind_stays():
     assert near_edges(track) == pytest.approx([145, 175], abs=1.0)
     track.step(seen, 6, shown=True)
     assert [track.kinds.share(kind) for kind in EdgeKind] != before
+
+
+def test_a_runway_whose_edges_have_become_parallel_is_given_up(monkeypatch):
+    """Near the ground little of wide edges is in view, and a frame may turn them out."""
+    seen = view()
+    track = RunwayTrack(STRIP, 1.0)
+    track.step(seen, 1)
+
+    def parallel(self, view, strip, rows, *, weighed):
+        self.shape.state[:] = (-200.0, 0.5, 500.0, 0.5)
+
+    monkeypatch.setattr(RunwayTrack, '_lock', lambda self: setattr(self, 'locked', True))
+    monkeypatch.setattr(RunwayTrack, '_measure', parallel)
+    track.step(seen, 1)
+    assert track.lost
