@@ -107,7 +107,7 @@ def overflown_settings(name: str, seed: int) -> dict[str, Any]:
     return {**OVERFLOWN[name], 'seed': seed, **CAMERAS[seed % len(CAMERAS)]}
 
 
-TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(120, 125)
+TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(125, 130)
 FLIGHT_FRAMES = 275
 
 

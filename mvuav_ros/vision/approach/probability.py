@@ -76,11 +76,9 @@ class Report(NamedTuple):
         return min(self.moved / PROBABILITY.known_frames, 1.0)
 
     def of_the_runway(self) -> NDArray[np.float64]:
-        """(5,) what speaks for its being the runway."""
+        """(4,) what speaks for its being the runway."""
         log_odds = min(max(self.log_odds, PROBABILITY.least_odds), PROBABILITY.most_odds)
-        return np.array(
-            [log_odds, self.known, float(self.attitude), self.distinct, self.shoulder_lines]
-        )
+        return np.array([log_odds, float(self.attitude), self.distinct, self.shoulder_lines])
 
     def of_the_place(self) -> NDArray[np.float64]:
         """(1,) what speaks for its edges' being within tolerance, if it is the runway."""
@@ -93,7 +91,7 @@ class ConfidenceWeights:
     """Two logistic functions, whose product, less the odds of other edges, is the confidence.
 
     Attributes:
-        runway: (6,) offset and weights of `Report.of_the_runway`.
+        runway: (5,) offset and weights of `Report.of_the_runway`.
         place: (2,) offset and weights of `Report.of_the_place`.
     """
 
@@ -108,7 +106,7 @@ class ConfidenceWeights:
         """Probability that both edges are where they were reported.
 
         Example:
-            >>> weights = ConfidenceWeights(np.zeros(6), np.array([20.0, 0.0]))
+            >>> weights = ConfidenceWeights(np.zeros(5), np.array([20.0, 0.0]))
             >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0)), 6)
             0.5
         """

@@ -26,7 +26,7 @@ def test_what_speaks_for_a_runway_raises_it():
     assert confidence(log_odds=3.0) > confidence(log_odds=2.0) > plain
     assert confidence(agreement=1.0) > plain
     assert confidence(attitude=True) > plain
-    assert confidence(moved=60) > confidence(moved=20) > plain
+    assert confidence(moved=60, distinct=1.0) > confidence(moved=20, distinct=1.0)
     assert confidence(distinct=1.0) > plain
     assert confidence(shoulder_lines=1.0) > plain
 
