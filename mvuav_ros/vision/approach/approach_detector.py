@@ -19,7 +19,7 @@ from mvuav_ros.vision.approach.attitude import (
     line_through,
     mount_matrix,
 )
-from mvuav_ros.vision.approach.evidence import shrink_levels
+from mvuav_ros.vision.approach.evidence import as_grey, shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.sight import Sight
@@ -333,6 +333,7 @@ class Finder:
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
         """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
+        image = as_grey(image)
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
         sight = Sight.unknown(height)

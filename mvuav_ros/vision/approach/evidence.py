@@ -37,6 +37,20 @@ def shrunk_by(image: Pixels, factor: int) -> Pixels:
     return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
 
 
+def as_grey(image: Pixels) -> Pixels:
+    """One channel of a frame of three that are alike, as a grey camera's driver may send it.
+
+    So its encoding changes no result, and no time is lost on colours that are not there.
+    """
+    if image.ndim == 3:
+        # A few pixels are enough for nearly every frame in colour.
+        for part in (image[::16, ::16], image):
+            if (part[:, :, :1] != part[:, :, 1:]).any():
+                return image
+        image = np.ascontiguousarray(image[:, :, 0])
+    return image
+
+
 def grey_levels(pixels: Pixels) -> NDArray[np.float32]:
     """The pixels as 256 grey levels, those of 16 bits too."""
     levels = pixels.astype(np.float32)

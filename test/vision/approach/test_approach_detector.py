@@ -56,6 +56,15 @@ def test_lines_pass_through_the_corners_and_meet_in_the_vanishing_point(images):
             assert abs(distance) < 1e-6
 
 
+def test_a_grey_camera_in_three_channels_is_as_one_in_one(images):
+    grey = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in images]
+    one = run(ApproachDetector(APPROACH), grey)
+    three = run(ApproachDetector(APPROACH), [cv2.merge([image] * 3) for image in grey])
+    assert [r.corners for r in three] == [r.corners for r in one]
+    assert [r.confidence for r in three] == [r.confidence for r in one]
+    assert one[-1].corners is not None
+
+
 def test_a_runway_that_disappears_is_let_go_within_half_a_second(images):
     pipeline = ApproachDetector(APPROACH)
     run(pipeline, images)
