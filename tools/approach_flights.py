@@ -14,10 +14,11 @@ import numpy as np
 from approach_rows import Pixels, Row, Timed, judged
 from numpy.typing import NDArray
 
+from mvuav_ros.offline.evaluation.corners import LabelledFrame
 from mvuav_ros.simulation.airfield import Surface, draw_terrain
 from mvuav_ros.simulation.ground import GroundPainter, Ripmap, load_ground
 from mvuav_ros.simulation.pinhole import CameraPose
-from mvuav_ros.simulation.runway_flight import RunwayFlight, measured_attitude
+from mvuav_ros.simulation.runway_flight import RunwayFlight, RunwayTruth, measured_attitude
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.simulation.texture import smooth_noise
 from mvuav_ros.vision.camera import CameraModel
@@ -109,6 +110,23 @@ def overflown_settings(name: str, seed: int) -> dict[str, Any]:
 
 TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(125, 130)
 FLIGHT_FRAMES = 275
+
+
+def label_of(truth: RunwayTruth) -> LabelledFrame | None:
+    """The ends of what is in view of both edges of a runway, if there is something of each."""
+    left, right = truth.lines[:2]
+    if not (left.visible and right.visible):
+        return None
+    near, far = (
+        ((left.x1, left.y1), (right.x1, right.y1)),
+        ((right.x2, right.y2), (left.x2, left.y2)),
+    )
+    return LabelledFrame('', *near, *far)
+
+
+def slope_of(truth: RunwayTruth) -> float:
+    """Of the horizon, rad, right end down positive."""
+    return math.atan(-1.0 / math.tan(truth.horizon[1]))
 
 
 class BankedFlight(RunwayFlight):

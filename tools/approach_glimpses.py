@@ -11,14 +11,13 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from approach_flights import Airstrip, Slabs, SurfaceFlight
+from approach_flights import Airstrip, Slabs, SurfaceFlight, label_of, slope_of
 from approach_rows import Pixels
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.corners import LabelledFrame
 from mvuav_ros.simulation.airfield import Surface
 from mvuav_ros.simulation.pinhole import CameraPose
-from mvuav_ros.simulation.runway_flight import RunwayTruth
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 
@@ -71,28 +70,21 @@ def glimpses(seeds: range, most: int) -> Iterator[tuple[Pixels, LabelledFrame, f
         for index in range(4 * most):
             truth = flight.truth_at(flight.seen_at(index))
             label = label_of(truth)
-            if label is None or found == most:
+            if label is None or not _is_long(label, truth.camera.height) or found == most:
                 continue
             found += 1
             image = flight.frame(index).image.pixels
-            slope = math.atan(-1.0 / math.tan(truth.horizon[1]))
-            yield recoloured(image, label, truth.horizon, rng), label, slope
+            yield recoloured(image, label, truth.horizon, rng), label, slope_of(truth)
 
 
 MIN_IN_VIEW = 0.2
 """Of the height of the image: less of an edge is no view of it."""
 
 
-def label_of(truth: RunwayTruth) -> LabelledFrame | None:
-    """The ends of both edges in view, if they are long enough and go up in the picture."""
-    edges = truth.lines[:2]
-    least = MIN_IN_VIEW * truth.camera.height
-    if not all(edge.visible and edge.y1 - edge.y2 >= least for edge in edges):
-        return None
-    left, right = edges
-    return LabelledFrame(
-        '', (left.x1, left.y1), (right.x1, right.y1), (right.x2, right.y2), (left.x2, left.y2)
-    )
+def _is_long(label: LabelledFrame, height: int) -> bool:
+    """Whether both edges are long enough in the picture, and go up in it."""
+    edges = (label.near_left, label.far_left), (label.near_right, label.far_right)
+    return all(near[1] - far[1] >= MIN_IN_VIEW * height for near, far in edges)
 
 
 def recoloured(

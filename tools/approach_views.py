@@ -135,8 +135,7 @@ def _above_cut(label: LabelledFrame, top: float) -> list[Point]:
     def inside(near: Point, far: Point) -> Point:
         if far[1] >= top or near[1] <= top + 1:
             return far
-        share = (near[1] - top) / (near[1] - far[1])
-        return near[0] + share * (far[0] - near[0]), top
+        return _at_row(near, far, top)
 
     return [
         label.near_left,

@@ -34,8 +34,10 @@ from approach_flights import (
     TUNED_SEEDS,
     flight_of,
     frames_between,
+    label_of,
     looking_down_settings,
     overflown_settings,
+    slope_of,
 )
 from approach_glimpses import glimpses
 from approach_text import burned_in
@@ -54,7 +56,8 @@ OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 QUANTILES = (0.2, 0.8)
 """Of the right strips' features: where the slopes of the log odds change."""
 PENALTY = 40.0
-"""Of squared slopes; 20 fits the tuning half better and the stills left for checks no worse."""
+"""Of squared slopes; 20 fits stills that were left out better, but more is reported where a runway
+is painted over and text drawn."""
 RUN_WEIGHT = 0.4
 """Of an image of run 3, of which there are many, beside any other image."""
 OVERFLOWN_WEIGHT, STEEP_WEIGHT, GLIMPSE_WEIGHT = 0.4, 0.8, 0.8
@@ -67,7 +70,7 @@ ROAD_WEIGHT, CUT_WEIGHT = 20.0, 4.0
 GLIMPSE_SEEDS = range(400, 560)
 STEEP_SEEDS = range(140, 150)
 """More seeds of shaken flights that look down steeply: little of both edges is in view at a time,
-so that a few flights are fitted by heart."""
+so that a few flights do not stand for others."""
 MIN_BESIDE = 4.0
 """Tolerances of an error: what is nearer is no wrong strip where a runway's right one is missing.
 Half a runway, from an edge to the centreline, is farther off."""
@@ -164,16 +167,10 @@ def of_flights() -> Iterator[Example]:
         frames = frames_between(flight, first, last, 12)
         for number, index in enumerate(frames):
             truth = flight.truth_at(flight.seen_at(index))
-            left, right = truth.lines[:2]
-            near, far = (
-                ((left.x1, left.y1), (right.x1, right.y1)),
-                ((right.x2, right.y2), (left.x2, left.y2)),
-            )
-            if np.isfinite((near, far)).all():
-                label = LabelledFrame('', *near, *far)
+            label = label_of(truth)
+            if label is not None:
                 image = both_kinds(flight.frame(index).image.pixels)[number % 2]
-                slope = math.atan(-1.0 / math.tan(truth.horizon[1]))
-                found = near_or_far(image, label, NEAR_BY, slope=slope)
+                found = near_or_far(image, label, NEAR_BY, slope=slope_of(truth))
                 yield found._replace(weight=weight)
 
 

@@ -175,9 +175,8 @@ class Overlaid:
         np.clip(votes, 0.0, MOTION.max_votes, out=votes)
         cells = np.where(votes >= MOTION.min_votes, 255, 0).astype(np.uint8)
         # Along a line that stands still there are no corners.
-        around = np.ones((MOTION.joined, MOTION.joined), np.uint8)
-        closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, around)
-        cells = np.asarray(closed, np.uint8)
+        gap = np.ones((MOTION.joined, MOTION.joined), np.uint8)
+        cells = np.asarray(cv2.morphologyEx(cells, cv2.MORPH_CLOSE, gap), np.uint8)
         if not cells.any():
             self.mask = None
             return
