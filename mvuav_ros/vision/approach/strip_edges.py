@@ -216,7 +216,7 @@ class EdgeLook:
         """
         self._wide, self._painted = wide, painted
         self._contrast = np.zeros(3)
-        self._known = False
+        self._frames = 0
 
     @property
     def size(self) -> float:
@@ -243,8 +243,8 @@ class EdgeLook:
         self._learn(steps, samples, channels)
         contrast = self._contrast[: len(channels)].copy()
         colour = float(np.linalg.norm(contrast[1:]))
-        if contrast[0] < 0 and colour > max(EDGES.clear_contrast, -float(contrast[0])):
-            # White stripes along the edge of dark pavement would count as land.
+        if self.coloured or colour > max(EDGES.clear_contrast, abs(float(contrast[0]))):
+            # White stripes along an edge have the pavement's colour, not its brightness.
             contrast[0] = 0.0
         size = float(np.linalg.norm(contrast))
         direction = contrast / max(size, 1e-6)
@@ -272,9 +272,12 @@ class EdgeLook:
         common = 0.5 * (left + right) if self._painted else in_common(left, right)
         contrast = np.zeros(3)
         contrast[: common.size] = common
-        share = EDGES.memory if self._known else 1.0
+        if np.linalg.norm(contrast) < EDGES.min_step_share * self.size:
+            # An edge that is not there does not show what it looks like.
+            return
+        self._frames += 1
+        share = max(EDGES.memory, 1.0 / self._frames)
         self._contrast += share * (contrast - self._contrast)
-        self._known = True
 
 
 def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:

@@ -332,6 +332,7 @@ class RunwayTrack(FollowedStrip):
             in_place = 0.0 if self.points is None else self.kinds.share(self.kinds.likeliest)
             self.agreement += self._memory * (in_place - self.agreement)
             self._see_ends(view)
+            seen = self.points is not None
         else:
             seen = self._weigh(view, share)
         self._found = []

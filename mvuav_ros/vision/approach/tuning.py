@@ -112,7 +112,7 @@ class EdgesTuning:
     clear_contrast: float = 12.0  # grey levels that are plain to see
     # grey levels of the opponent colours between pavement and grass by day
     colour_contrast: float = 30.0
-    memory: float = 0.2  # share of a new frame in the contrast
+    memory: float = 0.05  # share of a new frame in the contrast. Simulated slabs and S-turns
     region: int = 5  # samples across an edge over those of its outside, or its inside
 
 

@@ -102,6 +102,25 @@ def test_between_weighings_the_edges_are_measured_and_their_kind_stays():
     assert [track.kinds.share(kind) for kind in EdgeKind] != before
 
 
+def test_a_runway_that_is_followed_by_its_edges_alone_and_not_seen_is_given_up(monkeypatch):
+    """It is reported as predicted for some frames, and not for ever."""
+    seen = view()
+    track = RunwayTrack(STRIP, 1.0)
+    for _ in range(8):
+        track.step(seen, 1)
+    monkeypatch.setattr(RunwayTrack, '_lock', lambda self: setattr(self, 'locked', True))
+    track.step(seen, 1)
+    assert track.points is not None
+    grass = np.full((240, 320, 3), GRASS, np.uint8)
+    frame = LevelledFrame(grass, LEVEL)
+    nothing = seen._replace(frame=frame, working=LevelledImage(grass, LEVEL))
+    for number in range(RunwayTrack.max_misses + 1):
+        assert not track.lost
+        track.step(nothing, 1)
+        assert track.misses == number + 1
+    assert track.lost
+
+
 def test_a_runway_whose_edges_have_become_parallel_is_given_up(monkeypatch):
     """Near the ground little of wide edges is in view, and a frame may turn them out."""
     seen = view()
