@@ -67,6 +67,12 @@ LOOKING_DOWN: dict[str, dict[str, Any]] = {
     'pitch 33, shaken': {'camera_pitch_deg': 33.0, 'shake': 2},
 }
 """The same with several seeds each, whose pitch differs by up to 1.2 degrees."""
+GREY = ', grey'
+LOOKING_DOWN_GREY = tuple(
+    f'{name}{GREY}'
+    for name in ('pitch 31, shaken', 'slabs, pitch 29, shaken', 'bright slabs, pitch 29, shaken')
+)
+"""The same before a camera without colours, to which the other slabs are as bright as the land."""
 OVERFLOWN: dict[str, dict[str, Any]] = {
     'low': {'camera_pitch_deg': 8.0, 'motion': 'low_pass', 'runway_length': 500.0},
     'low, narrow, shaken': {
@@ -108,7 +114,7 @@ def overflown_settings(name: str, seed: int) -> dict[str, Any]:
     return {**OVERFLOWN[name], 'seed': seed, **CAMERAS[seed % len(CAMERAS)]}
 
 
-TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(125, 130)
+TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(130, 135)
 FLIGHT_FRAMES = 275
 
 
@@ -159,6 +165,15 @@ class Slabs(Surface):
         self._mark_end(width / 30.0, 0.5 * width, length, far=False)
 
 
+class BrightSlabs(Slabs):
+    """The same of light concrete."""
+
+    def _pavement(
+        self, width: float, length: float, detail: float, rng: np.random.Generator
+    ) -> NDArray[np.float32]:
+        return np.asarray(1.5 * super()._pavement(width, length, detail, rng), np.float32)
+
+
 class Airstrip(Surface):
     """A runway of patched asphalt without any markings."""
 
@@ -173,7 +188,7 @@ class Airstrip(Surface):
         """There are none."""
 
 
-SURFACES = {'slabs': Slabs, 'airstrip': Airstrip}
+SURFACES = {'bright slabs': BrightSlabs, 'slabs': Slabs, 'airstrip': Airstrip}
 
 
 def flight_of(name: str, given: dict[str, Any]) -> BankedFlight:
@@ -216,7 +231,7 @@ def simulated(name: str, step: int, cache: Path | None) -> Row:
 
 def looking_down_settings(name: str, seed: int) -> dict[str, Any]:
     """Settings of one of `LOOKING_DOWN`."""
-    settings = LOOKING_DOWN[name]
+    settings = LOOKING_DOWN[name.removeprefix('bright ').removesuffix(GREY)]
     pitch = settings['camera_pitch_deg'] + 0.3 * (seed % 5)
     return {**settings, 'seed': seed, 'camera_pitch_deg': pitch}
 
@@ -279,9 +294,10 @@ def of_flight(name: str, given: dict[str, Any], step: int, cache: Path | None) -
         attitude = None
         if name in BANKS or name.endswith('attitude'):
             attitude = Attitude(*measured_attitude(truth.pose, settings.seed, index))
-        result = detector.process(
-            drawn(flight, name.removesuffix(', attitude'), index, cache), attitude
-        )
+        image = drawn(flight, name.removesuffix(', attitude').replace(GREY, ''), index, cache)
+        if GREY in name:
+            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        result = detector.process(image, attitude)
         worst, allowed = 0.0, 3.0
         if near_by:
             # As labelled flights are judged: near by, the runway is as wide as the frame.

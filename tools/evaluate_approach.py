@@ -26,6 +26,7 @@ from approach_flights import (
     CHECK_SEEDS,
     FLIGHTS,
     LOOKING_DOWN,
+    LOOKING_DOWN_GREY,
     OVERFLOWN,
     STEEP,
     STEEP_CHECK,
@@ -310,7 +311,8 @@ def jobs(options: argparse.Namespace) -> Iterator[Job]:
         name = f'simulated {flight}'
         one = partial(simulated, flight, step, options.cache)
         yield Job('no horizon', name, flight in STEEP_CHECK, lambda one=one: [one()])
-    flown = [('looking down', looking_down, flight) for flight in LOOKING_DOWN]
+    looks = (*LOOKING_DOWN, *LOOKING_DOWN_GREY)
+    flown = [('looking down', looking_down, flight) for flight in looks]
     flown += [('over the runway', overflown, flight) for flight in OVERFLOWN]
     for kind, fly, flight in flown:
         for check, seeds in ((False, TUNED_SEEDS), (True, CHECK_SEEDS)):
