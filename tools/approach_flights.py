@@ -68,10 +68,11 @@ LOOKING_DOWN: dict[str, dict[str, Any]] = {
 }
 """The same with several seeds each, whose pitch differs by up to 1.2 degrees."""
 GREY = ', grey'
-LOOKING_DOWN_GREY = tuple(
-    f'{name}{GREY}'
-    for name in ('pitch 31, shaken', 'slabs, pitch 29, shaken', 'bright slabs, pitch 29, shaken')
-)
+LOOKING_DOWN_GREY: dict[str, dict[str, Any]] = {
+    'pitch 31, shaken, grey': LOOKING_DOWN['pitch 31, shaken'],
+    'slabs, pitch 29, shaken, grey': LOOKING_DOWN['slabs, pitch 29, shaken'],
+    'bright slabs, pitch 29, shaken, grey': LOOKING_DOWN['slabs, pitch 29, shaken'],
+}
 """The same before a camera without colours, to which the other slabs are as bright as the land."""
 OVERFLOWN: dict[str, dict[str, Any]] = {
     'low': {'camera_pitch_deg': 8.0, 'motion': 'low_pass', 'runway_length': 500.0},
@@ -230,8 +231,8 @@ def simulated(name: str, step: int, cache: Path | None) -> Row:
 
 
 def looking_down_settings(name: str, seed: int) -> dict[str, Any]:
-    """Settings of one of `LOOKING_DOWN`."""
-    settings = LOOKING_DOWN[name.removeprefix('bright ').removesuffix(GREY)]
+    """Settings of one of `LOOKING_DOWN` or `LOOKING_DOWN_GREY`."""
+    settings = (LOOKING_DOWN | LOOKING_DOWN_GREY)[name]
     pitch = settings['camera_pitch_deg'] + 0.3 * (seed % 5)
     return {**settings, 'seed': seed, 'camera_pitch_deg': pitch}
 

@@ -325,7 +325,6 @@ class RunwayTrack(FollowedStrip):
         share, self._rested = float(self._rested), 0
         self._memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
         self._lock()
-        seen = True
         if self.locked:
             strip = self.strip()
             self._measure(view, strip, strip[1] + strip[4:6], weighed=True)

@@ -13,6 +13,7 @@ STRIP = np.array([160.0, -30.0, -0.8, 0.8, 40.0, 180.0])
 """Of 288 px."""
 FAR = np.array([160.0, -30.0, -0.3, 0.3, 80.0, 130.0])
 """Of 78 px."""
+PAVEMENT = (90, 92, 94)
 
 
 def frame():
@@ -54,11 +55,11 @@ def test_wide_strips_are_placed_on_finer_levels_than_they_are_found_on(wider):
         assert columns == pytest.approx(STRIP[0] + true * depth, abs=5.0)
 
 
-def coloured(paint, *, pavement=(90, 92, 94)):
+def coloured(paint=PAVEMENT):
     """Pavement on grass; what is painted lies inside, 0.06 to 0.14 widths from either edge."""
     rows, columns = np.mgrid[:240, :320]
     inwards = 0.5 - np.abs(columns - FAR[0]) / (2 * FAR[3] * (rows - FAR[1]))
-    image = np.where(inwards[..., None] > 0, pavement, (45, 110, 75))
+    image = np.where(inwards[..., None] > 0, PAVEMENT, (45, 110, 75))
     image[(inwards > 0.06) & (inwards < 0.14)] = paint
     noise = np.random.default_rng(1).normal(0, 2, image.shape)
     drawn = np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
@@ -82,11 +83,11 @@ def test_what_an_edge_looks_like_is_not_forgotten_while_it_is_out_of_sight():
     """Otherwise the texture of the pavement would become its edge."""
     look = EdgeLook()
     for _ in range(5):
-        look.find(coloured((90, 92, 94)), FAR)
+        look.find(coloured(), FAR)
     before = look.size
     # Half a width to the left, the right edge lies on the pavement.
     beside = np.add(FAR, [0.0, 0.0, -0.3, -0.3, 0.0, 0.0])
     for _ in range(80):
-        edges = look.find(coloured((90, 92, 94)), beside)
+        edges = look.find(coloured(), beside)
     assert look.size == pytest.approx(before, rel=0.05)
     assert min(edge.support for edge in edges) < TRACK.min_support
