@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -40,6 +41,8 @@ _TOLD_BY_CI = ('CI', 'BUILD_NUMBER')
 _running: set[subprocess.Popen[str]] = set()
 _ending = threading.Event()
 _COUNT = re.compile(r'(\d+) (passed|failed|skipped|error)')
+_FAILURE = re.compile(r'(FAILED|ERROR|E) +\S')
+MAX_FAILURE_LINES = 20  # of a part, repeated below the summary
 
 
 class Part(NamedTuple):
@@ -59,6 +62,7 @@ class Outcome(NamedTuple):
     skipped: int
     seconds: float
     note: str = ''
+    failures: Sequence[str] = ()
 
 
 def pytest(*arguments: str, python: Path = BIN / 'python') -> list[str]:
@@ -213,12 +217,17 @@ def run(part: Part) -> Outcome:
     """Run a part to its end, passing its output on with its name before each line."""
     started = time.monotonic()
     counts = {'passed': 0, 'failed': 0, 'skipped': 0, 'error': 0}
+    failures: list[str] = []
     commands = part.commands()
     if not commands:
         return Outcome(part.name, 0, 0, 1, 0.0, 'not checked: no such Python on this machine')
     for command in commands:
-        status, last = _pass_on(part.name, command, part.max_seconds)
+        status, lines = _pass_on(part.name, command, part.max_seconds)
+        last = lines[-1] if lines else ''
         found = {word: int(number) for number, word in _COUNT.findall(last)}
+        if status != 0:
+            named = [line for line in lines if _FAILURE.match(line)]
+            failures += named[-MAX_FAILURE_LINES:] or [f'{" ".join(command)}: {last}']
         for word, number in found.items():
             counts[word] += number
         if not found:
@@ -228,8 +237,9 @@ def run(part: Part) -> Outcome:
         if status != 0 and 'tools/install.py' in command:
             break
     failed = counts['failed'] + counts['error']
+    seconds = time.monotonic() - started
     return Outcome(
-        part.name, counts['passed'], failed, counts['skipped'], time.monotonic() - started
+        part.name, counts['passed'], failed, counts['skipped'], seconds, failures=failures
     )
 
 
@@ -264,11 +274,13 @@ def environment() -> dict[str, str]:
     return kept | ({'LD_LIBRARY_PATH': os.pathsep.join(paths)} if paths else {})
 
 
-def _pass_on(name: str, command: Sequence[str], max_seconds: float | None) -> tuple[int, str]:
-    """A command's exit status and its last line, everything shown as it comes."""
-    last = ''
+def _pass_on(
+    name: str, command: Sequence[str], max_seconds: float | None
+) -> tuple[int, Sequence[str]]:
+    """A command's exit status and its last lines, everything shown as it comes."""
+    lines: deque[str] = deque(maxlen=1000)
     if _ending.is_set():
-        return 1, last
+        return 1, lines
     with subprocess.Popen(
         command,
         cwd=ROOT,
@@ -287,11 +299,12 @@ def _pass_on(name: str, command: Sequence[str], max_seconds: float | None) -> tu
             # In one piece: another lane may write meanwhile.
             sys.stdout.write(f'{name} | {line.rstrip()}\n')
             sys.stdout.flush()
-            last = line.strip() or last
+            if line.strip():
+                lines.append(line.strip())
     for timer in timers:
         timer.cancel()
     _running.discard(process)
-    return process.returncode, last
+    return process.returncode, lines
 
 
 def _end_after(process: subprocess.Popen[str], seconds: float) -> list[threading.Timer]:
@@ -320,6 +333,10 @@ def summarize(outcomes: Sequence[Outcome]) -> int:
             f'{outcome.name:24}{outcome.passed:6} passed{outcome.failed:5} failed'
             f'{outcome.skipped:5} skipped{outcome.seconds:7.0f} s  {outcome.note}'
         )
+    # Here again: of a long output the end is what is kept.
+    for outcome in outcomes:
+        for line in outcome.failures:
+            print(f'{outcome.name} | {line}')
     passed, failed, skipped = (
         sum(column) for column in zip(*(o[1:4] for o in outcomes), strict=True)
     )

@@ -92,6 +92,18 @@ def test_one_line_and_one_status(runner, capsys):
     assert capsys.readouterr().out.splitlines()[-1] == '8 passed, 2 failed, 1 skipped'
 
 
+def test_the_end_of_the_output_names_what_failed(runner, capsys):
+    lines = ['E   assert 1 == 2', 'FAILED test/test_it.py::test_that', '1 failed, 2 passed']
+    failed = runner.run(runner.Part('tests', lambda: [says('\n'.join(lines), 1)]))
+    without_tests = runner.run(runner.Part('lint', lambda: [says('Found 3 errors', 1)]))
+    passed = runner.run(runner.Part('others', lambda: [says('E ver\n3 passed')]))
+    capsys.readouterr()
+    assert runner.summarize([failed, without_tests, passed]) == 1
+    *_, first, second, third, _ = capsys.readouterr().out.splitlines()
+    assert [first, second] == [f'tests | {line}' for line in lines[:2]]
+    assert third.startswith('lint | ') and third.endswith('Found 3 errors')
+
+
 def test_another_python_does_not_take_this_ones_libraries_of_ros(runner, monkeypatch):
     monkeypatch.setenv('_ROS_WHEELS_BOOTSTRAP_COMPLETE', '1')
     monkeypatch.setenv('LD_LIBRARY_PATH', f'{ROOT}/.venv/lib:/opt/ros/jazzy/lib')
