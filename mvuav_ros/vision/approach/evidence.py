@@ -155,11 +155,19 @@ class EvidenceMap:
         """Columns."""
         return int(self.evidence.shape[1])
 
-    def packed(self) -> NDArray[np.int32]:
-        """(height * width,) all four channels of a pixel in one number, coarse."""
-        coarse = self.evidence // COARSE
-        np.maximum(coarse, -_MAX_COARSE, out=coarse)
-        np.minimum(coarse, _MAX_COARSE, out=coarse)
+    def packed(self, blank: int) -> NDArray[np.int32]:
+        """All four channels of a pixel in one number, coarse, below so many rows without evidence.
+
+        Nor is there any in the first and the last column, which stand for all beside the image.
+
+        Returns:
+            ((blank + height) * width,).
+        """
+        coarse = np.zeros((blank + self.height, self.width, CHANNELS), np.int8)
+        inner = coarse[blank:, 1:-1]
+        np.floor_divide(self.evidence[:, 1:-1], COARSE, out=inner)
+        np.maximum(inner, -_MAX_COARSE, out=inner)
+        np.minimum(inner, _MAX_COARSE, out=inner)
         return coarse.view(np.int32).ravel()
 
     def at(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[np.int8], Any]:

@@ -33,6 +33,10 @@ _ROUGH_WEIGHTS = np.rint(5 * _WEIGHTS).astype(np.int16)
 _FIRST, _SECOND = np.triu_indices(SEARCH.edges_kept, 1)
 
 
+BLANK = max(SEARCH.depths)
+"""Rows above an image, in which there is no evidence; those of a strip that meets there."""
+
+
 class Fan:
     """All edges through one vanishing point that reach down to about one depth."""
 
@@ -47,7 +51,8 @@ class Fan:
         apart = max(2, round(0.14 * depth))
         self.points = np.arange(-int(0.1 * width), int(1.1 * width), apart)
         columns = np.rint(self.points[:, None, None] + self.slopes[:, None] * self.rows)
-        self.inside = ((columns >= 1) & (columns < width - 1)).all(axis=2)
+        inside = (columns >= 1) & (columns < width - 1)
+        self.inside = inside.mean(axis=2) >= SEARCH.min_inside
         columns = np.clip(columns, 0, width - 1).astype(int).transpose(2, 0, 1)
         index = columns + ((self.rows - self.rows[0]) * width)[:, None, None]
         self._index = index.reshape(self.rows.size, -1).astype(np.int32)
@@ -58,16 +63,17 @@ class Fan:
         """The best strips whose vanishing points lie on a row.
 
         Args:
-            packed: evidence, as `EvidenceMap.packed`.
+            packed: evidence, as `EvidenceMap.packed`, below `BLANK` rows.
             row: of the vanishing points.
 
         Returns:
             (m, 7): as `Strips`, and the score: evidence per row, in textures.
         """
         top = round(row)
-        if top + self.rows[0] < 0 or (top + self.rows[-1]) * self._width >= packed.size:
+        first, last = top + BLANK + self.rows[0], top + BLANK + self.rows[-1]
+        if first < 0 or last * self._width >= packed.size:
             return np.empty((0, 7))
-        edges = packed[(top + self.rows[0]) * self._width :].take(self._index)
+        edges = packed[first * self._width :].take(self._index)
         kept = self._strongest(edges)
         place = self._start + kept
         score = self._pair(edges.take(place.T, axis=1))
@@ -143,8 +149,8 @@ def fan_jobs(first: float, last: float, level: int) -> Iterator[Job]:
     """
     for depth in SEARCH.depths if level == 0 else SEARCH.depths[2:]:
         step = 0.4 * depth
-        # The compared part of a strip must be in the image.
-        top = max(first, 0.5 - SEARCH.first_row * depth)
+        # Much of the compared part of a strip must be in the image.
+        top = max(first, 0.5 - SEARCH.last_first_row * depth)
         rows = np.arange(top, last + 0.5 * step, step)
         yield depth, rows.tolist()
 
@@ -350,7 +356,7 @@ class LevelledImage:
         if bottom - top < SEARCH.min_part:
             return NO_CANDIDATES
         image = self._part(level, (0, top, width, bottom))
-        packed = image.packed()
+        packed = image.packed(BLANK)
         found = [_fan(depth, width).find(packed, row - top) for depth, rows in jobs for row in rows]
         best = distinct(np.concatenate([np.empty((0, 7)), *found]), most)
         if not len(best):

@@ -195,13 +195,16 @@ class SearchTuning:
     # next level has twice these
     depths: tuple[int, ...] = (10, 14, 20, 28)
     first_row: float = 0.4  # share of the near end's depth at which the compared part begins
+    # the same where a strip meets above the image, at most; flights that look down
+    last_first_row: float = 0.65
+    min_inside: float = 0.6  # share of these rows in which an edge is not beside the image
     samples: int = 8  # rows compared in the search
     edges_kept: int = 7  # strongest edges through one vanishing point that are paired
     steepest: float = 1.8  # columns per row of the flattest edge searched
     narrowest: float = 6.0  # px; a narrower near end says nothing
     widest: float = 1.5  # width over camera height of what is searched (a flare is followed only)
     # the same of a strip whose edges meet above the image; simulated flights that look down
-    widest_above: float = 3.0
+    widest_above: float = 3.6
     farthest_aside: float = 1.2  # lateral offset over width
     candidates: int = 60  # kept on the finest level of the pyramid; half as many on the others
     attitude_reach: float = 10.0  # px searched about a horizon from attitude, which is good to 6

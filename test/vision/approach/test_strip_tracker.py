@@ -76,6 +76,6 @@ def test_the_search_begins_where_the_compared_part_of_a_strip_does(level):
     """However far above the picture vanishing points are looked for."""
     for first in (-96.0, -80.0):
         for depth, rows in fan_jobs(first, 7.0, level):
-            top = 0.5 - SEARCH.first_row * depth
+            top = 0.5 - SEARCH.last_first_row * depth
             assert rows[0] == pytest.approx(max(first, top))
             assert max(rows) >= 7.0 - 0.2 * depth
