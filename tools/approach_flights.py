@@ -115,7 +115,7 @@ def overflown_settings(name: str, seed: int) -> dict[str, Any]:
     return {**OVERFLOWN[name], 'seed': seed, **CAMERAS[seed % len(CAMERAS)]}
 
 
-TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(130, 135)
+TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(135, 140)
 FLIGHT_FRAMES = 275
 
 

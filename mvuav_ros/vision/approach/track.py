@@ -420,8 +420,9 @@ class RunwayTrack(FollowedStrip):
         exact = self.kinds.likeliest is not EdgeKind.STRIPS
         if weighed and exact and width > SHOULDERS.min_width:
             shown = shows_shoulders(view.frame, self.strip())
-            if shown is not None:
-                self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)
+            seen, unseen, unknown = TRACK.shoulder_memory
+            memory = unknown if shown is None else seen if shown else unseen
+            self.shoulders += memory * (bool(shown) - self.shoulders)
 
     def _predicted(self) -> Edges:
         """Points along the edges as followed."""

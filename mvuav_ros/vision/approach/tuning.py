@@ -30,10 +30,9 @@ class AttitudeTuning:
 
     # rad, of the camera's axis; beyond, the horizon is nowhere near the image
     max_pitch: float = math.radians(80.0)
+    # cosine between image's down and world's up: banked beyond 107 deg
+    min_upside_down: float = 0.3
     # tangent of half the angle between the horizon's two points that give its slope
-    min_upside_down: float = (
-        0.3  # cosine between image's down and world's up: banked beyond 107 deg
-    )
     half_base: float = 0.05
 
 
@@ -311,8 +310,9 @@ class TrackTuning:
     # px of the near end, from which lines are so far apart that edges are the clearest steps
     wide: float = 18.0
     min_support: float = 0.25  # of the edges, 0 to 1, from which that holds
-    # share of a weighing that shows shoulders, and of one that does not
-    shoulder_memory: tuple[float, float] = (0.8, 0.4)
+    # share of a weighing that shows shoulders, of one that does not, and of one in which too little
+    # of what lies beside is in the picture. Simulated slabs before a camera that looks down
+    shoulder_memory: tuple[float, float, float] = (0.8, 0.4, 0.12)
     # what of it makes them possible and certain. Run 3
     shoulder_range: tuple[float, float] = (0.3, 0.6)
     strips_around: int = 8  # tried around the mean each time

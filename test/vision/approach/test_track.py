@@ -1,8 +1,11 @@
 """One track, on a drawn runway whose edges its colour shows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from mvuav_ros.vision.approach import track as track_module
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.search import LevelledImage
@@ -16,6 +19,7 @@ from mvuav_ros.vision.approach.track import (
     View,
     Weighed,
 )
+from mvuav_ros.vision.approach.tuning import SHOULDERS
 
 LEVEL = Derotation(320, 240, 1, 0.0)
 STRIP = np.array([160.0, 60.0, -0.25, 0.25, 20.0, 60.0])
@@ -119,6 +123,24 @@ def test_a_runway_that_is_followed_by_its_edges_alone_and_not_seen_is_given_up(m
         track.step(nothing, 1)
         assert track.misses == number + 1
     assert track.lost
+
+
+def test_a_doubt_of_shoulders_fades_where_they_would_be_out_of_the_picture(monkeypatch):
+    """Near the ground nothing can end it; it may be of edges that have been given up."""
+    monkeypatch.setattr(track_module, 'SHOULDERS', replace(SHOULDERS, min_width=0.0))
+    seen, shown = view(), True
+    monkeypatch.setattr(track_module, 'shows_shoulders', lambda *_: shown)
+    track = RunwayTrack(STRIP, 1.0)
+    for _ in range(10):
+        track.step(seen, 1)
+    assert track.other_edges == 1.0
+    before, shown = track.confidence, None
+    track.step(seen, 1)
+    assert track.other_edges == 1.0
+    for _ in range(15):
+        track.step(seen, 1)
+    assert track.other_edges == 0.0
+    assert track.confidence > 1.5 * before
 
 
 def test_a_runway_whose_edges_have_become_parallel_is_given_up(monkeypatch):
