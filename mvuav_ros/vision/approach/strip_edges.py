@@ -114,6 +114,11 @@ class EdgeSamples:
         _, count, places = steps.shape
         lines = _straight_lines(count, places)
         votes = steps.reshape(2, -1).take(lines.sample, axis=1).sum(axis=2) * lines.worth
+        if not self.inside.all():
+            # What is in view of a line speaks for the rest of it.
+            inside = self.inside[:, :, base // 2 : -(base // 2)].reshape(2, -1)
+            seen = inside.take(lines.sample, axis=1).sum(axis=2)
+            votes *= count / np.maximum(seen, EDGES.min_seen * count)
         best = votes.argmax(axis=1)
         near_line = lines.at[best][:, :, None] + np.arange(-base // 2 - 1, base // 2 + 2)
         valid = (near_line >= 0) & (near_line < places)

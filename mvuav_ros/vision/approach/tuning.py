@@ -106,6 +106,7 @@ class EdgesTuning:
     # a row supports an edge with a step of this share of the strip's contrast
     min_step_share: float = 0.25
     widths_per_step: float = 12.0  # width of the strip over the length of a step
+    min_seen: float = 0.5  # share of a line's rows that must be on the frame; fewer count as that
     usual_rank: float = 0.15  # rank, from the worst, of the line whose votes are usual
     min_contrast: float = 1.5  # grey levels: less gives no direction
     clear_contrast: float = 12.0  # grey levels that are plain to see

@@ -79,6 +79,25 @@ def test_paint_beside_an_edge_that_colour_shows_is_not_the_edge():
         assert edge.columns[edge.weights > 0] == pytest.approx(true[edge.weights > 0], abs=1.5)
 
 
+def test_a_joint_that_is_longer_in_view_is_not_the_edge():
+    """Both leave the frame at its sides, the edge sooner; the joint is a little fainter."""
+    edge = np.array([160.0, -30.0, -1.6, 1.6, 80.0, 118.0])
+    rows, columns = np.mgrid[:240, :320]
+    slope = np.abs(columns - edge[0]) / (rows - edge[1])
+    image = np.where(slope < edge[3], 120.0, 60.0)
+    image[(slope > 1.5) & (slope < 1.53)] = 69.0
+    noise = np.random.default_rng(1).normal(0, 2, image.shape)
+    drawn = np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+    expected = edge.copy()
+    expected[2:4] *= 0.97
+    edges = EdgeLook().find(LevelledFrame(drawn, Derotation(320, 240, 1, 0.0)), expected)
+    for found, slope in zip(edges, edge[2:4], strict=True):
+        true = edge[0] + slope * (found.rows - edge[1])
+        seen = (true > 3) & (true < 316) & (found.weights > 0)
+        assert np.count_nonzero(seen) > 10
+        assert found.columns[seen] == pytest.approx(true[seen], abs=1.5)
+
+
 def test_what_an_edge_looks_like_is_not_forgotten_while_it_is_out_of_sight():
     """Otherwise the texture of the pavement would become its edge."""
     look = EdgeLook()
