@@ -42,7 +42,8 @@ _running: set[subprocess.Popen[str]] = set()
 _ending = threading.Event()
 _COUNT = re.compile(r'(\d+) (passed|failed|skipped|error)')
 _FAILURE = re.compile(r'(FAILED|ERROR|E) +\S')
-MAX_FAILURE_LINES = 20  # of a part, repeated below the summary
+MAX_KEPT_LINES = 1000  # of a command's output, in which its failures are looked for
+MAX_FAILURE_LINES = 20  # of a command, repeated below the summary
 
 
 class Part(NamedTuple):
@@ -278,7 +279,7 @@ def _pass_on(
     name: str, command: Sequence[str], max_seconds: float | None
 ) -> tuple[int, Sequence[str]]:
     """A command's exit status and its last lines, everything shown as it comes."""
-    lines: deque[str] = deque(maxlen=1000)
+    lines: deque[str] = deque(maxlen=MAX_KEPT_LINES)
     if _ending.is_set():
         return 1, lines
     with subprocess.Popen(

@@ -34,7 +34,7 @@ _FIRST, _SECOND = np.triu_indices(SEARCH.edges_kept, 1)
 
 
 BLANK = max(SEARCH.depths)
-"""Rows above an image, in which there is no evidence; those of a strip that meets there."""
+"""Rows without evidence that are put above an image: strips may meet there."""
 
 
 class Fan:

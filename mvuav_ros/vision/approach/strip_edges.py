@@ -99,11 +99,17 @@ class EdgeSamples:
 
         It is 0 where it is not on the frame.
         """
-        half, rise = self.base // 2, channels[..., self.base :] - channels[..., : -self.base]
+        rise = channels[..., self.base :] - channels[..., : -self.base]
         shape = (*rise.shape[:-2], 2, self.rows.size, rise.shape[-1])
-        steps: NDArray[Any] = rise.reshape(shape) * self.inside[:, :, half:-half]
+        steps: NDArray[Any] = rise.reshape(shape) * self._steps_inside
         steps[..., 1, :, :] *= -1
         return steps
+
+    @property
+    def _steps_inside(self) -> NDArray[np.bool_]:
+        """(2, count, places - base) where the middle of a step is on the frame."""
+        half = self.base // 2
+        return self.inside[:, :, half:-half]
 
     def fit(self, steps: NDArray[Any], size: float) -> Edges:
         """Points of both edges, of (2, count, places - base) steps from 0 to a whole one's size.
@@ -116,7 +122,7 @@ class EdgeSamples:
         votes = steps.reshape(2, -1).take(lines.sample, axis=1).sum(axis=2) * lines.worth
         if not self.inside.all():
             # What is in view of a line speaks for the rest of it.
-            inside = self.inside[:, :, base // 2 : -(base // 2)].reshape(2, -1)
+            inside = self._steps_inside.reshape(2, -1)
             seen = inside.take(lines.sample, axis=1).sum(axis=2)
             votes *= count / np.maximum(seen, EDGES.min_seen * count)
         best = votes.argmax(axis=1)

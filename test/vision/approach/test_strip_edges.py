@@ -55,15 +55,19 @@ def test_wide_strips_are_placed_on_finer_levels_than_they_are_found_on(wider):
         assert columns == pytest.approx(STRIP[0] + true * depth, abs=5.0)
 
 
+def noisy(image):
+    noise = np.random.default_rng(1).normal(0, 2, image.shape)
+    drawn = np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+    return LevelledFrame(drawn, Derotation(320, 240, 1, 0.0))
+
+
 def coloured(paint=PAVEMENT):
     """Pavement on grass; what is painted lies inside, 0.06 to 0.14 widths from either edge."""
     rows, columns = np.mgrid[:240, :320]
     inwards = 0.5 - np.abs(columns - FAR[0]) / (2 * FAR[3] * (rows - FAR[1]))
     image = np.where(inwards[..., None] > 0, PAVEMENT, (45, 110, 75))
     image[(inwards > 0.06) & (inwards < 0.14)] = paint
-    noise = np.random.default_rng(1).normal(0, 2, image.shape)
-    drawn = np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
-    return LevelledFrame(drawn, Derotation(320, 240, 1, 0.0))
+    return noisy(image)
 
 
 def test_paint_beside_an_edge_that_colour_shows_is_not_the_edge():
@@ -86,11 +90,9 @@ def test_a_joint_that_is_longer_in_view_is_not_the_edge():
     slope = np.abs(columns - edge[0]) / (rows - edge[1])
     image = np.where(slope < edge[3], 120.0, 60.0)
     image[(slope > 1.5) & (slope < 1.53)] = 69.0
-    noise = np.random.default_rng(1).normal(0, 2, image.shape)
-    drawn = np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
     expected = edge.copy()
     expected[2:4] *= 0.97
-    edges = EdgeLook().find(LevelledFrame(drawn, Derotation(320, 240, 1, 0.0)), expected)
+    edges = EdgeLook().find(noisy(image), expected)
     for found, slope in zip(edges, edge[2:4], strict=True):
         true = edge[0] + slope * (found.rows - edge[1])
         seen = (true > 3) & (true < 316) & (found.weights > 0)
