@@ -23,6 +23,14 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'tracks hidden by overlays': [(tuning.TRACKER, 'max_hidden', 2.0)],
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
+    'rows outside of the picture': [
+        (tuning.SEARCH, 'min_inside', 1.0),
+        (tuning.SEARCH, 'last_first_row', tuning.SEARCH.first_row),
+    ],
+    'lines by what is in view': [(tuning.EDGES, 'min_seen', 1.0)],
+    'doubt of shoulders that fades': [
+        (tuning.TRACK, 'shoulder_memory', (*tuning.TRACK.shoulder_memory[:2], 0.0))
+    ],
     'horizon in the image': [(HorizonFinder, 'find', _returns(None))],
     'doubt above the horizon': [(tuning.TRACKER, 'above_horizon_odds', 0.0)],
     'side lines': [(SideLines, 'find', _returns(None))],
