@@ -342,11 +342,10 @@ class MarkerMemory:
                 marker.weigh((1.0 if is_new else usual) * (own - other))
             # Those that were on probation when the others went have nothing to check them.
             left = among_others and marker.untrusted and self._was_checked and few
-            if index not in given and not left:
-                continue
             if found_again and index in found_again:
-                marker.odds = min(max(found_again[index], CONFIDENCE.least), CONFIDENCE.first)
-            else:
+                again = min(max(found_again[index], CONFIDENCE.least), CONFIDENCE.first)
+                marker.odds = again if index in given else max(marker.odds, again)
+            elif index in given or left:
                 followed = not (marker.untrusted or marker.unseen)
                 # By fewer than two others hardly anything is known of its place.
                 known = followed or not among_others or len(firm - {index}) >= 2

@@ -86,7 +86,7 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
     return {m: light for m, light in best.items() if all(w.get(m) == light for w in probable)}
 
 
-MIN_AGAIN = 3  # Lights of a body that is found again
+MIN_AGAIN = 2  # Lights of a body that is found again
 MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by an older filter
 JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
 """rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
@@ -257,7 +257,9 @@ class Search:
         nameless = [light for light in self._free if light not in named]
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
-        if not self.found or (nameless and self.missing and not self.reacquired):
+        if not self.found or (
+            nameless and self.missing and len(self.reacquired) < FAULTS.min_firm
+        ):
             self._find_otherwise(frame, older)
 
     def _name_clear(self) -> None:
