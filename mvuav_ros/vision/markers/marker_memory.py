@@ -333,6 +333,8 @@ class MarkerMemory:
         if among_others:
             unsure = self.doubtful | self.untrusted
             firm = {m for m in seen if m not in unsure and not self.markers[m].unseen}
+        # The lights of following frames are the same, right or wrong: only another light tells more.
+        joined = not (found_again or {}).keys().isdisjoint(given)
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
@@ -344,7 +346,10 @@ class MarkerMemory:
             left = among_others and marker.untrusted and self._was_checked and few
             if found_again and index in found_again:
                 again = min(max(found_again[index], CONFIDENCE.least), CONFIDENCE.first)
-                marker.odds = again if index in given else max(marker.odds, again)
+                if index in given:
+                    marker.odds = again
+                elif joined:
+                    marker.odds = max(marker.odds, again)
             elif index in given or left:
                 followed = not (marker.untrusted or marker.unseen)
                 # By fewer than two others hardly anything is known of its place.
