@@ -36,7 +36,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'doubt only with clutter': [(Clutter, 'is_about', property(_returns(True)))],
     'clutter at any place': [(marker_memory.CONFIDENCE, 'density', (0.0, 0.0))],
     'a steady misfit': [(initialization, 'SAME_MISFIT', (math.inf, math.inf))],
-    'sure place': [(marker_memory, 'SURE_PLACE', 0.0)],
     'clutter by age': [(Clutter, 'include', _returns(False))],
     'suspects by evidence': [(FaultDetector, '_without_suspects', _returns(None))],
     'bank': [(view_filter.TUNING, 'bending', (1, 0))],
@@ -45,7 +44,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'odd start': [(initialization, 'CONFIRMED_ODD', 3)],
     'search by an older filter': [(Search, '_find_otherwise', _returns(None))],
     'hidden markers': [(naming, 'MAX_HIDDEN', 0)],
-    'one light with two names': [(identity_tracker, 'SAME_SPOT', 0.0)],
     'wider windows': [(identity_tracker, 'WIDEST', 0.0)],
     'learnt calibration': [(calibrated_tracker, 'AGREED', math.inf)],
 }

@@ -49,9 +49,8 @@ _TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
-TILTS = [PITCH, YAW]
-_STEPS_OF_TWOS = 3
-_ROUGH_TWOS = 2.0
+_STEPS = 3  # Of an iteration that puts two markers on two spots, the tilt being as it was
+_ROUGH_TWOS = 2.0  # px (1 sigma), by which they may miss them after that
 _SAME_TILT = 0.2  # rad, within which two views to start from are the same
 _KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights are enough
 _MAX_TILTED = 1.2  # rad, from straight behind
@@ -314,19 +313,25 @@ def _views_of_twos(
     """
     at, slopes = expected
     ahead = at - at[:, None]
-    first, second, a, b = np.nonzero(may_be)
-    rows = np.arange(len(first))
-    views = np.tile(prior.mean, (len(first), 1))
+    each_once = np.triu(np.ones((len(at), len(at)), np.bool_))[..., None, None]
+    twos = np.array(np.nonzero(may_be & each_once))
+    views = np.tile(prior.mean, (len(twos[0]), 1))
     # Perspective makes more than one step of it.
-    for _ in range(_STEPS_OF_TWOS):
+    for step in range(_STEPS):
+        first, second, a, b = twos
         seen = shape.linearize(views)[0].view(np.complex128)
-        turn = (places[b] - places[a]) / (seen[rows, second] - seen[rows, first])
-        origin = views[:, X] + 1j * views[:, Y]
-        origin = places[a] - turn * (seen[rows, first] - origin)
+        here = np.take_along_axis(seen, first[:, None], axis=1)[:, 0]
+        there = np.take_along_axis(seen, second[:, None], axis=1)[:, 0]
+        turn = (places[b] - places[a]) / (there - here)
+        origin = places[a] - turn * (here - views[:, X] - 1j * views[:, Y])
         views[:, ROLL] += np.angle(turn)
         views[:, SCALE] += np.log(np.abs(turn))
         views[:, X], views[:, Y] = origin.real, origin.imag
-    tilted = slopes[TILTS] * prior.deviations[TILTS, None]
+        if not step:
+            kept = prior.allows(views, most=ROUGHLY_AWAY)
+            views, twos = views[kept], twos[:, kept]
+    first, second, _, _ = twos
+    tilted = slopes[[PITCH, YAW]] * prior.deviations[[PITCH, YAW], None]
     apart = tilted[:, None] - tilted[:, :, None]
     share = ahead[first] / ahead[first, second][:, None]
     errors = apart[:, first] - share * apart[:, first, second][..., None]

@@ -112,7 +112,6 @@ LIKELY_AREA = (0.3, 3.2)
 LIKELY_SPREAD = 1.3
 """The same for a light that may be the marker after all."""
 _LEARNING = 0.2  # Per frame, by which the usual area and spread follow the light
-SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
 RING_EVERY = 3  # Frames in one of which a light's background is looked at
@@ -195,7 +194,7 @@ class MarkerMemory:
         self._probation = probation
         self._was_checked = True  # whether there were enough of them to check each other
         self.predict(time)
-        self.remember(time, dict(enumerate(spots)), {})
+        self.remember(time, dict(enumerate(spots)))
 
     @property
     def newest(self) -> float:
@@ -276,22 +275,14 @@ class MarkerMemory:
             marker.odds = CONFIDENCE.first
             self.predictor.forget(index)
 
-    def remember(
-        self,
-        time: float,
-        spots: Mapping[int, Detection],
-        expected: Mapping[int, Expectation],
-    ) -> None:
-        """Learn from a frame's markers, px, and where those should be that have no light."""
+    def remember(self, time: float, spots: Mapping[int, Detection]) -> None:
+        """Learn from a frame's markers, px."""
         positions: list[float] = []
         for index, marker in enumerate(self.markers):
             spot = spots.get(index)
             if spot is None:
                 marker.unseen += 1
-                place = expected[index]
-                # Where the others leave no doubt, the filter goes on as if it had been seen.
-                sure = place.deviation < SURE_PLACE
-                positions += (place.x, place.y) if sure else (math.nan, math.nan)
+                positions += (math.nan, math.nan)
                 continue
             positions += (spot.x, spot.y)
             marker.learn(spot)
