@@ -36,6 +36,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'doubt only with clutter': [(Clutter, 'is_about', property(_returns(True)))],
     'clutter at any place': [(marker_memory.CONFIDENCE, 'density', (0.0, 0.0))],
     'a steady misfit': [(initialization, 'SAME_MISFIT', (math.inf, math.inf))],
+    'sure place': [(marker_memory, 'SURE_PLACE', 0.0)],
     'clutter by age': [(Clutter, 'include', _returns(False))],
     'suspects by evidence': [(FaultDetector, '_without_suspects', _returns(None))],
     'bank': [(view_filter.TUNING, 'bending', (1, 0))],

@@ -193,7 +193,7 @@ class IdentityTracker:
             memory.weigh(spots, faults.evidence(named))
             faults.commit(named)
             self._is_sure = True
-            memory.remember(frame.time, spots)
+            memory.remember(frame.time, spots, {})
             if not self._is_redundant:
                 spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
             return self._report.result(memory, spots, frame.earliest, {}, windows)
@@ -242,7 +242,7 @@ class IdentityTracker:
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
         spots = {index: light.seen for index, light in search.found.items()}
-        memory.remember(frame.time, spots)
+        memory.remember(frame.time, spots, expected)
         hidden = search.suspects | memory.doubtful
         if not self._is_redundant:
             hidden = hidden | memory.untrusted

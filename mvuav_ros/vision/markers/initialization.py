@@ -313,7 +313,7 @@ def _views_of_twos(
     """
     at, slopes = expected
     ahead = at - at[:, None]
-    each_once = np.triu(np.ones((len(at), len(at)), np.bool_))[..., None, None]
+    each_once = np.tri(len(at), dtype=np.bool_)[..., None, None]
     twos = np.array(np.nonzero(may_be & each_once))
     views = np.tile(prior.mean, (len(twos[0]), 1))
     # Perspective makes more than one step of it.

@@ -112,6 +112,7 @@ LIKELY_AREA = (0.3, 3.2)
 LIKELY_SPREAD = 1.3
 """The same for a light that may be the marker after all."""
 _LEARNING = 0.2  # Per frame, by which the usual area and spread follow the light
+SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
 RING_EVERY = 3  # Frames in one of which a light's background is looked at
@@ -194,7 +195,7 @@ class MarkerMemory:
         self._probation = probation
         self._was_checked = True  # whether there were enough of them to check each other
         self.predict(time)
-        self.remember(time, dict(enumerate(spots)))
+        self.remember(time, dict(enumerate(spots)), {})
 
     @property
     def newest(self) -> float:
@@ -275,14 +276,22 @@ class MarkerMemory:
             marker.odds = CONFIDENCE.first
             self.predictor.forget(index)
 
-    def remember(self, time: float, spots: Mapping[int, Detection]) -> None:
-        """Learn from a frame's markers, px."""
+    def remember(
+        self,
+        time: float,
+        spots: Mapping[int, Detection],
+        expected: Mapping[int, Expectation],
+    ) -> None:
+        """Learn from a frame's markers, px, and where those should be that have no light."""
         positions: list[float] = []
         for index, marker in enumerate(self.markers):
             spot = spots.get(index)
             if spot is None:
                 marker.unseen += 1
-                positions += (math.nan, math.nan)
+                place = expected[index]
+                # Where the others leave no doubt, the filter goes on as if it had been seen.
+                sure = place.deviation < SURE_PLACE
+                positions += (place.x, place.y) if sure else (math.nan, math.nan)
                 continue
             positions += (spot.x, spot.y)
             marker.learn(spot)
@@ -315,8 +324,9 @@ class MarkerMemory:
         if among_others:
             unsure = self.doubtful | self.untrusted
             firm = {m for m in seen if m not in unsure and not self.markers[m].unseen}
-        # The lights of following frames are the same, right or wrong: only another light tells more.
-        joined = not (found_again or {}).keys().isdisjoint(given)
+        # Lights of following frames are the same, right or wrong: only another one tells more.
+        again = found_again or {}
+        joined = not again.keys().isdisjoint(given)
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
@@ -326,12 +336,12 @@ class MarkerMemory:
                 marker.weigh((1.0 if is_new else usual) * (own - other))
             # Those that were on probation when the others went have nothing to check them.
             left = among_others and marker.untrusted and self._was_checked and few
-            if found_again and index in found_again:
-                again = min(max(found_again[index], CONFIDENCE.least), CONFIDENCE.first)
+            if index in again:
+                odds = min(max(again[index], CONFIDENCE.least), CONFIDENCE.first)
                 if index in given:
-                    marker.odds = again
+                    marker.odds = odds
                 elif joined:
-                    marker.odds = max(marker.odds, again)
+                    marker.odds = max(marker.odds, odds)
             elif index in given or left:
                 followed = not (marker.untrusted or marker.unseen)
                 # By fewer than two others hardly anything is known of its place.

@@ -9,6 +9,7 @@ from mvuav_ros.vision.markers.fault_detection import Evidence
 from mvuav_ros.vision.markers.lights import Light
 from mvuav_ros.vision.markers.marker_memory import (
     CONFIDENCE,
+    Expectation,
     Jumps,
     KnownMarker,
     MarkerMemory,
@@ -70,17 +71,19 @@ def memory_of(count):
 
 
 def after_a_return(count, later):
-    """Marker 0 was away among other lights; later so many are seen."""
+    """Marker 0 was away among other lights; later so many are seen, at places known to 5 px."""
     memory, spots = memory_of(count)
+    place = Expectation(50.0, 100.0, 5.0)
     seen = {i: spots[i] for i in (1, 2)}
     memory.predict(0.03)
-    memory.remember(0.03, seen)
+    memory.remember(0.03, seen, {i: place for i in range(count) if i not in seen})
     for step, number in enumerate((3, later), 2):
         seen = {i: spots[i] for i in range(number)}
         evidence = Evidence({i: densities(5.0) for i in seen}, 0.25 if number > 3 else 0.0)
+        rest = {i: place for i in range(number, count)}
         memory.predict(0.03 * step)
         memory.weigh(seen, evidence, {0} if step == 2 else (), others=True)
-        memory.remember(0.03 * step, seen)
+        memory.remember(0.03 * step, seen, rest)
         yield 0 in memory.doubtful
 
 
@@ -92,7 +95,7 @@ def test_what_three_lights_leave_in_doubt_a_fourth_decides():
 def test_names_of_a_body_found_again_are_as_sure_as_their_posterior():
     memory, _spots = memory_of(5)
     memory.predict(0.03)
-    memory.remember(0.03, {})
+    memory.remember(0.03, {}, dict.fromkeys(range(5), Expectation(50.0, 100.0, 5.0)))
     near = Evidence({i: densities(5.0) for i in range(3)}, 0.0)
     memory.weigh(range(3), near, range(3), True, {0: 4.0, 1: 0.5, 2: 30.0})
     assert memory.markers[0].odds == 4.0
@@ -107,3 +110,15 @@ def test_a_name_is_not_made_surer_by_being_found_again():
     memory.predict(0.03)
     memory.weigh(range(3), Evidence({i: (-3.0, -3.0) for i in range(3)}, 0.0), {0}, True, {1: 4.0})
     assert memory.markers[1].odds < 1.0
+
+
+def test_another_light_makes_names_surer_that_are_found_again_with_it():
+    memory, _spots = memory_of(5)
+    memory.markers[1].odds = 0.5
+    memory.predict(0.03)
+    alike = Evidence({i: (-3.0, -3.0) for i in range(3)}, 0.0)
+    memory.weigh(range(3), alike, {0}, True, {0: 3.0, 1: 4.0})
+    assert memory.markers[0].odds == 3.0
+    assert memory.markers[1].odds == 4.0
+    memory.weigh(range(3), alike, (), True, {0: 4.0, 1: 5.0})
+    assert memory.markers[1].odds < 4.0, 'in the next frame the lights are the same'
