@@ -112,6 +112,9 @@ LIKELY_AREA = (0.3, 3.2)
 LIKELY_SPREAD = 1.3
 """The same for a light that may be the marker after all."""
 _LEARNING = 0.2  # Per frame, by which the usual area and spread follow the light
+RETURNING = 2
+"""Frames after its return in which a marker is named by the geometry: its motion, by which its
+window is placed, is not known yet."""
 SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
@@ -129,6 +132,7 @@ class KnownMarker:
     pull: Pull | None = None  # of its background, px
     last_seen: float = -math.inf  # s
     unseen: int = 0  # frames since then
+    returning: int = RETURNING  # frames until its motion is known again
     untrusted: int = 0  # frames in which its light may be another one
     odds: float = CONFIDENCE.first  # of its name, their logarithm
 
@@ -220,7 +224,7 @@ class MarkerMemory:
         least, size = frame.parameters.search_radius, frame.size
         for index, (known, (x, y)) in enumerate(zip(self.markers, self.predicted, strict=True)):
             window = NO_WINDOW
-            if not known.unseen:
+            if not (known.unseen or known.returning):
                 window = Window.around(x, y, max(least, math.ceil(known.radius + EDGE)), size)
             windows.append(window)
             # The background changes slowly: it is looked at in turn.
@@ -249,7 +253,7 @@ class MarkerMemory:
         """Doubt those expected and not seen; for how many frames each was doubted before."""
         before: dict[int, int] = {}
         for index, known in enumerate(self.markers):
-            if index not in seen:
+            if not (index in seen or (known.returning and not known.unseen)):
                 before[index] = known.untrusted
                 known.untrusted = self._probation
         return before
@@ -272,6 +276,7 @@ class MarkerMemory:
     def start_afresh(self) -> None:
         """All markers have got other names: their motions are not known, and none is in doubt."""
         for index, marker in enumerate(self.markers):
+            marker.returning = RETURNING
             marker.untrusted = 0
             marker.odds = CONFIDENCE.first
             self.predictor.forget(index)
@@ -296,7 +301,11 @@ class MarkerMemory:
             positions += (spot.x, spot.y)
             marker.learn(spot)
             marker.last_seen = time
-            marker.unseen = 0
+            if marker.returning:
+                marker.returning -= 1
+            if marker.unseen:
+                marker.unseen = 0
+                marker.returning = RETURNING
             if marker.untrusted and marker.odds >= CONFIDENCE.min_odds:
                 marker.untrusted -= 1
         self.predictor.update(positions)
@@ -324,9 +333,9 @@ class MarkerMemory:
         if among_others:
             unsure = self.doubtful | self.untrusted
             firm = {m for m in seen if m not in unsure and not self.markers[m].unseen}
-        # Lights of following frames are the same, right or wrong: only another one tells more.
+        # Lights of following frames are the same, right or wrong: only another marker tells more.
         again = found_again or {}
-        joined = not again.keys().isdisjoint(given)
+        joined = not (others or again.keys().isdisjoint(given))
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))

@@ -27,6 +27,7 @@ from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
+GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
 MAX_WAYS = 1000
 MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
 Unlikeness = Callable[[int, Light], float]
@@ -258,7 +259,8 @@ class Search:
         nameless = [light for light in self._free if light not in named]
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
-        if not self.found or (nameless and self.missing and len(self.reacquired) < FAULTS.min_firm):
+        few = len(self.reacquired) < FAULTS.min_firm
+        if not self.found or (nameless and self.missing and few):
             self._find_otherwise(frame, older)
 
     def _name_clear(self) -> None:
@@ -396,7 +398,16 @@ class Search:
         return sum(again.odds.values()) > sum(self._markers[marker].odds for marker in self.found)
 
     def _check(self) -> None:
-        """Take back names that the others contradict."""
+        """Take back names that the others contradict, those given in this frame first."""
+        newcomers = [marker for marker in self.found if marker not in self._known]
+        few = len(self.found) < FAULTS.min_agreeing < len(self._markers)
+        while newcomers and len(self._known) >= 2:
+            nis = self.faults.nis_of(places_of(self.found))
+            if max(nis.values()) <= (GATE_OF_FEW if few else GATE):
+                break
+            worst = max(newcomers, key=lambda marker: nis[marker])
+            newcomers.remove(worst)
+            del self.found[worst]
         consensus = self.faults.weigh(places_of(self.found))
         for marker in consensus.dropped:
             del self.found[marker]
