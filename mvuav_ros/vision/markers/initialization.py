@@ -49,6 +49,9 @@ _TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
+KNOWN_TILT = 0.1
+"""rad (1 sigma): where the tilt is known better, two lights show the rest of the view. By an older
+filter it is not (see `JOLT` of `naming.py`)."""
 _STEPS = 3  # Of an iteration that puts two markers on two spots, the tilt being as it was
 _ROUGH_TWOS = 2.0  # px (1 sigma), by which they may miss them after that
 _SAME_TILT = 0.2  # rad, within which two views to start from are the same
@@ -243,7 +246,8 @@ def _rough_guesses(
     may_be = _pairs(places, prior, *expected)
     views = _views_of_threes(shape, places, prior, count - fewest, may_be)
     errors = np.zeros((len(views), count))
-    if prior.noise is not None or not shape.triangles(0):
+    is_tilt_known = prior.deviations[[PITCH, YAW]].max() < KNOWN_TILT
+    if is_tilt_known or not shape.triangles(0):
         by_two, around = _views_of_twos(shape, places, prior, expected, may_be)
         views, errors = np.concatenate((views, by_two)), np.concatenate((errors, around))
     allowed = prior.allows(views)
