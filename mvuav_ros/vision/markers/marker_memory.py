@@ -333,7 +333,7 @@ class MarkerMemory:
         if among_others:
             unsure = self.doubtful | self.untrusted
             firm = {m for m in seen if m not in unsure and not self.markers[m].unseen}
-        # Lights of following frames are the same, right or wrong: only another marker tells more.
+        # Lights of following frames are the same, right or wrong: only another marker adds to them.
         again = found_again or {}
         joined = not (others or again.keys().isdisjoint(given))
         for index in seen:
