@@ -47,7 +47,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'odd start': [(initialization, 'CONFIRMED_ODD', 3)],
     'search by an older filter': [(Search, '_find_otherwise', _returns(None))],
     'hidden markers': [(naming, 'MAX_HIDDEN', 0)],
-    'one light with two names': [(identity_tracker, 'SAME_SPOT', 0.0)],
     'wider windows': [(identity_tracker, 'WIDEST', 0.0)],
     'learnt calibration': [(calibrated_tracker, 'AGREED', math.inf)],
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 
 import numpy as np
 
@@ -37,7 +36,7 @@ from mvuav_ros.vision.markers.marker_results import (
     counts_of,
     roll_of,
 )
-from mvuav_ros.vision.markers.naming import SAME_SPOT, Clutter, Search
+from mvuav_ros.vision.markers.naming import Clutter, Search
 from mvuav_ros.vision.markers.rig_view import WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
@@ -183,10 +182,6 @@ class IdentityTracker:
         faults.views.predict(frame.time)
         spots, windows = memory.look(frame)
         named = dict(zip(spots, straightened(self._lens, spots.values()), strict=True))
-        for (a, one), (b, other) in combinations(list(named.items()), 2):
-            is_near = abs(one[0] - other[0]) < SAME_SPOT and math.dist(one, other) < SAME_SPOT
-            if is_near and a in named and b in named:
-                del named[a], named[b], spots[a], spots[b]
         memory.watch(spots)
         faults.jumps = memory.jumps.evidence
         faults.untrusted = memory.untrusted

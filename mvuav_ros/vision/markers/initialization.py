@@ -49,7 +49,11 @@ _TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
-MAX_MOVED_ERROR = 20.0  # px (1 sigma), of a marker's place by that of another and the expected turn
+KNOWN_TILT = 0.1
+"""rad (1 sigma): where the tilt is known better, two lights show the rest of the view. By an older
+filter it is not (see `JOLT` of `naming.py`)."""
+_STEPS = 3  # Of an iteration that puts two markers on two spots, the tilt being as it was
+_ROUGH_TWOS = 2.0  # px (1 sigma), by which they may miss them after that
 _SAME_TILT = 0.2  # rad, within which two views to start from are the same
 _KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights are enough
 _MAX_TILTED = 1.2  # rad, from straight behind
@@ -239,12 +243,15 @@ def _rough_guesses(
         return []
     seen, slopes = shape.linearize(prior.mean[None])
     expected = seen.view(np.complex128)[0], slopes.view(np.complex128)[0]
-    views = _rough_views(shape, places, prior, count - fewest, expected)
-    views = views[prior.allows(views)]
+    may_be = _pairs(places, prior, *expected)
+    views = _views_of_threes(shape, places, prior, count - fewest, may_be)
     errors = np.zeros((len(views), count))
-    if prior.noise is not None:
-        moved, around = _moved_views(places, prior, *expected)
-        views, errors = np.concatenate((views, moved)), np.concatenate((errors, around))
+    is_tilt_known = prior.deviations[[PITCH, YAW]].max() < KNOWN_TILT
+    if is_tilt_known or not shape.triangles(0):
+        by_two, around = _views_of_twos(shape, places, prior, expected, may_be)
+        views, errors = np.concatenate((views, by_two)), np.concatenate((errors, around))
+    allowed = prior.allows(views)
+    views, errors = views[allowed], errors[allowed]
     if not len(views):
         return []
     cost = prior.away(views)
@@ -275,64 +282,64 @@ def _rough_guesses(
     return list(starts.values())
 
 
-def _rough_views(
+def _views_of_threes(
+    shape: WeakPerspective, places: Complex, prior: Prior, hidden: int, may_be: NDArray[np.bool_]
+) -> Array:
+    """Views (v, 8) in which three of the markers are any three of the spots.
+
+    Two of each may be (see `_pairs`) two of the other.
+    """
+    triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
+    markers, orders = np.reshape(triangles, (-1, 3)).astype(np.intp), _orders(len(places), 3)
+    first, second, third = markers.T[..., None]
+    a, b, c = orders.T
+    allowed = may_be[first, second, a, b] & may_be[second, third, b, c]
+    allowed &= may_be[third, first, c, a]
+    number, row = np.nonzero(allowed)
+    focal, roughly = math.exp(prior.mean[FOCAL]), partial(prior.allows, most=ROUGHLY_AWAY)
+    return views_of_three(shape, markers[number], places[orders[row]], focal, roughly)
+
+
+def _views_of_twos(
     shape: WeakPerspective,
     places: Complex,
     prior: Prior,
-    hidden: int,
     expected: tuple[Complex, Complex],
-) -> Array:
-    """Views (v, 8) in which three of the markers are any three of the spots, or two any two.
-
-    The markers are expected at places (n,), which move with the parameters by slopes (8, n).
-    """
-    focal = math.exp(prior.mean[FOCAL])
-    triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
-    if triangles:
-        markers, orders = np.array(triangles), _orders(len(places), 3)
-        may_be = _pairs(places, prior, *expected)
-        first, second, third = markers.T[..., None]
-        a, b, c = orders.T
-        allowed = may_be[first, second, a, b] & may_be[second, third, b, c]
-        allowed &= may_be[third, first, c, a]
-        number, row = np.nonzero(allowed)
-        roughly = partial(prior.allows, most=ROUGHLY_AWAY)
-        return views_of_three(shape, markers[number], places[orders[row]], focal, roughly)
-    # Of markers on one line the tilt is not known.
-    orders = _orders(len(places), 2)
-    first, second = (shape.points[index, 0] + 1j * shape.points[index, 1] for index in shape.base)
-    turn = (places[orders[:, 1]] - places[orders[:, 0]]) / (second - first)
-    middle = places[orders[:, 0]] - turn * first
-    views = np.zeros((len(orders), COUNT))
-    views[:, ROLL], views[:, SCALE] = np.angle(turn), np.log(np.maximum(np.abs(turn), 1e-9))
-    views[:, X], views[:, Y], views[:, FOCAL] = middle.real, middle.imag, math.log(focal)
-    return views
-
-
-def _moved_views(
-    places: Complex, prior: Prior, expected: Complex, slopes: Complex
+    may_be: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
-    """The expected view moved so that one marker is one of the spots, (v, 8).
+    """Views in which two of the markers are two of the spots, and the tilt is the expected one.
 
-    Where roll, size and tilt are known well, they are so better than three spots would give them.
+    Two lights say nothing of the tilt. Where it is known well, it is so better than three spots
+    would give it.
 
     Returns:
-        The views, none where that is not so, and how far the other markers may be off (1 sigma,
-        px), (v, n).
+        The views (v, 8), and how far the other markers may be off (1 sigma, px), (v, n).
     """
-    change = slopes * prior.deviations[:, None]
-    change[[X, Y]] = 0.0
-    apart = change[:, None] - change[:, :, None]
-    errors = np.sqrt(np.square(np.abs(apart)).sum(axis=0))
-    markers, spots = np.nonzero(np.ones((len(expected), len(places))))
-    if errors.max() > MAX_MOVED_ERROR:
-        markers, spots = markers[:0], spots[:0]
-    move = places[spots] - expected[markers]
-    views = np.tile(prior.mean, (len(move), 1))
-    views[:, X] += move.real
-    views[:, Y] += move.imag
-    kept = prior.allows(views)
-    return views[kept], errors[markers[kept]]
+    at, slopes = expected
+    ahead = at - at[:, None]
+    each_once = np.tri(len(at), dtype=np.bool_)[..., None, None]
+    twos = np.array(np.nonzero(may_be & each_once))
+    views = np.tile(prior.mean, (len(twos[0]), 1))
+    # Perspective makes more than one step of it.
+    for step in range(_STEPS):
+        first, second, a, b = twos
+        seen = shape.linearize(views)[0].view(np.complex128)
+        here = np.take_along_axis(seen, first[:, None], axis=1)[:, 0]
+        there = np.take_along_axis(seen, second[:, None], axis=1)[:, 0]
+        turn = (places[b] - places[a]) / (there - here)
+        origin = places[a] - turn * (here - views[:, X] - 1j * views[:, Y])
+        views[:, ROLL] += np.angle(turn)
+        views[:, SCALE] += np.log(np.abs(turn))
+        views[:, X], views[:, Y] = origin.real, origin.imag
+        if not step:
+            kept = prior.allows(views, most=ROUGHLY_AWAY)
+            views, twos = views[kept], twos[:, kept]
+    first, second, _, _ = twos
+    tilted = slopes[[PITCH, YAW]] * prior.deviations[[PITCH, YAW], None]
+    apart = tilted[:, None] - tilted[:, :, None]
+    share = ahead[first] / ahead[first, second][:, None]
+    errors = apart[:, first] - share * apart[:, first, second][..., None]
+    return views, np.sqrt(_ROUGH_TWOS**2 + np.square(np.abs(errors)).sum(axis=0))
 
 
 def _pairs(places: Complex, prior: Prior, expected: Complex, slopes: Complex) -> NDArray[np.bool_]:
@@ -348,7 +355,8 @@ def _pairs(places: Complex, prior: Prior, expected: Complex, slopes: Complex) ->
     factors = np.array((yy, -2.0 * xy, xx)) / (xx * yy - xy * xy)
     a, b, c = factors[..., None, None]
     x, y = apart.real, apart.imag
-    return np.asarray((a * x + b * y) * x + c * y * y < ROUGHLY_AWAY)
+    may_be = (a * x + b * y) * x + c * y * y < ROUGHLY_AWAY
+    return np.asarray(may_be & (offsets != 1.0)[:, :, None, None] & (found != 1.0))
 
 
 def _apart(places: Complex) -> Complex:

@@ -333,6 +333,9 @@ class MarkerMemory:
         if among_others:
             unsure = self.doubtful | self.untrusted
             firm = {m for m in seen if m not in unsure and not self.markers[m].unseen}
+        # Lights of following frames are the same, right or wrong: only another marker adds to them.
+        again = found_again or {}
+        joined = not (others or again.keys().isdisjoint(given))
         for index in seen:
             marker = self.markers[index]
             own, other = evidence.places.get(index, (0.0, 0.0))
@@ -342,11 +345,13 @@ class MarkerMemory:
                 marker.weigh((1.0 if is_new else usual) * (own - other))
             # Those that were on probation when the others went have nothing to check them.
             left = among_others and marker.untrusted and self._was_checked and few
-            if index not in given and not left:
-                continue
-            if found_again and index in found_again:
-                marker.odds = min(max(found_again[index], CONFIDENCE.least), CONFIDENCE.first)
-            else:
+            if index in again:
+                odds = min(max(again[index], CONFIDENCE.least), CONFIDENCE.first)
+                if index in given:
+                    marker.odds = odds
+                elif joined:
+                    marker.odds = max(marker.odds, odds)
+            elif index in given or left:
                 followed = not (marker.untrusted or marker.unseen)
                 # By fewer than two others hardly anything is known of its place.
                 known = followed or not among_others or len(firm - {index}) >= 2

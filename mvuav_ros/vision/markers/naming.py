@@ -86,7 +86,9 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
     return {m: light for m, light in best.items() if all(w.get(m) == light for w in probable)}
 
 
-MIN_AGAIN = 3  # Lights of a body that is found again
+MIN_AGAIN = (2, 3)
+"""Lights of a body that is found again, where none are about that are no markers, and where some
+are: two of those nearly always look like some two markers."""
 MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by an older filter
 JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
 """rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
@@ -109,7 +111,7 @@ def reacquire(
     lights: Sequence[Light],
     unlikeness: Unlikeness,
     strays: float = STRAY,
-    fewest: int = MIN_AGAIN,
+    fewest: int = MIN_AGAIN[0],
 ) -> Again | None:
     """Find a body again of which too little is in sight where it was expected.
 
@@ -257,7 +259,8 @@ class Search:
         nameless = [light for light in self._free if light not in named]
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
-        if not self.found or (nameless and self.missing and not self.reacquired):
+        few = len(self.reacquired) < FAULTS.min_firm
+        if not self.found or (nameless and self.missing and few):
             self._find_otherwise(frame, older)
 
     def _name_clear(self) -> None:
@@ -331,7 +334,12 @@ class Search:
         lights = [*self.found.values(), *self._free]
         new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
         again = reacquire(
-            self.views.shape, Prior.of(self.views), new, self._unlikeness, self._strays
+            self.views.shape,
+            Prior.of(self.views),
+            new,
+            self._unlikeness,
+            self._strays,
+            MIN_AGAIN[self._clutter.is_about],
         )
         if again is not None:
             self.suspects.clear()

@@ -356,6 +356,14 @@ def test_a_body_with_a_hidden_marker_is_found_again_among_other_lights(seed):
     assert max(score.waits, default=0) <= 12
 
 
+@pytest.mark.parametrize('seed', [21009, 21011])
+def test_two_lights_after_a_blind_second_have_their_names(seed):
+    """Until two more return there are only two, for up to 16 frames."""
+    score, _ = fly_scene('blind seconds', seed)
+    assert score.wrong == []
+    assert score.figures()['missed'] <= 8
+
+
 def test_larger_glares_do_not_hide_a_body_at_the_start():
     """The five highest lights in the image are much larger than some markers."""
     score, named = fly_scene('glare', 52004, 3)

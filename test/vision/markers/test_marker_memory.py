@@ -110,3 +110,15 @@ def test_a_name_is_not_made_surer_by_being_found_again():
     memory.predict(0.03)
     memory.weigh(range(3), Evidence({i: (-3.0, -3.0) for i in range(3)}, 0.0), {0}, True, {1: 4.0})
     assert memory.markers[1].odds < 1.0
+
+
+def test_another_light_makes_names_surer_that_are_found_again_with_it():
+    memory, _spots = memory_of(5)
+    memory.markers[1].odds = 0.5
+    memory.predict(0.03)
+    alike = Evidence({i: (-3.0, -3.0) for i in range(3)}, 0.0)
+    memory.weigh(range(3), alike, {0}, False, {0: 3.0, 1: 4.0})
+    assert memory.markers[0].odds == 3.0
+    assert memory.markers[1].odds == 4.0
+    memory.weigh(range(3), alike, (), False, {0: 4.0, 1: 5.0})
+    assert memory.markers[1].odds < 4.0, 'in the next frame the lights are the same'

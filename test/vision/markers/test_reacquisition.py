@@ -10,6 +10,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.initialization import Prior, guess_body, log_odds_of
 from mvuav_ros.vision.markers.lights import Lens, Light
+from mvuav_ros.vision.markers.marker_memory import CONFIDENCE
 from mvuav_ros.vision.markers.naming import JOLT, reacquire
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
@@ -57,6 +58,37 @@ def test_fewer_lights_than_it_takes_have_no_names():
 
 def test_three_lights_are_enough_where_they_are_all_that_there_is():
     assert find(SPOTS[:3], 3) == dict(enumerate(SPOTS[:3]))
+
+
+def known_for(elapsed):
+    """What a filter has of a view so many s after it was known well, without a jolt."""
+    views = ViewFilter(SHAPE, ViewState(VIEW, np.diag((0.1 * SPREAD) ** 2)), 0.0)
+    views.predict(elapsed)
+    return Prior.of(views)
+
+
+@pytest.mark.parametrize('two', combinations(range(5), 2))
+def test_two_lights_have_names_only_while_the_view_is_known(two):
+    spots = [SPOTS[marker] for marker in two]
+    again = reacquire(SHAPE, known_for(0.05), spots, lambda marker, spot: 0.0)
+    assert again.lights == dict(zip(two, spots, strict=True))
+    assert min(again.odds.values()) > CONFIDENCE.min_odds
+    later = reacquire(SHAPE, known_for(5.0), spots, lambda marker, spot: 0.0)
+    assert later is None or min(later.odds.values()) < CONFIDENCE.min_odds
+
+
+@pytest.mark.parametrize('changed', [(0.5, 0.0), (-0.4, 0.3), (0.3, -0.3)])
+def test_two_lights_of_a_body_that_has_turned_and_come_nearer(changed):
+    """Rolled by rad, and its size in the image changed by a factor's logarithm."""
+    view, prior = VIEW.copy(), known_for(0.05)
+    view[:2] += changed
+    deviations = prior.deviations.copy()
+    deviations[:2] = 0.3
+    prior = Prior(prior.mean, deviations, prior.noise)
+    spots = [light(x, y) for x, y in SHAPE.project(view).tolist()]
+    best = guess_body(SHAPE, [spots[0], spots[4]], prior, 2)[0]
+    assert best.way == ((0, 0), (4, 1))
+    assert best.view.parameters[:2] == pytest.approx(view[:2], abs=0.02)
 
 
 def test_lights_that_cannot_be_the_body_have_no_names():
