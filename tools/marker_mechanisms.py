@@ -46,6 +46,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'rig error': [(ViewFilter, '_learn_rig_error', _returns(None))],
     'odd start': [(initialization, 'CONFIRMED_ODD', 3)],
     'search by an older filter': [(Search, '_find_otherwise', _returns(None))],
+    'two lights': [(naming, 'MIN_AGAIN', (3, 3))],
     'hidden markers': [(naming, 'MAX_HIDDEN', 0)],
     'wider windows': [(identity_tracker, 'WIDEST', 0.0)],
     'learnt calibration': [(calibrated_tracker, 'AGREED', math.inf)],

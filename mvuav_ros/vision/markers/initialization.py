@@ -356,7 +356,8 @@ def _pairs(places: Complex, prior: Prior, expected: Complex, slopes: Complex) ->
     a, b, c = factors[..., None, None]
     x, y = apart.real, apart.imag
     may_be = (a * x + b * y) * x + c * y * y < ROUGHLY_AWAY
-    return np.asarray(may_be & (offsets != 1.0)[:, :, None, None] & (found != 1.0))
+    is_apart = (expected != expected[:, None])[..., None, None] & (places != places[:, None])
+    return np.asarray(may_be & is_apart)
 
 
 def _apart(places: Complex) -> Complex:

@@ -64,14 +64,6 @@ class WeakPerspective:
         turn = np.exp(complex(*view.parameters[[SCALE, ROLL]]))
         return replace(self, offsets=(beside[:, 0] + 1j * beside[:, 1]) / turn)
 
-    @cached_property
-    def base(self) -> tuple[int, int]:
-        """The two markers farthest apart as seen from behind."""
-        flat = self.points[:, 0] + 1j * self.points[:, 1]
-        apart = np.abs(flat[:, None] - flat)
-        first, second = np.unravel_index(int(np.argmax(apart)), apart.shape)
-        return int(first), int(second)
-
     @cache  # noqa: B019 (a tracker has one or two shapes)
     def triangles(self, hidden: int) -> list[tuple[int, int, int]]:
         """Threes of markers, not on one line, of which one is left whichever so many are hidden.
