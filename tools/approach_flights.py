@@ -15,7 +15,7 @@ from approach_rows import Pixels, Row, Timed, judged
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.corners import LabelledFrame
-from mvuav_ros.simulation.airfield import Surface, draw_terrain
+from mvuav_ros.simulation.airfield import NUMBERS, Surface, draw_digit, draw_terrain
 from mvuav_ros.simulation.ground import GroundPainter, Ripmap, load_ground
 from mvuav_ros.simulation.pinhole import CameraPose
 from mvuav_ros.simulation.runway_flight import RunwayFlight, RunwayTruth, measured_attitude
@@ -115,6 +115,33 @@ def overflown_settings(name: str, seed: int) -> dict[str, Any]:
     return {**OVERFLOWN[name], 'seed': seed, **CAMERAS[seed % len(CAMERAS)]}
 
 
+HIGHER = 'concrete, higher, grey'
+"""Flights over concrete slabs of any size and brightness, higher than on a glide path, before a grey
+camera that looks down: the runway reaches the top of the picture, no horizon is in view."""
+HIGHER_SEEDS = range(250, 258), range(260, 272)
+"""Tuned, and check."""
+
+
+def higher_settings(name: str, seed: int) -> dict[str, Any]:
+    """Settings of `HIGHER`: what the camera is like is drawn at random."""
+    draw = np.random.default_rng((seed, 78))
+    width = int(draw.choice([320, 640]))
+    fov = float(draw.uniform(35.0, 65.0))
+    upright = 2.0 * math.degrees(math.atan(0.75 * math.tan(math.radians(fov / 2.0))))
+    return {
+        'seed': seed,
+        'width': width,
+        'height': 3 * width // 4,
+        'fov_deg': fov,
+        'camera_pitch_deg': upright / 2.0 + float(draw.uniform(2.0, 8.0)),
+        'shake': int(draw.integers(0, 3)),
+        'noise': float(draw.choice([1.0, 2.0, 4.0])),
+        'runway_width': float(draw.uniform(20.0, 45.0)),
+        'lateral_offset': float(draw.uniform(-8.0, 8.0)),
+        'visibility': float(draw.uniform(3000.0, 20000.0)),
+    }
+
+
 TUNED_SEEDS, CHECK_SEEDS = range(100, 105), range(135, 140)
 FLIGHT_FRAMES = 275
 
@@ -129,6 +156,12 @@ def label_of(truth: RunwayTruth) -> LabelledFrame | None:
         ((right.x2, right.y2), (left.x2, left.y2)),
     )
     return LabelledFrame('', *near, *far)
+
+
+def _is_long(truth: RunwayTruth) -> bool:
+    """Whether a fifth of the picture's height shows each edge."""
+    spans = [abs(line.y1 - line.y2) for line in truth.lines[:2]]
+    return min(spans) >= 0.2 * truth.camera.height
 
 
 def slope_of(truth: RunwayTruth) -> float:
@@ -175,6 +208,45 @@ class BrightSlabs(Slabs):
         return np.asarray(1.5 * super()._pavement(width, length, detail, rng), np.float32)
 
 
+class Concrete(Slabs):
+    """Slabs whose size, brightness and joints are drawn at random; few markings or only a number."""
+
+    def __init__(
+        self, land: NDArray[np.uint8], width: float, length: float, detail: float, seed: int
+    ) -> None:
+        self._drawn = np.random.default_rng((seed, 1004))
+        super().__init__(land, width, length, detail, seed)
+
+    def _pavement(
+        self, width: float, length: float, detail: float, rng: np.random.Generator
+    ) -> NDArray[np.float32]:
+        draw = self._drawn
+        pavement = Surface._pavement(self, width, length, detail, rng) * draw.uniform(1.2, 2.6)
+        across = width / round(width / draw.uniform(3.5, 7.6))
+        sizes = float(draw.choice([5.0, 6.0, 7.5])), across
+        half, dark = draw.uniform(0.04, 0.2), draw.uniform(0.4, 0.9)
+        places = self._centres(0)[None, :], self._centres(1)[:, None] + 0.5 * width
+        column, row = (np.floor(p / size).astype(int) for p, size in zip(places, sizes, strict=True))
+        tones = 1.0 + draw.uniform(0.0, 0.06) * draw.normal(size=(64, 512))
+        pavement *= tones[row % 64, column % 512][:, :, None]
+        for place, size in zip(places, sizes, strict=True):
+            joint = np.abs((place + 0.5 * size) % size - 0.5 * size) < half
+            pavement *= np.where(joint, dark, 1.0)[:, :, None]
+        return np.asarray(pavement, np.float32)
+
+    def _mark(self, width: float, length: float) -> None:
+        if self._drawn.random() < 0.4:
+            super()._mark(width, length)
+            return
+        unit = width / 30.0
+
+        def add(x0: float, x1: float, y0: float, y1: float) -> None:
+            self._cover(self._paint, x0, x1, y0, y1)
+
+        for digit, left in zip(NUMBERS[0], (5.0 * unit, -1.0 * unit), strict=True):
+            draw_digit(add, digit, 12.0, left, 4.0 * unit, 14.0)
+
+
 class Airstrip(Surface):
     """A runway of patched asphalt without any markings."""
 
@@ -189,14 +261,20 @@ class Airstrip(Surface):
         """There are none."""
 
 
-SURFACES = {'bright slabs': BrightSlabs, 'slabs': Slabs, 'airstrip': Airstrip}
+SURFACES = {
+    'concrete': Concrete,
+    'bright slabs': BrightSlabs,
+    'slabs': Slabs,
+    'airstrip': Airstrip,
+}
 
 
 def flight_of(name: str, given: dict[str, Any]) -> BankedFlight:
     """A flight with settings; its name says what runway is drawn."""
     for word, surface in SURFACES.items():
         if word in name:
-            return SurfaceFlight(RunwaySettings(frames=1000, **given), surface)
+            kind = HigherFlight if HIGHER in name else SurfaceFlight
+            return kind(RunwaySettings(frames=1000, **given), surface)
     return BankedFlight(RunwaySettings(frames=1000, **given))
 
 
@@ -225,6 +303,16 @@ class SurfaceFlight(BankedFlight):
         return GroundPainter(ground._replace(runway=runway), self.camera, s.visibility)
 
 
+class HigherFlight(SurfaceFlight):
+    """The same, higher than on a glide path by a factor drawn at random."""
+
+    def pose(self, time: float) -> CameraPose:
+        """As `RunwayFlight.pose`, higher."""
+        pose = super().pose(time)
+        higher = float(np.random.default_rng((self.settings.seed, 79)).uniform(1.2, 4.0))
+        return pose._replace(position=pose.position * (1.0, 1.0, higher))
+
+
 def simulated(name: str, step: int, cache: Path | None) -> Row:
     """A simulated flight down to 20 m before the runway; within 3 px of the true ends."""
     return of_flight(name, (FLIGHTS | STEEP).get(name, {'seed': 21}), step, cache)
@@ -240,6 +328,11 @@ def looking_down_settings(name: str, seed: int) -> dict[str, Any]:
 def looking_down(name: str, seeds: range, step: int, cache: Path | None) -> Row:
     """Several flights with a camera that looks down, each without its first frames."""
     return of_flights('looking down', looking_down_settings, name, seeds, step, cache)
+
+
+def higher(name: str, seeds: range, step: int, cache: Path | None) -> Row:
+    """Several flights of `HIGHER`, each without its first frames."""
+    return of_flights('higher', higher_settings, name, seeds, step, cache)
 
 
 def overflown(name: str, seeds: range, step: int, cache: Path | None) -> Row:
@@ -281,16 +374,19 @@ def of_flight(name: str, given: dict[str, Any], step: int, cache: Path | None) -
     last = int((settings.start_distance - 20) / settings.speed * settings.fps)
     errors = []
     frames = range(last - FLIGHT_FRAMES, last, step)
-    near_by = name in STEEP or name.startswith(('looking down', 'over'))
+    near_by = name in STEEP or name.startswith(('looking down', 'higher', 'over'))
     if name.startswith('over'):
         # The far end then goes out of view.
         frames = frames_between(flight, 20.0, settings.runway_length - 60.0, step)
     elif near_by:
         # Of the near end until the far one comes into view.
-        frames = range(last - 50, last + 150, step)
+        begin = last - 100 if name.startswith('higher') else last - 50
+        frames = range(begin, last + 150, step)
     for index in frames:
         truth = flight.truth_at(flight.seen_at(index))
         if not all(line.visible for line in truth.lines[:2]):
+            continue
+        if name.startswith('higher') and not _is_long(truth):
             continue
         attitude = None
         if name in BANKS or name.endswith('attitude'):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from approach_flights import Airstrip, Slabs, SurfaceFlight, label_of, slope_of
+from approach_flights import Airstrip, Concrete, Slabs, SurfaceFlight, label_of, slope_of
 from approach_rows import Pixels
 from numpy.typing import NDArray
 
@@ -22,6 +22,7 @@ from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 
 SURFACES = Surface, Surface, Slabs, Airstrip, Airstrip
+BEFORE = Surface, Concrete, Concrete, Airstrip
 
 
 class Glimpses(SurfaceFlight):
@@ -41,6 +42,26 @@ class Glimpses(SurfaceFlight):
         return CameraPose(position, roll, pitch, yaw, rotation)
 
 
+class GlimpsesBefore(Glimpses):
+    """The same from before the near end, which is in view."""
+
+    def pose(self, time: float) -> CameraPose:
+        """Anywhere before the runway, looking about at its near end, at the time of a frame."""
+        settings = self.settings
+        width = settings.runway_width
+        rng = np.random.default_rng((settings.seed, round(time * settings.fps)))
+        height = width * math.exp(rng.uniform(math.log(0.5), math.log(6.0)))
+        down = math.radians(math.exp(rng.uniform(math.log(5.0), math.log(40.0))))
+        away = height / math.tan(down)
+        aside = width * float(rng.uniform(-1.5, 1.5))
+        view = 2.0 * math.atan(0.5 * self.camera.height / self.camera.fy)
+        pitch = down + view * float(rng.uniform(-0.3, 0.42))
+        roll, turned = (math.radians(degrees) * rng.normal() for degrees in (6.0, 4.0))
+        yaw = rng.uniform(0.3, 1.0) * math.atan2(-aside, away) + turned
+        rotation = from_rpy(roll, pitch, yaw) @ OPTICAL_FROM_BODY.T
+        return CameraPose(np.array((-away, aside, height)), roll, pitch, yaw, rotation)
+
+
 def settings_of(seed: int, rng: np.random.Generator) -> RunwaySettings:
     """A runway and a camera drawn at random."""
     width = float(rng.uniform(8.0, 45.0))
@@ -57,15 +78,18 @@ def settings_of(seed: int, rng: np.random.Generator) -> RunwaySettings:
     )
 
 
-def glimpses(seeds: range, most: int) -> Iterator[tuple[Pixels, LabelledFrame, float]]:
-    """At most so many views of each seed's runway.
+def glimpses(
+    seeds: range, most: int, *, before: bool = False
+) -> Iterator[tuple[Pixels, LabelledFrame, float]]:
+    """At most so many views of each seed's runway, from over or before it.
 
     Yields:
         The image, blue first, the corners of what is in view, and the horizon's slope, rad.
     """
     for seed in seeds:
         rng = np.random.default_rng((seed, 77))
-        flight = Glimpses(settings_of(seed, rng), SURFACES[seed % len(SURFACES)])
+        kind, surfaces = (GlimpsesBefore, BEFORE) if before else (Glimpses, SURFACES)
+        flight = kind(settings_of(seed, rng), surfaces[seed % len(surfaces)])
         found = 0
         for index in range(4 * most):
             truth = flight.truth_at(flight.seen_at(index))
@@ -96,10 +120,8 @@ def recoloured(
     rho, theta = horizon
     level = math.cos(theta) * columns + math.sin(theta) * rows - rho
     sky = np.clip(0.5 - level * math.copysign(1.0, math.sin(theta)), 0.0, 1.0)[:, :, None]
-    down = (
-        _beyond(label.far_left, label.near_left),
-        _beyond(label.far_right, label.near_right),
-    )
+    pairs = (label.far_left, label.near_left), (label.far_right, label.near_right)
+    down = [_beyond(*pair) if _is_cut(pair[1], width, height) else pair[1] for pair in pairs]
     polygon = np.array([*down, label.far_right, label.far_left])
     mask = np.zeros((height, width), np.uint8)
     cv2.fillPoly(mask, [np.rint(16 * polygon).astype(np.int32)], 255, cv2.LINE_AA, 4)
@@ -133,6 +155,12 @@ def patches(size: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float
         total += rng.random() * cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC)
     total -= total.min()
     return np.asarray(total / total.max())[:, :, None]
+
+
+def _is_cut(near: tuple[float, float], width: int, height: int) -> bool:
+    """Whether an edge goes on beyond the image."""
+    x, y = near
+    return not (1.0 < x < width - 2.0 and y < height - 2.0)
 
 
 def _beyond(far: tuple[float, float], near: tuple[float, float]) -> tuple[float, float]:

@@ -25,12 +25,15 @@ from approach_flights import (
     BANKS,
     CHECK_SEEDS,
     FLIGHTS,
+    HIGHER,
+    HIGHER_SEEDS,
     LOOKING_DOWN,
     LOOKING_DOWN_GREY,
     OVERFLOWN,
     STEEP,
     STEEP_CHECK,
     TUNED_SEEDS,
+    higher,
     looking_down,
     overflown,
     simulated,
@@ -314,6 +317,10 @@ def jobs(options: argparse.Namespace) -> Iterator[Job]:
     looks = (*LOOKING_DOWN, *LOOKING_DOWN_GREY)
     flown = [('looking down', looking_down, flight) for flight in looks]
     flown += [('over the runway', overflown, flight) for flight in OVERFLOWN]
+    for given in ('', ', attitude'):
+        for check, seeds in zip((False, True), HIGHER_SEEDS, strict=True):
+            several = partial(higher, HIGHER + given, seeds, step, options.cache)
+            yield Job('higher', HIGHER + given, check, lambda several=several: [several()])
     for kind, fly, flight in flown:
         for check, seeds in ((False, TUNED_SEEDS), (True, CHECK_SEEDS)):
             for given in ('', ', attitude'):

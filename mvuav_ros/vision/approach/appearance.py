@@ -129,7 +129,7 @@ FEATURES = (
     'run', 'total', 'length', 'paint', 'brightness', 'colour', 'support', 'below', 'above',
     'open_end', 'offset', 'width', 'region', 'near_end_beside', 'sky', 'sky_texture',
     'dark_inside', 'aspect', 'aside', 'greyness', 'roughness', 'room_below',
-    'wider_on_one_side', 'depth',
+    'wider_on_one_side', 'depth', 'meets_above',
 )  # fmt: skip
 """Names of the columns of `describe`."""
 
@@ -325,6 +325,7 @@ def _of_the_sky(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
     rough_above, rough_below = _texture(image, np.stack([row - 8, row + 8]), x) - 1.0
     hidden = y < APPEARANCE.min_sky_row
     return {
+        'meets_above': hidden.astype(float),
         'sky': np.where(hidden, np.nan, np.clip((above - below) / 40, -3, 3)),
         'sky_texture': np.where(hidden, np.nan, np.log(rough_above / rough_below)),
     }

@@ -16,37 +16,55 @@ from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.tuning import PROBABILITY
 
 _FILE = 'probability.json'
-_DEPTH, _SKY = FEATURES.index('depth'), FEATURES.index('sky')
+_DEPTH = FEATURES.index('depth')
 
 
 @dataclass(frozen=True, eq=False)
 class EvidenceWeights:
-    """Log odds as a sum of piecewise linear functions, one for each feature.
+    """Log odds of a strip by its features: a linear part, and a hidden layer of tanh units.
+
+    What a feature says depends on others: a strip whose near end is in the picture looks other than
+    one that goes on below it. A sum over the features cannot know that, a hidden layer can.
 
     Attributes:
         mean: (features,) of the tuning half.
         deviation: (features,) standard deviation there.
-        knots: (knots, features) where the slopes change, in standard deviations.
-        slopes: (knots + 1, features) slope of the first piece, then the changes of slope.
-        offset: log odds of a strip with average features.
+        slopes: (features,) of the linear part, per standard deviation.
+        inward: (features, units) weights of the hidden units.
+        bias: (units,) of the hidden units.
+        outward: (units,) what each unit adds.
+        offset: log odds of a strip with average features and no unit.
     """
 
     mean: NDArray[np.float64]
     deviation: NDArray[np.float64]
-    knots: NDArray[np.float64]
     slopes: NDArray[np.float64]
+    inward: NDArray[np.float64]
+    bias: NDArray[np.float64]
+    outward: NDArray[np.float64]
     offset: float
 
     def log_odds(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) of (n, features) in the order of `FEATURES`; what is NaN does not count."""
-        most = PROBABILITY.max_deviations
-        values = np.clip((features - self.mean) / self.deviation, -most, most)
-        total = values * self.slopes[0]
-        for knot, slope in zip(self.knots, self.slopes[1:], strict=True):
-            total += np.maximum(values - knot, 0.0) * slope
-        # 0 is between what runways and what other strips have there.
-        result: NDArray[np.float64] = np.nan_to_num(total).sum(axis=1) + self.offset
+        """(n,) of (n, features) in the order of `FEATURES`; what is NaN counts as usual.
+
+        Example:
+            >>> one = np.ones(1)
+            >>> weights = EvidenceWeights(0 * one, one, 2 * one, one[None], 0 * one, one, -1.0)
+            >>> weights.log_odds(np.array([[0.0], [np.nan], [1.0]])).round(2).tolist()
+            [-1.0, -1.0, 1.76]
+        """
+        values = standardised(features, self.mean, self.deviation)
+        hidden = np.tanh(values @ self.inward + self.bias)
+        result: NDArray[np.float64] = values @ self.slopes + hidden @ self.outward + self.offset
         return result
+
+
+def standardised(
+    features: NDArray[np.float64], mean: NDArray[np.float64], deviation: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Features in standard deviations from the mean, limited; the mean of what is NaN."""
+    most = PROBABILITY.max_deviations
+    return np.nan_to_num(np.clip((features - mean) / deviation, -most, most))
 
 
 class Report(NamedTuple):
@@ -121,9 +139,9 @@ def _logistic(log_odds: float) -> float:
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) log odds of strips with (n, features): of those seen from near by with other weights."""
-    near_by, above = features[:, _DEPTH] > PROBABILITY.min_near_by, np.isnan(features[:, _SKY])
-    odds = evidence_weights('').log_odds(features)
-    for name, chosen in (('over', near_by & ~above), ('above', near_by & above)):
+    near_by = features[:, _DEPTH] > PROBABILITY.min_near_by
+    odds = np.empty(len(features))
+    for name, chosen in (('ahead', ~near_by), ('near_by', near_by)):
         if chosen.any():
             odds[chosen] = evidence_weights(name).log_odds(features[chosen])
     return odds
@@ -133,14 +151,12 @@ def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
 def evidence_weights(which: str) -> EvidenceWeights:
     """The weights that belong to this version; made by tools/fit_approach.py.
 
-    Those named ``over`` and ``above`` are of strips seen from near by: the edges of the former meet
-    in the picture, those of the latter above it.
+    Those of strips ``ahead``, or seen from ``near_by``.
     """
-    data = _fitted()[which] if which else _fitted()
-    if tuple(data['features']) != FEATURES:
+    if tuple(_fitted()['features']) != FEATURES:
         raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
-    arrays = {name: np.array(data[name]) for name in ('mean', 'deviation', 'knots', 'slopes')}
-    return EvidenceWeights(**arrays, offset=data['offset'])
+    data = {name: np.array(values) for name, values in _fitted()[which].items()}
+    return EvidenceWeights(**data | {'offset': float(data['offset'])})
 
 
 @cache

@@ -53,23 +53,27 @@ def test_extremes_are_probabilities_still():
     assert 0.0 <= confidence(log_odds=-1e9) < confidence(log_odds=1e9) <= 1.0
 
 
-@pytest.mark.parametrize(
-    ('depth', 'sky', 'which'),
-    [(50.0, 0.5, ''), (50.0, math.nan, ''), (70.0, 0.5, 'over'), (70.0, math.nan, 'above')],
-)
-def test_weights_follow_from_where_a_strip_is_seen(depth, sky, which):
-    features = evidence_weights('').mean[None].copy()
+@pytest.mark.parametrize(('depth', 'which'), [(50.0, 'ahead'), (70.0, 'near_by')])
+def test_weights_follow_from_where_a_strip_is_seen(depth, which):
+    features = evidence_weights('ahead').mean[None].copy()
     features[0, FEATURES.index('depth')] = math.log(depth)
-    features[0, FEATURES.index('sky')] = sky
     assert log_odds_of(features) == evidence_weights(which).log_odds(features)
-    others = {'', 'over', 'above'} - {which}
-    assert all(
-        log_odds_of(features) != evidence_weights(other).log_odds(features) for other in others
-    )
+    (other,) = {'ahead', 'near_by'} - {which}
+    assert log_odds_of(features) != evidence_weights(other).log_odds(features)
+
+
+def test_what_a_feature_says_depends_on_others():
+    weights = evidence_weights('near_by')
+    one, other = FEATURES.index('open_end'), FEATURES.index('aspect')
+    features = np.tile(weights.mean, (4, 1))
+    features[1::2, one] += weights.deviation[one]
+    features[2:, other] += weights.deviation[other]
+    plain, first, second, both = weights.log_odds(features)
+    assert abs((both - second) - (first - plain)) > 0.05
 
 
 def test_strips_of_one_frame_may_have_different_weights():
-    features = np.repeat(evidence_weights('').mean[None], 2, axis=0)
+    features = np.repeat(evidence_weights('ahead').mean[None], 2, axis=0)
     features[:, FEATURES.index('depth')] = math.log(50.0), math.log(70.0)
     far, near = log_odds_of(features)
     assert far == log_odds_of(features[:1])[0]
