@@ -69,9 +69,8 @@ RUN_WEIGHT = 0.4
 OVERFLOWN_WEIGHT, STEEP_WEIGHT = 0.4, 0.8
 """The same, from near by: of a frame of a simulated flight over or before a runway, and of one that
 looks down at it."""
-AHEAD_GLIMPSE_WEIGHT = 0.8
-"""Of a view from before a runway that is ahead: with 0.3 simulated runways are hardly found, with
-1.2 fewer stills are."""
+SIMULATED_WEIGHT = 0.4
+"""Of a view of a simulated runway that is ahead."""
 MAGNIFIED_WEIGHT = 2.0
 """Of a magnified frame of run 3 or 5."""
 ROAD_WEIGHT, CUT_WEIGHT = 20.0, 4.0
@@ -259,18 +258,31 @@ def of_glimpses() -> Iterator[Example]:
                 yield found._replace(weight=weight)
 
 
-def of_glimpses_ahead() -> Iterator[Example]:
-    """Of the views from before the near end those in which a strip ahead is the runway."""
-    (seeds,) = (seeds for seeds, before, _ in GLIMPSES if before)
-    for index, (colour, label, slope) in enumerate(glimpses(seeds, 4, before=True)):
-        image = both_kinds(colour)[index % 2]
+def of_simulated_ahead() -> Iterator[Example]:
+    """Views of simulated runways from before the near end, in which a strip ahead is the runway."""
+    for number, (colour, label, slope) in enumerate(simulated_views()):
+        image = both_kinds(colour)[number % 2]
         for text, seen in enumerate(plain_and_with_text(image, _GLIMPSE_SEEDS)):
             found, level = anywhere(seen, slope)
             error = errors(found.strips, label, level, USUAL)
             right = error <= 1
             if (right & ~is_near_by(found)).any():
                 clear = right | (error > 1.4)
-                yield chosen(found, right, clear, AHEAD_GLIMPSE_WEIGHT, text=bool(text))
+                yield chosen(found, right, clear, SIMULATED_WEIGHT, text=bool(text))
+
+
+def simulated_views() -> Iterator[tuple[NDArray[Any], LabelledFrame, float]]:
+    """Image, corners and slope of the horizon: single views, and frames of the tuned approaches."""
+    (seeds,) = (seeds for seeds, before, _ in GLIMPSES if before)
+    yield from glimpses(seeds, 4, before=True)
+    for name, settings in FLIGHTS.items():
+        flight = flight_of(name, settings)
+        distance = flight.settings.start_distance
+        for index in frames_between(flight, -distance, -160.0, 20):
+            truth = flight.truth_at(flight.seen_at(index))
+            label = label_of(truth)
+            if label is not None:
+                yield flight.frame(index).image.pixels, label, slope_of(truth)
 
 
 def anywhere(image: NDArray[Any], slope: float) -> tuple[Candidates, Derotation]:
@@ -548,7 +560,7 @@ def main() -> None:
     if near_by:
         fitted['near_by'] = fit(images, usual, NEAR_BY_PENALTY)
     else:
-        images += of_glimpses_ahead()
+        images += of_simulated_ahead()
         fitted['ahead'] = fit(images, usual, AHEAD_PENALTY)
     fitted['features'] = list(FEATURES)
     OUTPUT.write_text(json.dumps(fitted) + '\n')
