@@ -226,7 +226,9 @@ class Concrete(Slabs):
         sizes = float(draw.choice([5.0, 6.0, 7.5])), across
         half, dark = draw.uniform(0.04, 0.2), draw.uniform(0.4, 0.9)
         places = self._centres(0)[None, :], self._centres(1)[:, None] + 0.5 * width
-        column, row = (np.floor(p / size).astype(int) for p, size in zip(places, sizes, strict=True))
+        column, row = (
+            np.floor(p / size).astype(int) for p, size in zip(places, sizes, strict=True)
+        )
         tones = 1.0 + draw.uniform(0.0, 0.06) * draw.normal(size=(64, 512))
         pavement *= tones[row % 64, column % 512][:, :, None]
         for place, size in zip(places, sizes, strict=True):

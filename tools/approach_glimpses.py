@@ -21,12 +21,17 @@ from mvuav_ros.simulation.pinhole import CameraPose
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 
-SURFACES = Surface, Surface, Slabs, Airstrip, Airstrip
-BEFORE = Surface, Concrete, Concrete, Airstrip
-
 
 class Glimpses(SurfaceFlight):
-    """Frames of one runway; each is from another place."""
+    """Frames of one runway; each is from another place.
+
+    Attributes:
+        surfaces: by seed.
+        widest: of the runways, m.
+    """
+
+    widest = 45.0
+    surfaces: tuple[type[Surface], ...] = (Surface, Surface, Slabs, Airstrip, Airstrip)
 
     def pose(self, time: float) -> CameraPose:
         """Anywhere over the runway, looking about along it, at the time of a frame."""
@@ -45,6 +50,8 @@ class Glimpses(SurfaceFlight):
 class GlimpsesBefore(Glimpses):
     """The same from before the near end, which is in view."""
 
+    surfaces = Surface, Concrete, Concrete, Airstrip
+
     def pose(self, time: float) -> CameraPose:
         """Anywhere before the runway, looking about at its near end, at the time of a frame."""
         settings = self.settings
@@ -62,9 +69,28 @@ class GlimpsesBefore(Glimpses):
         return CameraPose(np.array((-away, aside, height)), roll, pitch, yaw, rotation)
 
 
-def settings_of(seed: int, rng: np.random.Generator) -> RunwaySettings:
-    """A runway and a camera drawn at random."""
-    width = float(rng.uniform(8.0, 45.0))
+class RoadGlimpses(Glimpses):
+    """The same as from a car on a narrow strip, which is a road then."""
+
+    widest = 15.0
+    surfaces = Surface, Airstrip
+
+    def pose(self, time: float) -> CameraPose:
+        """Anywhere on the road, looking along it, at the time of a frame."""
+        settings = self.settings
+        rng = np.random.default_rng((settings.seed, round(time * settings.fps)))
+        along = settings.runway_length * float(rng.uniform(0.1, 0.6))
+        aside = 0.4 * settings.runway_width * float(rng.uniform(-1.0, 1.0))
+        roll, turned = (math.radians(degrees) * rng.normal() for degrees in (1.0, 2.0))
+        pitch = math.radians(float(rng.uniform(-2.0, 10.0)))
+        rotation = from_rpy(roll, pitch, turned) @ OPTICAL_FROM_BODY.T
+        position = np.array((along, aside, float(rng.uniform(1.0, 2.2))))
+        return CameraPose(position, roll, pitch, turned, rotation)
+
+
+def settings_of(seed: int, rng: np.random.Generator, widest: float) -> RunwaySettings:
+    """A camera, and a runway of up to a width (m), drawn at random."""
+    width = float(rng.uniform(8.0, widest))
     return RunwaySettings(
         frames=1000,
         seed=seed,
@@ -79,17 +105,16 @@ def settings_of(seed: int, rng: np.random.Generator) -> RunwaySettings:
 
 
 def glimpses(
-    seeds: range, most: int, *, before: bool = False
+    seeds: range, most: int, kind: type[Glimpses] = Glimpses
 ) -> Iterator[tuple[Pixels, LabelledFrame, float]]:
-    """At most so many views of each seed's runway, from over or before it.
+    """At most so many views of a kind of each seed's runway.
 
     Yields:
         The image, blue first, the corners of what is in view, and the horizon's slope, rad.
     """
     for seed in seeds:
         rng = np.random.default_rng((seed, 77))
-        kind, surfaces = (GlimpsesBefore, BEFORE) if before else (Glimpses, SURFACES)
-        flight = kind(settings_of(seed, rng), surfaces[seed % len(surfaces)])
+        flight = kind(settings_of(seed, rng, kind.widest), kind.surfaces[seed % len(kind.surfaces)])
         found = 0
         for index in range(4 * most):
             truth = flight.truth_at(flight.seen_at(index))
@@ -99,6 +124,21 @@ def glimpses(
             found += 1
             image = flight.frame(index).image.pixels
             yield recoloured(image, label, truth.horizon, rng), label, slope_of(truth)
+
+
+def road_views(seeds: range, most: int) -> Iterator[tuple[Pixels, float]]:
+    """So many views of each seed's road: image and the horizon's slope, rad."""
+    for seed in seeds:
+        rng = np.random.default_rng((seed, 77))
+        surfaces = RoadGlimpses.surfaces
+        settings = settings_of(seed, rng, RoadGlimpses.widest)
+        flight = RoadGlimpses(settings, surfaces[seed % len(surfaces)])
+        for index in range(most):
+            truth = flight.truth_at(flight.seen_at(index))
+            image, label = flight.frame(index).image.pixels, label_of(truth)
+            if label is not None:
+                image = recoloured(image, label, truth.horizon, rng)
+            yield image, slope_of(truth)
 
 
 MIN_IN_VIEW = 0.2

@@ -39,7 +39,7 @@ from approach_flights import (
     overflown_settings,
     slope_of,
 )
-from approach_glimpses import glimpses
+from approach_glimpses import Glimpses, GlimpsesBefore, glimpses, road_views
 from approach_text import burned_in
 from approach_views import Shot, following, magnified, painted_over, without_runway
 from numpy.typing import NDArray
@@ -50,8 +50,8 @@ from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.probability import standardised
-from mvuav_ros.vision.approach.search import Candidates, LevelledImage, find_candidates
-from mvuav_ros.vision.approach.tuning import PROBABILITY
+from mvuav_ros.vision.approach.search import Candidates, LevelledImage, _fan, find_candidates
+from mvuav_ros.vision.approach.tuning import PROBABILITY, SEARCH, SearchTuning
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 UNITS, STARTS = 24, 3
@@ -76,11 +76,13 @@ MAGNIFIED_WEIGHT = 2.0
 ROAD_WEIGHT, CUT_WEIGHT = 20.0, 4.0
 """Likewise of one without a runway: as it is, and cut off below its horizon."""
 GLIMPSES = (
-    (range(400, 560), False, 1.6),
-    (range(600, 760), True, 0.8),
-    (range(760, 920), False, 0.8),
+    (range(400, 560), Glimpses, 1.6),
+    (range(600, 760), GlimpsesBefore, 0.8),
+    (range(760, 920), Glimpses, 0.8),
 )
-"""Seeds of runways that single views show, whether from before the near end, and what one counts."""
+"""Seeds of runways, the kind of single views that show them, and what one counts."""
+ROAD_GLIMPSES, ROAD_GLIMPSE_WEIGHT = range(920, 960), 3.0
+"""The same of strips that are roads, as they are seen from a car."""
 STEEP_SEEDS = range(140, 150)
 """More seeds of shaken flights that look down steeply: little of both edges is in view at a time,
 so that a few flights do not stand for others."""
@@ -155,6 +157,7 @@ def examples_near_by(footage: Path) -> Iterator[Example]:
     yield from of_magnified_runs(footage)
     yield from of_flights()
     yield from of_glimpses()
+    yield from of_roads(near_by=True)
     for run, step, allowed in (('run3', 12, Allowed(3.0, 0.05)), ('run5', 16, Allowed(4.0, 0.08))):
         folder = footage / 'runway' / f'approach_{run}'
         for number, label in enumerate(read_corners(folder / 'corners.csv')[::step]):
@@ -249,13 +252,33 @@ def of_magnified_runs(footage: Path) -> Iterator[Example]:
 
 def of_glimpses() -> Iterator[Example]:
     """Single views of simulated runways, colour and grey by turns."""
-    for number, (seeds, before, weight) in enumerate(GLIMPSES):
+    for number, (seeds, kind, weight) in enumerate(GLIMPSES):
         texts = _GLIMPSE_SEEDS if number else _SEEDS
-        for index, (colour, label, slope) in enumerate(glimpses(seeds, 4, before=before)):
+        for index, (colour, label, slope) in enumerate(glimpses(seeds, 4, kind)):
             image = both_kinds(colour)[index % 2]
             for text, seen in enumerate(plain_and_with_text(image, texts)):
                 found = near_or_far(seen, label, NEAR_BY, text=bool(text), slope=slope)
                 yield found._replace(weight=weight)
+
+
+def of_roads(*, near_by: bool = False) -> Iterator[Example]:
+    """Views of simulated roads as from a car; of all candidates, or of those from near by alone."""
+    texts = itertools.count(58000)
+    # A track may become wider than what is searched.
+    for name, widest in (('widest', 5.0), ('steepest', 4.0)):
+        object.__setattr__(SEARCH, name, widest)
+    _fan.cache_clear()
+    for index, (colour, slope) in enumerate(road_views(ROAD_GLIMPSES, 4)):
+        image = both_kinds(colour)[index % 2]
+        for text, seen in enumerate(plain_and_with_text(image, texts)):
+            found, _ = anywhere(seen, slope)
+            if near_by:
+                used = is_near_by(found)
+                found = Candidates(found.strips[used], found.features[used])
+            yield without(found, ROAD_GLIMPSE_WEIGHT, text=bool(text))
+    for name in ('widest', 'steepest'):
+        object.__setattr__(SEARCH, name, getattr(SearchTuning(), name))
+    _fan.cache_clear()
 
 
 def of_simulated_ahead() -> Iterator[Example]:
@@ -273,8 +296,8 @@ def of_simulated_ahead() -> Iterator[Example]:
 
 def simulated_views() -> Iterator[tuple[NDArray[Any], LabelledFrame, float]]:
     """Image, corners and slope of the horizon: single views, and frames of the tuned approaches."""
-    (seeds,) = (seeds for seeds, before, _ in GLIMPSES if before)
-    yield from glimpses(seeds, 4, before=True)
+    (seeds,) = (seeds for seeds, kind, _ in GLIMPSES if kind is GlimpsesBefore)
+    yield from glimpses(seeds, 4, GlimpsesBefore)
     for name, settings in FLIGHTS.items():
         flight = flight_of(name, settings)
         distance = flight.settings.start_distance
@@ -493,9 +516,7 @@ class Problem:
     penalty is of squared weights of the hidden layer.
     """
 
-    def __init__(
-        self, values: NDArray[np.float64], images: list[Example], penalty: float
-    ) -> None:
+    def __init__(self, values: NDArray[np.float64], images: list[Example], penalty: float) -> None:
         counts = [len(image.features) for image in images]
         # Single precision takes half the time.
         self._values = values.astype(np.float32)
@@ -560,7 +581,7 @@ def main() -> None:
     if near_by:
         fitted['near_by'] = fit(images, usual, NEAR_BY_PENALTY)
     else:
-        images += of_simulated_ahead()
+        images += [*of_simulated_ahead(), *(i for i in of_roads() if len(i.features))]
         fitted['ahead'] = fit(images, usual, AHEAD_PENALTY)
     fitted['features'] = list(FEATURES)
     OUTPUT.write_text(json.dumps(fitted) + '\n')

@@ -306,9 +306,7 @@ class Surface:
         return np.asarray(centres, np.float32)
 
 
-def draw_digit(
-    add: _Adder, digit: str, x: float, left: float, width: float, height: float
-) -> None:
+def draw_digit(add: _Adder, digit: str, x: float, left: float, width: float, height: float) -> None:
     """Add the strokes of a digit that begins at x, and at the left in y; m."""
     bar_x, bar_y = 1.6, 0.22 * width
     right, middle, top = left - width, x + 0.5 * height, x + height

@@ -80,9 +80,7 @@ class Fan:
         slopes, inside = self.slopes[kept], self.inside.ravel().take(place)
         first, second = slopes.take(_FIRST, axis=1), slopes.take(_SECOND, axis=1)
         width, middle = second - first, 0.5 * (first + second)
-        possible = (width * self.depth >= SEARCH.narrowest) & (
-            width <= (SEARCH.widest if top >= 0 else SEARCH.widest_above)
-        )
+        possible = (width * self.depth >= SEARCH.narrowest) & (width <= _widest(top))
         possible &= np.abs(middle) <= SEARCH.farthest_aside * np.maximum(width, 0.15)
         possible &= inside.take(_FIRST, axis=1) & inside.take(_SECOND, axis=1)
         score *= possible
@@ -201,8 +199,11 @@ def align(image: EvidenceMap, strips: Strips) -> tuple[Strips, NDArray[np.bool_]
     return _moved(strips, _choose(_signed(image, rows, columns)))
 
 
-def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
-    """Strips around, within and beside one, it first, then those with the most evidence."""
+def around(image: EvidenceMap, strip: NDArray[np.float64], most: int, widest: float) -> Strips:
+    """Strips around, within and beside one, it first, then those with the most evidence.
+
+    They are not wider than the widest (over camera height), or than that one.
+    """
     x, y, left, right, _, near = (float(value) for value in strip)
     width = (right - left) * near
     step = max(SEARCH.min_around_shift, SEARCH.around_shift * width)
@@ -214,7 +215,7 @@ def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
     widths = (rights[None] - lefts[:, None]) * near
     score[
         (widths < max(SEARCH.min_around_width * width, 2.0))
-        | (widths > SEARCH.max_around_width * width)
+        | (widths > min(SEARCH.max_around_width * width, max(widest * near, width)))
     ] = -1.0
     found = [strip]
     while len(found) < most:
@@ -290,6 +291,12 @@ def _moved(strips: Strips, chosen: list[NDArray[np.intp]]) -> tuple[Strips, NDAr
     return moved, valid
 
 
+def _widest(y: Any) -> NDArray[np.float64]:
+    """Width over camera height of what is searched, by the rows of vanishing points."""
+    widest: NDArray[np.float64] = np.where(y >= 0, SEARCH.widest, SEARCH.widest_above)
+    return widest
+
+
 class Candidates(NamedTuple):
     """Strips (n, 6) on the levelled working image, and their (n, features) as in `FEATURES`."""
 
@@ -362,6 +369,8 @@ class LevelledImage:
         if not len(best):
             return NO_CANDIDATES
         aligned, valid = align(image, best[:, :6])
+        # What looks wider from the first frame on is seen from a car.
+        valid &= aligned[:, 3] - aligned[:, 2] <= _widest(aligned[:, 1] + top)
         if not valid.any():
             return NO_CANDIDATES
         features, strips = describe(image, aligned[valid], self.scene(level), level)
@@ -460,7 +469,8 @@ def describe_around(
     part = working.part_around(np.concatenate([strip[None], expected]))
     if part is None:
         return None
-    strips = np.concatenate([part.strips[1:], around(part.map, part.strips[0], most)])
+    widest = float(_widest(strip[1]))
+    strips = np.concatenate([part.strips[1:], around(part.map, part.strips[0], most, widest)])
     measured, valid = align(part.map, strips)
     if not valid.any():
         return None
