@@ -116,7 +116,7 @@ def overflown_settings(name: str, seed: int) -> dict[str, Any]:
 
 
 HIGHER = 'concrete, higher, grey'
-"""Flights over concrete slabs of any size and brightness, higher than on a glide path, before a grey
+"""Flights over concrete slabs of any kind, higher than on a glide path, before a grey
 camera that looks down: the runway reaches the top of the picture, no horizon is in view."""
 HIGHER_SEEDS = range(250, 258), range(260, 272)
 """Tuned, and check."""
@@ -209,7 +209,7 @@ class BrightSlabs(Slabs):
 
 
 class Concrete(Slabs):
-    """Slabs whose size, brightness and joints are drawn at random; few markings or only a number."""
+    """Slabs whose size, brightness and joints are drawn at random; few markings or a number."""
 
     def __init__(
         self, land: NDArray[np.uint8], width: float, length: float, detail: float, seed: int

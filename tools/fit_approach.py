@@ -55,14 +55,14 @@ from mvuav_ros.vision.approach.tuning import PROBABILITY, SEARCH, SearchTuning
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 UNITS, STARTS = 24, 3
-"""Of the hidden layer, in each of so many fits. Without it images that were left out of the fit have
-a mean loss of 0.76 instead of 0.59 ahead, and 0.36 instead of 0.17 from near by; with 8 units 0.65
-and 0.24. One fit alone finds more where there is no runway."""
+"""Of the hidden layer, in each of so many fits. Without it images that were left out of the fit
+have a mean loss of 0.76 instead of 0.59 ahead, and 0.36 instead of 0.17 from near by; with 8 units
+0.65 and 0.24. One fit alone finds more where there is no runway."""
 SLOPE_PENALTY = 40.0
 """Of squared slopes of the linear part."""
 AHEAD_PENALTY, NEAR_BY_PENALTY = 3.0, 10.0
-"""Of squared weights of the hidden layer, ten times as much of those outward. With less from near by,
-images without a runway that were left out fit worse."""
+"""Of squared weights of the hidden layer, ten times as much of those outward. With less from near
+by, images without a runway that were left out fit worse."""
 MAX_ITERATIONS = 400
 RUN_WEIGHT = 0.4
 """Of an image of run 3, of which there are many, beside any other image."""

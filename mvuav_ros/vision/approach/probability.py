@@ -155,8 +155,10 @@ def evidence_weights(which: str) -> EvidenceWeights:
     """
     if tuple(_fitted()['features']) != FEATURES:
         raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
-    data = {name: np.array(values) for name, values in _fitted()[which].items()}
-    return EvidenceWeights(**data | {'offset': float(data['offset'])})
+    data = dict(_fitted()[which])
+    offset = float(data.pop('offset'))
+    arrays = {name: np.array(values) for name, values in data.items()}
+    return EvidenceWeights(**arrays, offset=offset)
 
 
 @cache
