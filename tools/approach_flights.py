@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from approach_rows import Pixels, Row, Timed, judged
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.corners import LabelledFrame
-from mvuav_ros.simulation.airfield import NUMBERS, Surface, draw_digit, draw_terrain
+from mvuav_ros.simulation.airfield import NUMBERS, Surface, draw_number, draw_terrain
 from mvuav_ros.simulation.ground import GroundPainter, Ripmap, load_ground
 from mvuav_ros.simulation.pinhole import CameraPose
 from mvuav_ros.simulation.runway_flight import RunwayFlight, RunwayTruth, measured_attitude
@@ -158,10 +158,16 @@ def label_of(truth: RunwayTruth) -> LabelledFrame | None:
     return LabelledFrame('', *near, *far)
 
 
-def _is_long(truth: RunwayTruth) -> bool:
-    """Whether a fifth of the picture's height shows each edge."""
-    spans = [abs(line.y1 - line.y2) for line in truth.lines[:2]]
-    return min(spans) >= 0.2 * truth.camera.height
+MIN_IN_VIEW = 0.2
+"""Of the height of the image: less of an edge is no view of it."""
+
+
+def is_long(label: LabelledFrame | None, height: int) -> bool:
+    """Whether both edges are long enough in the picture, and go up in it."""
+    if label is None:
+        return False
+    edges = (label.near_left, label.far_left), (label.near_right, label.far_right)
+    return all(near[1] - far[1] >= MIN_IN_VIEW * height for near, far in edges)
 
 
 def slope_of(truth: RunwayTruth) -> float:
@@ -240,13 +246,7 @@ class Concrete(Slabs):
         if self._drawn.random() < 0.4:
             super()._mark(width, length)
             return
-        unit = width / 30.0
-
-        def add(x0: float, x1: float, y0: float, y1: float) -> None:
-            self._cover(self._paint, x0, x1, y0, y1)
-
-        for digit, left in zip(NUMBERS[0], (5.0 * unit, -1.0 * unit), strict=True):
-            draw_digit(add, digit, 12.0, left, 4.0 * unit, 14.0)
+        draw_number(partial(self._cover, self._paint), NUMBERS[0], 12.0, width / 30.0)
 
 
 class Airstrip(Surface):
@@ -388,7 +388,7 @@ def of_flight(name: str, given: dict[str, Any], step: int, cache: Path | None) -
         truth = flight.truth_at(flight.seen_at(index))
         if not all(line.visible for line in truth.lines[:2]):
             continue
-        if name.startswith('higher') and not _is_long(truth):
+        if name.startswith('higher') and not is_long(label_of(truth), truth.camera.height):
             continue
         attitude = None
         if name in BANKS or name.endswith('attitude'):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from approach_flights import Airstrip, Concrete, Slabs, SurfaceFlight, label_of, slope_of
+from approach_flights import Airstrip, Concrete, Slabs, SurfaceFlight, is_long, label_of, slope_of
 from approach_rows import Pixels
 from numpy.typing import NDArray
 
@@ -119,7 +119,7 @@ def glimpses(
         for index in range(4 * most):
             truth = flight.truth_at(flight.seen_at(index))
             label = label_of(truth)
-            if label is None or not _is_long(label, truth.camera.height) or found == most:
+            if label is None or not is_long(label, truth.camera.height) or found == most:
                 continue
             found += 1
             image = flight.frame(index).image.pixels
@@ -139,16 +139,6 @@ def road_views(seeds: range, most: int) -> Iterator[tuple[Pixels, float]]:
             if label is not None:
                 image = recoloured(image, label, truth.horizon, rng)
             yield image, slope_of(truth)
-
-
-MIN_IN_VIEW = 0.2
-"""Of the height of the image: less of an edge is no view of it."""
-
-
-def _is_long(label: LabelledFrame, height: int) -> bool:
-    """Whether both edges are long enough in the picture, and go up in it."""
-    edges = (label.near_left, label.far_left), (label.near_right, label.far_right)
-    return all(near[1] - far[1] >= MIN_IN_VIEW * height for near, far in edges)
 
 
 def recoloured(

@@ -21,6 +21,7 @@ import json
 import math
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -51,7 +52,7 @@ from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.probability import standardised
 from mvuav_ros.vision.approach.search import Candidates, LevelledImage, _fan, find_candidates
-from mvuav_ros.vision.approach.tuning import PROBABILITY, SEARCH, SearchTuning
+from mvuav_ros.vision.approach.tuning import PROBABILITY, SEARCH
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 UNITS, STARTS = 24, 3
@@ -89,6 +90,8 @@ so that a few flights do not stand for others."""
 MIN_BESIDE = 4.0
 """Tolerances of an error: what is nearer is no wrong strip where a runway's right one is missing.
 Half a runway, from an edge to the centreline, is farther off."""
+WIDER = {'widest': 5.0, 'steepest': 4.0}
+"""Of `SEARCH`, for roads."""
 _SEEDS = itertools.count(1)
 
 
@@ -263,21 +266,33 @@ def of_glimpses() -> Iterator[Example]:
 
 def of_roads(*, near_by: bool = False) -> Iterator[Example]:
     """Views of simulated roads as from a car; of all candidates, or of those from near by alone."""
-    texts = itertools.count(58000)
-    # A track may become wider than what is searched.
-    for name, widest in (('widest', 5.0), ('steepest', 4.0)):
-        object.__setattr__(SEARCH, name, widest)
-    _fan.cache_clear()
-    for index, (colour, slope) in enumerate(road_views(ROAD_GLIMPSES, 4)):
-        image = both_kinds(colour)[index % 2]
-        for text, seen in enumerate(plain_and_with_text(image, texts)):
-            found, _ = anywhere(seen, slope)
-            if near_by:
-                used = is_near_by(found)
-                found = Candidates(found.strips[used], found.features[used])
-            yield without(found, ROAD_GLIMPSE_WEIGHT, text=bool(text))
-    for name in ('widest', 'steepest'):
-        object.__setattr__(SEARCH, name, getattr(SearchTuning(), name))
+    texts, parts = itertools.count(58000), []
+    with wider_search():
+        for index, (colour, slope) in enumerate(road_views(ROAD_GLIMPSES, 4)):
+            image = both_kinds(colour)[index % 2]
+            for number, seen in enumerate(plain_and_with_text(image, texts)):
+                parts.append((anywhere(seen, slope)[0], bool(number)))
+    for found, text in parts:
+        used = is_near_by(found) if near_by else slice(None)
+        part = Candidates(found.strips[used], found.features[used])
+        yield without(part, ROAD_GLIMPSE_WEIGHT, text=text)
+
+
+@contextmanager
+def wider_search() -> Iterator[None]:
+    """Search strips as wide as a track may become, beyond what is searched otherwise."""
+    usual = {name: getattr(SEARCH, name) for name in WIDER}
+    try:
+        _set_search(WIDER)
+        yield
+    finally:
+        _set_search(usual)
+
+
+def _set_search(values: dict[str, float]) -> None:
+    for name, value in values.items():
+        # The constants are frozen.
+        object.__setattr__(SEARCH, name, value)
     _fan.cache_clear()
 
 

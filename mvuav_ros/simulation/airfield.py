@@ -279,8 +279,7 @@ class Surface:
                     for strip in range(2):
                         inner = side * (5.0 + 3.0 * strip) * unit
                         add(place, place + 22.5, inner, inner + side * 1.8 * unit)
-        for digit, left in zip(NUMBERS[far], (5.0 * unit, -1.0 * unit), strict=True):
-            draw_digit(add, digit, 48.0, left, 4.0 * unit, 14.0)
+        draw_number(add, NUMBERS[far], 48.0, unit)
 
     def _cover(self, plane: Plane, x0: float, x1: float, y0: float, y1: float) -> None:
         """Raise a plane to what a rectangle (m) covers of each texel."""
@@ -306,8 +305,15 @@ class Surface:
         return np.asarray(centres, np.float32)
 
 
-def draw_digit(add: _Adder, digit: str, x: float, left: float, width: float, height: float) -> None:
-    """Add the strokes of a digit that begins at x, and at the left in y; m."""
+def draw_number(add: _Adder, number: str, x: float, unit: float) -> None:
+    """Add the strokes of a number of two digits that begins at x, m; the unit is 1 on 30 m."""
+    for digit, left in zip(number, (5.0 * unit, -1.0 * unit), strict=True):
+        _draw_digit(add, digit, x, left, 4.0 * unit, 14.0)
+
+
+def _draw_digit(
+    add: _Adder, digit: str, x: float, left: float, width: float, height: float
+) -> None:
     bar_x, bar_y = 1.6, 0.22 * width
     right, middle, top = left - width, x + 0.5 * height, x + height
     strokes = {
