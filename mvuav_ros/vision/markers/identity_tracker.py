@@ -25,7 +25,7 @@ from mvuav_ros.vision.markers.lights import (
     places_of,
     straightened,
 )
-from mvuav_ros.vision.markers.marker_memory import PROBATION, Expectation, MarkerMemory
+from mvuav_ros.vision.markers.marker_memory import Expectation, MarkerMemory
 from mvuav_ros.vision.markers.marker_results import (
     TANKER_LABELS,
     TANKER_NAMES,
@@ -96,8 +96,6 @@ class Reporter:
 
 GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
 WIDEST = 200.0  # px, by which a search window grows at most
-UNCHECKED = 45
-"""Frames in which a light may be another one after a doubt, where no other light could show it."""
 
 
 class IdentityTracker:
@@ -166,8 +164,7 @@ class IdentityTracker:
             return self._report.nothing('the markers were named in two ways')
         if not self._attempts.confirmed(named):
             return self._report.nothing(f'{seen} lights in view, not yet certain')
-        probation = PROBATION if self._is_redundant else UNCHECKED
-        memory = MarkerMemory(frame.time, list(named.lights.values()), probation)
+        memory = MarkerMemory(frame.time, list(named.lights.values()), self._is_redundant)
         shape, places = self._shape, places_of(named.lights)
         if not named.fits:
             self._trial = Trial(shape, named.view, places)

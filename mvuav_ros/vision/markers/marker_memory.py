@@ -116,8 +116,9 @@ RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
 window is placed, is not known yet."""
 SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
-PROBATION = 15
-"""Frames after a marker was out of sight or not alone in which its light may be another one."""
+PROBATION, UNCHECKED = 15, 45
+"""Frames after a marker was out of sight or not alone in which its light may be another one; where
+no other light could show it."""
 RING_EVERY = 3  # Frames in one of which a light's background is looked at
 EDGE = 4.0  # px of dark that a window shows around a light
 
@@ -187,16 +188,17 @@ class KnownMarker:
 class MarkerMemory:
     """All of a body's markers."""
 
-    def __init__(self, time: float, lights: Sequence[Light], probation: int = PROBATION) -> None:
+    def __init__(self, time: float, lights: Sequence[Light], is_redundant: bool = True) -> None:
         """Begin with all of them, at a time (s).
 
-        In so many frames after a doubt a marker's light may be another one.
+        A redundant body has more lights than its view has unknowns: a wrong one can show.
         """
         spots = [light.seen for light in lights]
         self.markers = [KnownMarker(float(s.area), s.spread, s.radius) for s in spots]
         self.predictor = MotionPredictor(len(spots))  # of their motions
         self.jumps = Jumps()  # of their lights
-        self._probation = probation
+        self._is_redundant = is_redundant
+        self._probation = PROBATION if is_redundant else UNCHECKED
         self._was_checked = True  # whether there were enough of them to check each other
         self.predict(time)
         self.remember(time, dict(enumerate(spots)), {})
@@ -269,17 +271,21 @@ class MarkerMemory:
             self.markers[index].untrusted = doubted[index]
 
     def trust(self, markers: Collection[int]) -> None:
-        """Doubt these no longer, which were found again together."""
-        for index in markers:
-            self.markers[index].untrusted = 0
+        """Doubt these no longer, which were found again together.
+
+        That says nothing of just enough lights: some view fits any of them.
+        """
+        if self._is_redundant:
+            for index in markers:
+                self.markers[index].untrusted = 0
 
     def start_afresh(self) -> None:
-        """All markers have got other names: their motions are not known, and none is in doubt."""
+        """All markers have got other names: their motions are not known, see also `trust`."""
         for index, marker in enumerate(self.markers):
             marker.returning = RETURNING
-            marker.untrusted = 0
             marker.odds = CONFIDENCE.first
             self.predictor.forget(index)
+        self.trust(range(len(self.markers)))
 
     def remember(
         self,
