@@ -65,9 +65,9 @@ def test_a_light_jumps_farther_than_its_background_can_pull_it(away, jumped):
     assert jumps.update({**still, 2: (away, 0.0)}) == jumped
 
 
-def memory_of(count):
+def memory_of(count, **options):
     spots = [Detection(100.0 * i + 50.0, 100.0, 30, 1.0) for i in range(count)]
-    return MarkerMemory(0.0, [Light(spot.x, spot.y, spot) for spot in spots]), spots
+    return MarkerMemory(0.0, [Light(spot.x, spot.y, spot) for spot in spots], **options), spots
 
 
 def after_a_return(count, later):
@@ -122,3 +122,12 @@ def test_another_light_makes_names_surer_that_are_found_again_with_it():
     assert memory.markers[1].odds == 4.0
     memory.weigh(range(3), alike, (), False, {0: 4.0, 1: 5.0})
     assert memory.markers[1].odds < 4.0, 'in the next frame the lights are the same'
+
+
+@pytest.mark.parametrize('redundant', [True, False])
+def test_what_is_found_again_is_trusted_where_a_wrong_light_could_show(redundant):
+    for trust in (lambda memory: memory.trust({0}), MarkerMemory.start_afresh):
+        memory, _spots = memory_of(5, is_redundant=redundant)
+        memory.markers[0].untrusted = 9
+        trust(memory)
+        assert memory.untrusted == (set() if redundant else {0})
