@@ -120,7 +120,6 @@ class EdgesTuning:
 class LinesTuning:
     """Of the lines along a runway's sides, in widths of the runway. Runs 3, 5 and variants."""
 
-    memory: float = 0.1  # share of a new frame in how often shoulders have lines
     # between places of one line in two frames, and between like gaps of both sides
     same: float = 0.1
     # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
@@ -323,7 +322,7 @@ class TrackTuning:
     # edges
     lock_width: float = 24.0
     lock_age: int = 20  # frames, likewise
-    lock_confidence: float = 0.6  # likewise. Simulated flights that look down, the country road
+    lock_confidence: float = 0.55  # likewise. Simulated flights that look down, the country road
     plain_support: float = 0.7  # of steps that need no strips beside them
     lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
     unlock_share: float = 0.5  # the same, below which it is no longer
