@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from mvuav_ros.vision.approach.probability import ConfidenceWeights, Report
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
-BOUNDS = ((None, None), (0.0, None), (0.0, 2.5), (0.0, None), (0.0, None))
+BOUNDS = ((None, None), (0.0, None), (0.0, 1.5), (0.0, None), (0.0, None))
 """Of the offset and of the weights of `Report.values`. All flights have clear lines along both
 sides, or are near enough for clear steps; without a limit nothing else would be reported."""
 PENALTY = 1.0

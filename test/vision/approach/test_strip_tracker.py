@@ -51,8 +51,8 @@ def test_a_strip_in_the_sky_does_not_replace_a_runway_that_looks_less_like_one()
     [
         pytest.param(0.8, 0.0, 1.0, False, id='doubtful'),
         pytest.param(0.8, 1.0, 1.0, True, id='lines speak for it'),
-        pytest.param(4.0, 0.0, 0.1, False, id='likely, but where is doubtful'),
-        pytest.param(4.0, 0.0, 0.95, True, id='likely, and there'),
+        pytest.param(3.0, 0.0, 0.1, False, id='likely, but where is doubtful'),
+        pytest.param(3.0, 0.0, 0.95, True, id='likely, and there'),
     ],
 )
 def test_a_likely_report_is_followed_by_its_edges_alone(log_odds, lines, agreement, alone):
