@@ -10,7 +10,6 @@ from typing import Any
 from mvuav_ros.vision.approach import track, tuning
 from mvuav_ros.vision.approach.attitude import HorizonFinder
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
-from mvuav_ros.vision.approach.side_lines import SideLines
 from mvuav_ros.vision.approach.strip_edges import EdgeLook
 
 
@@ -33,7 +32,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     ],
     'horizon in the image': [(HorizonFinder, 'find', _returns(None))],
     'doubt above the horizon': [(tuning.TRACKER, 'above_horizon_odds', 0.0)],
-    'side lines': [(SideLines, 'find', _returns(None))],
+    'side lines': [(track, 'find_side_lines', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
     'lines near the mean': [
         (tuning.LINES, 'away_cost', 0.0),

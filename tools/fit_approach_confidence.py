@@ -23,17 +23,9 @@ from scipy.optimize import minimize
 from mvuav_ros.vision.approach.probability import ConfidenceWeights, Report
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
-KINDS = ('runs', 'no horizon', 'text', 'roads', 'roads with text', 'fields', 'fields with text')
-KINDS += ('stills', 'stills with text')
-"""Of the rows that are fitted; of these, those of simulated flights are left out as well."""
-NEARBY = 4.0
-"""Tolerances: a report that near is of the runway itself."""
-RUNWAY_BOUNDS = ((None, None), (0.0, 1.0), (0.0, 2.5), (0.0, 1.5), (0.0, 1.5))
-"""Of the offset and of the weights of `Report.of_the_runway`: log odds that were themselves fitted
-count at most as such; few flights cannot tell how much attitude is worth."""
-PLACE_BOUNDS = ((None, None), (1.5, 2.0))
-"""Likewise of `Report.of_the_place`. Nearly all frames of the runs have clear lines, which say
-where the edges are; what agreement is worth without them is from the version before."""
+BOUNDS = ((None, None), (0.0, None), (0.0, 1.5), (0.0, None), (0.0, None))
+"""Of the offset and of the weights of `Report.values`. All flights have clear lines along both
+sides, or are near enough for clear steps; without a limit nothing else would be reported."""
 PENALTY = 1.0
 WRONG_WEIGHT = 1.5
 """Of a report of what is no runway, beside a report of one: it does more harm than a missing one.
@@ -43,11 +35,7 @@ BINS = np.linspace(0.0, 1.0, 9)
 
 def read(path: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """The rows of the tuning half and of the check half."""
-    rows = [
-        row
-        for row in json.loads(path.read_text())
-        if row['kind'] in KINDS and 'simulated' not in row['name']
-    ]
+    rows = json.loads(path.read_text())
     return [row for row in rows if not row['check']], [row for row in rows if row['check']]
 
 
@@ -61,42 +49,28 @@ def judged(row: dict[str, Any]) -> list[tuple[Report, float]]:
     ]
 
 
-def fit(rows: list[dict[str, Any]]) -> dict[str, list[float]]:
-    """Weights of both functions; every row counts as much as any other, a still as one frame."""
-    values, places, near, right, weights = [], [], [], [], []
+def fit(rows: list[dict[str, Any]]) -> list[float]:
+    """Weights of the confidence; every row counts as much as any other, a still as one frame."""
+    found, counts = [], []
     for row in rows:
-        found = judged(row)
+        reports = judged(row)
         still = row['name'].startswith('stills')
-        for report, error in found:
-            values.append(report.of_the_runway())
-            near.append(error <= (1.0 if still else NEARBY))
-            weights.append(1.0 if still else 100.0 / len(found))
-            if not still and error <= NEARBY:
-                places.append(report.of_the_place())
-                right.append(error <= 1.0)
-    counted = np.array(weights) * np.where(near, 1.0, WRONG_WEIGHT)
-    runway = logistic(np.array(values), np.array(near, float), counted, RUNWAY_BOUNDS)
-    ones = np.full(len(right), 100.0 * len(rows) / max(len(right), 1))
-    place = logistic(np.array(places), np.array(right, float), ones, PLACE_BOUNDS)
-    return {'runway': np.round(runway, 3).tolist(), 'place': np.round(place, 3).tolist()}
-
-
-def logistic(
-    values: NDArray[np.float64],
-    right: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    bounds: tuple[tuple[float | None, float | None], ...],
-) -> NDArray[np.float64]:
-    """Offset and weights of a logistic regression within bounds."""
+        found += reports
+        counts += [1.0 if still else 100.0 / max(len(reports), 1)] * len(reports)
+    values = np.array([report.values() for report, _ in found])
+    alone = 1.0 / (1.0 + np.array([report.other_edges for report, _ in found]))
+    right = np.array([error <= 1.0 for _, error in found])
+    weights = np.array(counts) * np.where(right, 1.0, WRONG_WEIGHT)
 
     def loss(slopes: NDArray[np.float64]) -> float:
-        odds = values @ slopes[1:] + slopes[0]
-        likelihood = weights * (np.logaddexp(0.0, odds) - right * odds)
-        return float(likelihood.sum() + 0.5 * PENALTY * (slopes[1:] ** 2).sum())
+        confidence = alone / (1.0 + np.exp(-values @ slopes[1:] - slopes[0]))
+        chance = np.where(right, confidence, 1.0 - confidence)
+        penalty = 0.5 * PENALTY * float((slopes[1:] ** 2).sum())
+        return penalty - float(weights @ np.log(np.maximum(chance, 1e-12)))
 
     start = np.zeros(values.shape[1] + 1)
-    result: NDArray[np.float64] = minimize(loss, start, method='L-BFGS-B', bounds=bounds).x
-    return result
+    fitted = minimize(loss, start, method='L-BFGS-B', bounds=BOUNDS).x
+    return [float(value) for value in np.round(fitted, 3)]
 
 
 def draw(halves: dict[str, list[dict[str, Any]]], weights: ConfidenceWeights, path: Path) -> None:
@@ -130,10 +104,10 @@ def main() -> None:
     found = fit(tuning)
     data = json.loads(OUTPUT.read_text())
     data['confidence'] = found
-    OUTPUT.write_text(json.dumps(data, indent=1) + '\n')
+    OUTPUT.write_text(json.dumps(data) + '\n')
     print(found)
     if len(sys.argv) > 2:
-        weights = ConfidenceWeights(np.array(found['runway']), np.array(found['place']))
+        weights = ConfidenceWeights(np.array(found))
         draw({'tuning half': tuning, 'check half': check}, weights, Path(sys.argv[2]))
 
 

@@ -74,67 +74,44 @@ class Report(NamedTuple):
         log_odds: of the track, averaged over its frames.
         agreement: probability of the strips that are where the track's mean is.
         moved: frames for which it was followed and that differed from the one before.
-        attitude: the horizon is known from a sensor.
         distinct: share of the last frames with clear lines along both sides, or clear colours.
         other_edges: odds that an edge is elsewhere; 1 where the image shows two places for it.
-        shoulder_lines: from 0 to 1, whether shoulders have lines too, on both sides.
     """
 
     log_odds: float
     agreement: float
     moved: int
-    attitude: bool
     distinct: float
     other_edges: float = 0.0
-    shoulder_lines: float = 0.0
 
-    @property
-    def known(self) -> float:
-        """From 0 to 1, how many different frames have spoken: a still says the same each time."""
-        return min(self.moved / PROBABILITY.known_frames, 1.0)
-
-    def of_the_runway(self) -> NDArray[np.float64]:
-        """(4,) what speaks for its being the runway."""
+    def values(self) -> NDArray[np.float64]:
+        """(4,) what speaks for it: a still says the same each time, so moved frames count."""
         log_odds = min(max(self.log_odds, PROBABILITY.least_odds), PROBABILITY.most_odds)
-        return np.array([log_odds, float(self.attitude), self.distinct, self.shoulder_lines])
-
-    def of_the_place(self) -> NDArray[np.float64]:
-        """(1,) what speaks for its edges' being within tolerance, if it is the runway."""
-        sure = max(self.agreement, self.distinct * self.known)
-        return np.array([math.log(sure + PROBABILITY.min_agreement)])
+        in_place = math.log(self.agreement + PROBABILITY.min_agreement)
+        known = min(self.moved / PROBABILITY.known_frames, 1.0)
+        return np.array([log_odds, self.distinct, in_place, known])
 
 
 @dataclass(frozen=True, eq=False)
 class ConfidenceWeights:
-    """Two logistic functions, whose product, less the odds of other edges, is the confidence.
+    """A logistic function, less the odds of other edges.
 
     Attributes:
-        runway: (5,) offset and weights of `Report.of_the_runway`.
-        place: (2,) offset and weights of `Report.of_the_place`.
+        weights: (5,) offset and weights of `Report.values`.
     """
 
-    runway: NDArray[np.float64]
-    place: NDArray[np.float64]
-
-    def runway_odds(self, report: Report) -> float:
-        """Log odds of its being the runway, from all that speaks for it."""
-        return float(self.runway[0] + (self.runway[1:] * report.of_the_runway()).sum())
+    weights: NDArray[np.float64]
 
     def confidence(self, report: Report) -> float:
         """Probability that both edges are where they were reported.
 
         Example:
-            >>> weights = ConfidenceWeights(np.zeros(5), np.array([20.0, 0.0]))
-            >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0)), 6)
+            >>> weights = ConfidenceWeights(np.array([-1.0, 1.0, 0.0, 0.0, 0.0]))
+            >>> weights.confidence(Report(1.0, 0.5, 30, 0.0))
             0.5
         """
-        is_runway = _logistic(self.runway_odds(report))
-        in_place = _logistic(self.place[0] + (self.place[1:] * report.of_the_place()).sum())
-        return is_runway * in_place / (1.0 + report.other_edges)
-
-
-def _logistic(log_odds: float) -> float:
-    return 1.0 / (1.0 + math.exp(-log_odds))
+        log_odds = self.weights[0] + self.weights[1:] @ report.values()
+        return 1.0 / ((1.0 + math.exp(-log_odds)) * (1.0 + report.other_edges))
 
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -164,7 +141,7 @@ def evidence_weights(which: str) -> EvidenceWeights:
 @cache
 def confidence_weights() -> ConfidenceWeights:
     """The weights of the confidence; made by tools/fit_approach_confidence.py."""
-    return ConfidenceWeights(**{k: np.array(v) for k, v in _fitted()['confidence'].items()})
+    return ConfidenceWeights(np.array(_fitted()['confidence']))
 
 
 @cache

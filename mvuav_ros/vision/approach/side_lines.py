@@ -8,6 +8,7 @@ shoulder's line outside and markings or rubber inside.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -48,11 +49,11 @@ class Choice(NamedTuple):
 
     Attributes:
         lines: of the left and of the right one.
-        shoulders: from 0 to 1, whether there are two clear lines on both sides, as far apart.
+        sure: logarithm of the probability that it is these two, and none of the others.
     """
 
     lines: tuple[Line, Line]
-    shoulders: float
+    sure: float
 
 
 def choose(
@@ -78,15 +79,16 @@ def choose(
         np.minimum.outer(share, share) * (gap > LINES.same)
         for share, gap in zip(clear, gaps, strict=True)
     ]
-    chosen, shoulders = [], []
+    chosen, sure = [], 0.0
     for side, lines in enumerate(both):
         alike = np.abs(np.subtract.outer(gaps[side], gaps[1 - side])) < LINES.same
         shoulder = (np.minimum.outer(pairs[side], pairs[1 - side]) * alike).max(axis=(1, 2, 3))
         odds = np.log(clear[side] + 1e-9) - LINES.shoulder_cost * shoulder
         odds -= away_cost * np.abs(middles[side] - expected[side])
-        chosen.append(lines[int(odds.argmax())])
-        shoulders.append(float(shoulder.max()))
-    return Choice((chosen[0], chosen[1]), min(shoulders))
+        best = int(odds.argmax())
+        chosen.append(lines[best])
+        sure -= math.log(float(np.exp(odds - odds[best]).sum()))
+    return Choice((chosen[0], chosen[1]), sure)
 
 
 def _clear(clearness: Numbers) -> Numbers:
@@ -103,46 +105,37 @@ _ACROSS = np.arange(-_PLACES, _PLACES + 1) * LINES.step
 """Where the samples are, from inside to outside, widths from the expected edge."""
 
 
-class SideLines:
-    """The side lines of one runway that is followed; strips are (6,).
+def find_side_lines(
+    frame: LevelledFrame,
+    strip: Strip,
+    known: Edges | None = None,
+    *,
+    coloured: bool = False,
+) -> tuple[Edges, float] | None:
+    """Measure both edges of a narrow runway by the outer sides of the lines along a strip's, (6,).
 
-    Attributes:
-        shoulders: from 0 to 1, how often shoulders have lines too, on both sides and as far apart.
+    Lines are expected between the strip's edges and those known, or where colour has shown
+    those. None if the lines are not clear or seen in too few rows, or the runway is too wide.
+
+    Returns:
+        The edges, and `Choice.sure`.
     """
-
-    def __init__(self) -> None:
-        self.shoulders = 0.0
-
-    def find(
-        self,
-        frame: LevelledFrame,
-        strip: Strip,
-        known: Edges | None = None,
-        *,
-        coloured: bool = False,
-    ) -> Edges | None:
-        """Measure both edges of a narrow runway by the outer sides of the lines along a strip's.
-
-        Lines are expected between the strip's edges and those known, or where colour has shown
-        those. None if the lines are not clear or seen in too few rows, or the runway is too wide.
-        """
-        rows, expected, outwards = rows_of(strip, _ALONG)
-        if outwards[1, -1] >= LINES.max_width:
-            return None
-        columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
-        pixels, _, _ = frame.at(columns, rows[:, None])
-        one, other = _distinct(brightness_of(pixels).reshape(columns.shape))
-        left, right = (0.0, 0.0) if known is None else _away(strip, known)
-        share, cost = (1.0, LINES.away_from_colour_cost) if coloured else (0.5, LINES.away_cost)
-        lines, shoulders = choose(one, other, (share * left, share * right), cost)
-        self.shoulders += LINES.memory * (shoulders - self.shoulders)
-        if min(line.clearness for line in lines) <= LINES.min_clearness:
-            return None
-        rows, edges, outwards = rows_of(strip, np.array([0.0, 1.0]))
-        middles = edges + outwards * np.array(lines)[:, :2]
-        sides = _outer_sides(frame, strips_through(middles[None], rows, rows[None])[0])
-        plain = sides is not None and min(side.support for side in sides) > LINES.min_support
-        return sides if plain else None
+    rows, expected, outwards = rows_of(strip, _ALONG)
+    if outwards[1, -1] >= LINES.max_width:
+        return None
+    columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
+    pixels, _, _ = frame.at(columns, rows[:, None])
+    one, other = _distinct(brightness_of(pixels).reshape(columns.shape))
+    left, right = (0.0, 0.0) if known is None else _away(strip, known)
+    share, cost = (1.0, LINES.away_from_colour_cost) if coloured else (0.5, LINES.away_cost)
+    lines, sure = choose(one, other, (share * left, share * right), cost)
+    if min(line.clearness for line in lines) <= LINES.min_clearness:
+        return None
+    rows, edges, outwards = rows_of(strip, np.array([0.0, 1.0]))
+    middles = edges + outwards * np.array(lines)[:, :2]
+    sides = _outer_sides(frame, strips_through(middles[None], rows, rows[None])[0])
+    plain = sides is not None and min(side.support for side in sides) > LINES.min_support
+    return (sides, sure) if plain and sides is not None else None
 
 
 def _outer_sides(frame: LevelledFrame, strip: Strip) -> Edges | None:

@@ -21,7 +21,7 @@ from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
 from mvuav_ros.vision.approach.search import LevelledImage, describe_around, ends_of
-from mvuav_ros.vision.approach.side_lines import SideLines
+from mvuav_ros.vision.approach.side_lines import find_side_lines
 from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import (
     EdgeLook,
@@ -233,7 +233,6 @@ class RunwayTrack(FollowedStrip):
         agreement: probability of the strips that are where the mean is; of the kind by which
             the edges are measured while it is locked.
         locked: it is followed by its edges alone.
-        attitude: the horizon is known from a sensor.
         above_horizon: it lies above a horizon that has been known for longer.
     """
 
@@ -247,10 +246,10 @@ class RunwayTrack(FollowedStrip):
         self.agreement = 1.0
         self._found = [strip]
         self._hypotheses = Hypotheses()
-        self._look, self._lines, self.kinds = EdgeLook(), SideLines(), EdgeKinds()
+        self._look, self.kinds = EdgeLook(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested, self._memory = 0, 1.0
-        self.locked = self.attitude = self.above_horizon = False
+        self.locked = self.above_horizon = False
 
     @property
     def other_edges(self) -> float:
@@ -264,13 +263,7 @@ class RunwayTrack(FollowedStrip):
     def report(self) -> Report:
         """Evidence of whether it is the runway, and where it is followed."""
         return Report(
-            self.rank,
-            self.agreement,
-            self.moved,
-            self.attitude,
-            self.distinct,
-            self.other_edges,
-            self._lines.shoulders,
+            self.rank, self.agreement, self.moved, self.distinct, self.other_edges
         )
 
     @property
@@ -304,7 +297,6 @@ class RunwayTrack(FollowedStrip):
             self._follow(view, period, shown)
         if not is_plausible(self.strip(), view.working.size):
             self.give_up()
-        self.attitude = view.sight.attitude
         # What looks like a horizon in the picture may be the border of a field.
         known = view.sight.seen >= self.age
         self.above_horizon = known and self.lies_above(view.sight.row)
@@ -401,9 +393,11 @@ class RunwayTrack(FollowedStrip):
         if width < LINES.max_width and (weighed or self.kinds.likeliest is EdgeKind.LINE):
             by_colour = measured.get(EdgeKind.STEP) if self._look.coloured else None
             known = by_colour or (self._predicted() if weighed else None)
-            lines = self._lines.find(view.frame, strip, known, coloured=bool(by_colour))
-            measured[EdgeKind.LINE] = lines
-            evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
+            unseen, seen = TRACK.lines_seen
+            found = find_side_lines(view.frame, strip, known, coloured=bool(by_colour))
+            measured[EdgeKind.LINE], sure = found or (None, 0.0)
+            # Slabs have lines everywhere.
+            evidence[EdgeKind.LINE] = seen + TRACK.unsure_weight * sure if found else unseen
         if weighed:
             self.kinds.take_in(evidence)
             # Where the runway is too wide for lines to be looked for, steps must do.

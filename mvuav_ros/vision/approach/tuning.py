@@ -120,7 +120,6 @@ class EdgesTuning:
 class LinesTuning:
     """Of the lines along a runway's sides, in widths of the runway. Runs 3, 5 and variants."""
 
-    memory: float = 0.1  # share of a new frame in how often shoulders have lines
     # between places of one line in two frames, and between like gaps of both sides
     same: float = 0.1
     # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
@@ -323,14 +322,17 @@ class TrackTuning:
     # edges
     lock_width: float = 24.0
     lock_age: int = 20  # frames, likewise
-    lock_confidence: float = 0.6  # likewise. Simulated flights that look down, the country road
+    lock_confidence: float = 0.55  # likewise. Simulated flights that look down, the country road
     plain_support: float = 0.7  # of steps that need no strips beside them
     lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
     unlock_share: float = 0.5  # the same, below which it is no longer
     first_kinds: tuple[float, float, float] = (0.6, 0.2, 0.2)  # of strips, steps and lines
     kind_leave: float = 0.02  # probability that the kind of edge becomes another one
     kind_weight: float = 0.3  # of one frame's log odds, as frames err alike
-    lines_seen: tuple[float, float] = (-2.0, 3.0)  # log odds of lines that are missing, or seen
+    lines_seen: tuple[float, float] = (-2.0, 3.3)  # log odds of lines that are missing, or seen
+    # times which it counts that others may be the side lines: in run 3 that is 0 to -0.5, over slabs
+    # down to -1.1
+    unsure_weight: float = 1.5
     support_odds: float = 6.0  # log odds of steps per support
     colour_odds: float = 3.0  # log odds of steps that colour shows
     colour_width: float = 38.0  # px up to which that holds: later lines show the edges better

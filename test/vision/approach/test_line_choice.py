@@ -15,34 +15,41 @@ def side(**clearness):
 
 
 def chosen(left, right, expected=(0.0, 0.0), cost=LINES.away_cost):
-    """Places of the lines chosen, and the shoulders."""
-    lines, shoulders = choose(left, right, expected, cost)
-    return lines[0].middle, lines[1].middle, shoulders
+    """Places of the lines chosen."""
+    lines = choose(left, right, expected, cost).lines
+    return lines[0].middle, lines[1].middle
 
 
 def test_a_fainter_line_is_a_marking_wherever_the_edge_is_expected():
-    left, _, _ = chosen(side(edge=2.0, marking=1.3), side(edge=2.0), (MARKING, 0.0))
+    left, _ = chosen(side(edge=2.0, marking=1.3), side(edge=2.0), (MARKING, 0.0))
     assert left == EDGE
 
 
 @pytest.mark.parametrize(('expected', 'found'), [(0.0, EDGE), (MARKING, MARKING)])
 def test_of_lines_alike_the_one_near_where_the_edge_is_expected(expected, found):
-    left, _, _ = chosen(side(edge=2.0, marking=2.0), side(edge=2.0), (expected, 0.0))
+    left, _ = chosen(side(edge=2.0, marking=2.0), side(edge=2.0), (expected, 0.0))
     assert left == found
 
 
 def test_of_lines_alike_on_both_sides_the_outer_ones_are_the_shoulders():
     both = side(edge=3.0, shoulder=3.1)
-    left, right, shoulders = chosen(both, both)
-    assert (left, right) == (EDGE, EDGE)
-    assert shoulders > 0.8
+    assert chosen(both, both) == (EDGE, EDGE)
 
 
 def test_two_lines_alike_on_one_side_alone_are_no_shoulders():
-    assert chosen(side(edge=2.0, marking=1.95), side(edge=2.0))[2] == 0.0
+    lines = side(edge=2.0, shoulder=2.05), side(edge=2.0)
+    assert chosen(*lines, (SHOULDER, 0.0))[0] == SHOULDER
 
 
 def test_where_colour_shows_the_edge_a_far_line_is_not_it():
     lines = side(edge=1.65, marking=2.0), side(edge=2.0)
     assert chosen(*lines)[0] == MARKING
     assert chosen(*lines, cost=LINES.away_from_colour_cost)[0] == EDGE
+
+
+def test_of_lines_alike_none_is_sure_to_be_the_edge():
+    one, alike = side(edge=2.0), side(edge=2.0, marking=2.0)
+    fainter = side(edge=2.0, marking=1.2)
+    assert choose(one, one, (0.0, 0.0), LINES.away_cost).sure == 0.0
+    assert -0.1 < choose(fainter, one, (0.0, 0.0), LINES.away_cost).sure < 0.0
+    assert choose(alike, one, (0.0, 0.0), LINES.away_cost).sure < -0.3

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.side_lines import SideLines
+from mvuav_ros.vision.approach.side_lines import find_side_lines
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.strips import columns_at, points_along
 
@@ -40,10 +40,10 @@ def offsets(image, expected=1.0, slope=SLOPE):
     strip = np.array([X, Y, -slope * expected, slope * expected, *SPAN])
     rows = Y + np.array(SPAN)
     known = points_along(columns_at(strip[None], rows)[0], rows, np.zeros((2, 2)))
-    found = SideLines().find(LevelledFrame(image, LEVEL), strip, known)
+    found = find_side_lines(LevelledFrame(image, LEVEL), strip, known)
     if found is None:
         return None
-    left, right = found
+    left, right = found[0]
     return (
         float((X - SLOPE * (left.rows - Y) - left.columns).mean()),
         float((right.columns - X - SLOPE * (right.rows - Y)).mean()),
