@@ -110,8 +110,11 @@ class ConfidenceWeights:
             >>> weights.confidence(Report(1.0, 0.5, 30, 0.0))
             0.5
         """
-        log_odds = self.weights[0] + self.weights[1:] @ report.values()
-        return 1.0 / ((1.0 + math.exp(-log_odds)) * (1.0 + report.other_edges))
+        return 1.0 / ((1.0 + math.exp(-self.log_odds(report))) * (1.0 + report.other_edges))
+
+    def log_odds(self, report: Report) -> float:
+        """The same as log odds, but for other edges."""
+        return float(self.weights[0] + self.weights[1:] @ report.values())
 
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:

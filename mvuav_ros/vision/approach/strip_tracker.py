@@ -102,7 +102,10 @@ class StripTracker(Generic[TrackT]):
         if self.best not in self.tracks:
             self.best = None
         for track in self.tracks:
-            better = self.best is None or track.rank > self.best.rank + self._switch_margin
+            better = (
+                self.best is None
+                or track.preference > self.best.preference + self._switch_margin
+            )
             if better and track.showable:
                 self.best = track
 

@@ -225,6 +225,11 @@ class FollowedStrip:
         return self.log_odds
 
     @property
+    def preference(self) -> float:
+        """Log odds with which it stands against the one that is shown."""
+        return self.rank
+
+    @property
     def showable(self) -> bool:
         """Enough frames have spoken for it."""
         return True

@@ -39,7 +39,7 @@ from mvuav_ros.vision.approach.strips import (
     strip_along,
     strips_through,
 )
-from mvuav_ros.vision.approach.tuning import LINES, SEARCH, SHOULDERS, TRACK, TRACKER
+from mvuav_ros.vision.approach.tuning import LINES, PROBABILITY, SEARCH, SHOULDERS, TRACK, TRACKER
 
 Places = NDArray[np.float64]
 """(n, 2, 2): columns of the left and the right edge at `TUNING.first_row` of the near end's depth
@@ -270,6 +270,12 @@ class RunwayTrack(FollowedStrip):
     def rank(self) -> float:
         """Log odds, with what the horizon says, with which it stands against other tracks."""
         return self.log_odds - TRACKER.above_horizon_odds * self.above_horizon
+
+    @property
+    def preference(self) -> float:
+        """Log odds of a right report, however long it has been followed."""
+        followed = self.report._replace(moved=PROBABILITY.known_frames)
+        return confidence_weights().log_odds(followed)
 
     @property
     def confidence(self) -> float:

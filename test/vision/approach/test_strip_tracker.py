@@ -36,7 +36,7 @@ def test_what_lies_above_a_horizon_is_likelier_something_else():
 
 def test_a_strip_in_the_sky_does_not_replace_a_runway_that_looks_less_like_one():
     tracker = following(-1.3)
-    followed, cloud = tracker.best, RunwayTrack(STRIP, -0.5)
+    followed, cloud = tracker.best, RunwayTrack(STRIP, 0.0)
     cloud.above_horizon = True
     tracker.tracks.append(cloud)
     tracker._choose()
@@ -44,6 +44,18 @@ def test_a_strip_in_the_sky_does_not_replace_a_runway_that_looks_less_like_one()
     cloud.above_horizon = False
     tracker._choose()
     assert tracker.best is cloud
+
+
+def test_what_is_followed_by_plain_edges_is_not_left_for_a_strip_that_is_nowhere_for_sure():
+    tracker = following(3.7)
+    followed, other = tracker.best, RunwayTrack(STRIP, 5.0)
+    followed.distinct, other.distinct, other.agreement = 1.0, 1.0, 0.04
+    tracker.tracks.append(other)
+    tracker._choose()
+    assert tracker.best is followed
+    other.agreement = 0.95
+    tracker._choose()
+    assert tracker.best is other, 'though it was found later'
 
 
 @pytest.mark.parametrize(
