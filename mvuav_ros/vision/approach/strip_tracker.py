@@ -103,8 +103,7 @@ class StripTracker(Generic[TrackT]):
             self.best = None
         for track in self.tracks:
             better = (
-                self.best is None
-                or track.preference > self.best.preference + self._switch_margin
+                self.best is None or track.preference > self.best.preference + self._switch_margin
             )
             if better and track.showable:
                 self.best = track

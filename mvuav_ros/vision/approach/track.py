@@ -262,9 +262,7 @@ class RunwayTrack(FollowedStrip):
     @property
     def report(self) -> Report:
         """Evidence of whether it is the runway, and where it is followed."""
-        return Report(
-            self.rank, self.agreement, self.moved, self.distinct, self.other_edges
-        )
+        return Report(self.rank, self.agreement, self.moved, self.distinct, self.other_edges)
 
     @property
     def rank(self) -> float:

@@ -254,7 +254,7 @@ class ProbabilityTuning:
     least_odds: float = -6.0  # log odds of a track; fewer count as that
     most_odds: float = 8.0  # likewise, more
     min_agreement: float = 0.05  # that counts as none
-    known_frames: float = 50.0  # frames after which a track is known
+    known_frames: int = 50  # frames after which a track is known
 
 
 @dataclass(frozen=True)
@@ -330,8 +330,8 @@ class TrackTuning:
     kind_leave: float = 0.02  # probability that the kind of edge becomes another one
     kind_weight: float = 0.3  # of one frame's log odds, as frames err alike
     lines_seen: tuple[float, float] = (-2.0, 3.3)  # log odds of lines that are missing, or seen
-    # times which it counts that others may be the side lines: in run 3 that is 0 to -0.5, over slabs
-    # down to -1.1
+    # times which it counts that others may be the side lines: 0 to -0.5 in run 3, down to -1.1 over
+    # slabs
     unsure_weight: float = 1.5
     support_odds: float = 6.0  # log odds of steps per support
     colour_odds: float = 3.0  # log odds of steps that colour shows
