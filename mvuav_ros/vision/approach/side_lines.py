@@ -8,7 +8,6 @@ shoulder's line outside and markings or rubber inside.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -44,21 +43,9 @@ class Line(NamedTuple):
         return 0.5 * (self.far + self.near)
 
 
-class Choice(NamedTuple):
-    """The runway's lines along its left and its right edge.
-
-    Attributes:
-        lines: of the left and of the right one.
-        sure: logarithm of the probability that it is these two, and none of the others.
-    """
-
-    lines: tuple[Line, Line]
-    sure: float
-
-
 def choose(
     left: list[Line], right: list[Line], expected: tuple[float, float], away_cost: float
-) -> Choice:
+) -> tuple[Line, Line]:
     """Which lines are the runway's, among those along its left and its right edge.
 
     Markings within the runway are fainter than its side line. Of two clear lines on both sides, as
@@ -79,16 +66,14 @@ def choose(
         np.minimum.outer(share, share) * (gap > LINES.same)
         for share, gap in zip(clear, gaps, strict=True)
     ]
-    chosen, sure = [], 0.0
+    chosen = []
     for side, lines in enumerate(both):
         alike = np.abs(np.subtract.outer(gaps[side], gaps[1 - side])) < LINES.same
         shoulder = (np.minimum.outer(pairs[side], pairs[1 - side]) * alike).max(axis=(1, 2, 3))
         odds = np.log(clear[side] + 1e-9) - LINES.shoulder_cost * shoulder
         odds -= away_cost * np.abs(middles[side] - expected[side])
-        best = int(odds.argmax())
-        chosen.append(lines[best])
-        sure -= math.log(float(np.exp(odds - odds[best]).sum()))
-    return Choice((chosen[0], chosen[1]), sure)
+        chosen.append(lines[int(odds.argmax())])
+    return chosen[0], chosen[1]
 
 
 def _clear(clearness: Numbers) -> Numbers:
@@ -111,14 +96,11 @@ def find_side_lines(
     known: Edges | None = None,
     *,
     coloured: bool = False,
-) -> tuple[Edges, float] | None:
+) -> Edges | None:
     """Measure both edges of a narrow runway by the outer sides of the lines along a strip's, (6,).
 
     Lines are expected between the strip's edges and those known, or where colour has shown
     those. None if the lines are not clear or seen in too few rows, or the runway is too wide.
-
-    Returns:
-        The edges, and `Choice.sure`.
     """
     rows, expected, outwards = rows_of(strip, _ALONG)
     if outwards[1, -1] >= LINES.max_width:
@@ -128,14 +110,14 @@ def find_side_lines(
     one, other = _distinct(brightness_of(pixels).reshape(columns.shape))
     left, right = (0.0, 0.0) if known is None else _away(strip, known)
     share, cost = (1.0, LINES.away_from_colour_cost) if coloured else (0.5, LINES.away_cost)
-    lines, sure = choose(one, other, (share * left, share * right), cost)
+    lines = choose(one, other, (share * left, share * right), cost)
     if min(line.clearness for line in lines) <= LINES.min_clearness:
         return None
     rows, edges, outwards = rows_of(strip, np.array([0.0, 1.0]))
     middles = edges + outwards * np.array(lines)[:, :2]
     sides = _outer_sides(frame, strips_through(middles[None], rows, rows[None])[0])
     plain = sides is not None and min(side.support for side in sides) > LINES.min_support
-    return (sides, sure) if plain and sides is not None else None
+    return sides if plain else None
 
 
 def _outer_sides(frame: LevelledFrame, strip: Strip) -> Edges | None:

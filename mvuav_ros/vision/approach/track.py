@@ -397,11 +397,9 @@ class RunwayTrack(FollowedStrip):
         if width < LINES.max_width and (weighed or self.kinds.likeliest is EdgeKind.LINE):
             by_colour = measured.get(EdgeKind.STEP) if self._look.coloured else None
             known = by_colour or (self._predicted() if weighed else None)
-            unseen, seen = TRACK.lines_seen
-            found = find_side_lines(view.frame, strip, known, coloured=bool(by_colour))
-            measured[EdgeKind.LINE], sure = found or (None, 0.0)
-            # Slabs have lines everywhere.
-            evidence[EdgeKind.LINE] = seen + TRACK.unsure_weight * sure if found else unseen
+            lines = find_side_lines(view.frame, strip, known, coloured=bool(by_colour))
+            measured[EdgeKind.LINE] = lines
+            evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
         if weighed:
             self.kinds.take_in(evidence)
             # Where the runway is too wide for lines to be looked for, steps must do.

@@ -329,10 +329,7 @@ class TrackTuning:
     first_kinds: tuple[float, float, float] = (0.6, 0.2, 0.2)  # of strips, steps and lines
     kind_leave: float = 0.02  # probability that the kind of edge becomes another one
     kind_weight: float = 0.3  # of one frame's log odds, as frames err alike
-    lines_seen: tuple[float, float] = (-2.0, 3.3)  # log odds of lines that are missing, or seen
-    # times which it counts that others may be the side lines: 0 to -0.5 in run 3, down to -1.1 over
-    # slabs
-    unsure_weight: float = 1.5
+    lines_seen: tuple[float, float] = (-2.0, 3.0)  # log odds of lines that are missing, or seen
     support_odds: float = 6.0  # log odds of steps per support
     colour_odds: float = 3.0  # log odds of steps that colour shows
     colour_width: float = 38.0  # px up to which that holds: later lines show the edges better

@@ -16,7 +16,7 @@ def side(**clearness):
 
 def chosen(left, right, expected=(0.0, 0.0), cost=LINES.away_cost):
     """Places of the lines chosen."""
-    lines = choose(left, right, expected, cost).lines
+    lines = choose(left, right, expected, cost)
     return lines[0].middle, lines[1].middle
 
 
@@ -45,11 +45,3 @@ def test_where_colour_shows_the_edge_a_far_line_is_not_it():
     lines = side(edge=1.65, marking=2.0), side(edge=2.0)
     assert chosen(*lines)[0] == MARKING
     assert chosen(*lines, cost=LINES.away_from_colour_cost)[0] == EDGE
-
-
-def test_of_lines_alike_none_is_sure_to_be_the_edge():
-    one, alike = side(edge=2.0), side(edge=2.0, marking=2.0)
-    fainter = side(edge=2.0, marking=1.2)
-    assert choose(one, one, (0.0, 0.0), LINES.away_cost).sure == 0.0
-    assert -0.1 < choose(fainter, one, (0.0, 0.0), LINES.away_cost).sure < 0.0
-    assert choose(alike, one, (0.0, 0.0), LINES.away_cost).sure < -0.3

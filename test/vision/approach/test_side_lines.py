@@ -43,7 +43,7 @@ def offsets(image, expected=1.0, slope=SLOPE):
     found = find_side_lines(LevelledFrame(image, LEVEL), strip, known)
     if found is None:
         return None
-    left, right = found[0]
+    left, right = found
     return (
         float((X - SLOPE * (left.rows - Y) - left.columns).mean()),
         float((right.columns - X - SLOPE * (right.rows - Y)).mean()),
