@@ -28,8 +28,8 @@ BOUNDS = ((None, None), (0.0, None), (0.0, 1.5), (0.0, None), (0.0, None))
 sides, or are near enough for clear steps; without a limit nothing else would be reported."""
 PENALTY = 1.0
 WRONG_WEIGHT = 1.5
-"""Of a report of what is no runway, beside a report of one: it does more harm than a missing one.
-With 1 twice as many tuned stills are wrong, with 2 fewer flights without a horizon are right."""
+"""Of a wrong report, beside a right one: it does more harm than a missing one. With 2, tuned stills
+near by are right in 50 instead of 60 %."""
 BINS = np.linspace(0.0, 1.0, 9)
 
 
