@@ -20,7 +20,7 @@ from approach_drone import UAV_RUNWAY
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from mvuav_ros.vision.approach.probability import ConfidenceWeights, Report
+from mvuav_ros.vision.approach.probability import Report
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 BOUNDS = ((None, None), (0.0, None), (0.0, 1.5), (0.0, None), (0.0, None))
@@ -73,7 +73,7 @@ def fit(rows: list[dict[str, Any]]) -> list[float]:
     return [float(value) for value in np.round(fitted, 3)]
 
 
-def draw(halves: dict[str, list[dict[str, Any]]], weights: ConfidenceWeights, path: Path) -> None:
+def draw(halves: dict[str, list[dict[str, Any]]], weights: NDArray[np.float64], path: Path) -> None:
     """Share of right reports over confidence, with the number of frames in each bin."""
     mpl.use('Agg')
     from matplotlib import pyplot as plt
@@ -82,7 +82,7 @@ def draw(halves: dict[str, list[dict[str, Any]]], weights: ConfidenceWeights, pa
     axes.plot([0, 1], [0, 1], color='grey', linewidth=1)
     for name, rows in halves.items():
         pairs = [pair for row in rows for pair in judged(row)]
-        confidence = np.array([weights.confidence(report) for report, _ in pairs])
+        confidence = np.array([report.confidence(weights) for report, _ in pairs])
         right = np.array([error <= 1.0 for _, error in pairs])
         number = np.digitize(confidence, BINS[1:-1])
         used = [index for index in range(BINS.size - 1) if (number == index).sum() >= 10]
@@ -107,8 +107,8 @@ def main() -> None:
     OUTPUT.write_text(json.dumps(data) + '\n')
     print(found)
     if len(sys.argv) > 2:
-        weights = ConfidenceWeights(np.array(found))
-        draw({'tuning half': tuning, 'check half': check}, weights, Path(sys.argv[2]))
+        halves = {'tuning half': tuning, 'check half': check}
+        draw(halves, np.array(found), Path(sys.argv[2]))
 
 
 if __name__ == '__main__':

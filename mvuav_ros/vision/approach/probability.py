@@ -91,30 +91,19 @@ class Report(NamedTuple):
         known = min(self.moved / PROBABILITY.known_frames, 1.0)
         return np.array([log_odds, self.distinct, in_place, known])
 
-
-@dataclass(frozen=True, eq=False)
-class ConfidenceWeights:
-    """A logistic function, less the odds of other edges.
-
-    Attributes:
-        weights: (5,) offset and weights of `Report.values`.
-    """
-
-    weights: NDArray[np.float64]
-
-    def confidence(self, report: Report) -> float:
-        """Probability that both edges are where they were reported.
+    def confidence(self, weights: NDArray[np.float64]) -> float:
+        """Probability that both edges are where they were reported, less the odds of other edges.
 
         Example:
-            >>> weights = ConfidenceWeights(np.array([-1.0, 1.0, 0.0, 0.0, 0.0]))
-            >>> weights.confidence(Report(1.0, 0.5, 30, 0.0))
+            >>> report = Report(1.0, agreement=0.5, moved=30, distinct=0.0)
+            >>> report.confidence(np.array([-1.0, 1.0, 0.0, 0.0, 0.0]))
             0.5
         """
-        return 1.0 / ((1.0 + math.exp(-self.log_odds(report))) * (1.0 + report.other_edges))
+        return 1.0 / ((1.0 + math.exp(-self.log_odds_right(weights))) * (1.0 + self.other_edges))
 
-    def log_odds(self, report: Report) -> float:
-        """The same as log odds, but for other edges."""
-        return float(self.weights[0] + self.weights[1:] @ report.values())
+    def log_odds_right(self, weights: NDArray[np.float64]) -> float:
+        """The same as log odds, but for other edges: linear, by `confidence_weights`."""
+        return float(weights[0] + weights[1:] @ self.values())
 
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -142,9 +131,9 @@ def evidence_weights(which: str) -> EvidenceWeights:
 
 
 @cache
-def confidence_weights() -> ConfidenceWeights:
-    """The weights of the confidence; made by tools/fit_approach_confidence.py."""
-    return ConfidenceWeights(np.array(_fitted()['confidence']))
+def confidence_weights() -> NDArray[np.float64]:
+    """(5,) offset and weights of `Report.values`; made by tools/fit_approach_confidence.py."""
+    return np.array(_fitted()['confidence'])
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import zip_longest
 from typing import Any, Generic, TypeVar
@@ -101,12 +102,10 @@ class StripTracker(Generic[TrackT]):
         """Show another track if it is clearly better."""
         if self.best not in self.tracks:
             self.best = None
+        least = -math.inf if self.best is None else self.best.preference + self._switch_margin
         for track in self.tracks:
-            better = (
-                self.best is None or track.preference > self.best.preference + self._switch_margin
-            )
-            if better and track.showable:
-                self.best = track
+            if track is not self.best and track.showable and track.preference > least:
+                self.best, least = track, track.preference + self._switch_margin
 
 
 class RunwayTracker(StripTracker[RunwayTrack]):

@@ -255,7 +255,8 @@ class FollowedStrip:
 
     def strip(self) -> Strip:
         """(6,) where it is."""
-        return np.array([*self.shape.vanishing_point, *self.shape.slopes, self.far, self.near])
+        _, left, _, right = self.shape.state.tolist()
+        return np.array([*self.shape.vanishing_point, left, right, self.far, self.near])
 
     def covers(self, strip: Strip) -> bool:
         """Whether a strip may be the same: around, within or beside it."""

@@ -273,12 +273,12 @@ class RunwayTrack(FollowedStrip):
     def preference(self) -> float:
         """Log odds of a right report, however long it has been followed."""
         followed = self.report._replace(moved=PROBABILITY.known_frames)
-        return confidence_weights().log_odds(followed)
+        return followed.log_odds_right(confidence_weights())
 
     @property
     def confidence(self) -> float:
         """Probability that it is the runway, and where it is reported."""
-        return confidence_weights().confidence(self.report)
+        return self.report.confidence(confidence_weights())
 
     def add(self, strip: Strip) -> None:
         """Take in what a search has found, in the next frame."""

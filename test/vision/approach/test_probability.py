@@ -17,7 +17,7 @@ DOUBTFUL = Report(log_odds=1.0, agreement=0.5, moved=0, distinct=0.0)
 
 
 def confidence(**change):
-    return confidence_weights().confidence(DOUBTFUL._replace(**change))
+    return DOUBTFUL._replace(**change).confidence(confidence_weights())
 
 
 def test_what_speaks_for_a_runway_raises_it():
