@@ -87,14 +87,14 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
 
 
 MIN_AGAIN = (2, 3)
-"""Lights of a body that is found again, where none are about that are no markers, and where some
-are: two of those nearly always look like some two markers."""
+"""Lights of a body that is found again, where all others are known to be no markers, and where some
+may be none: two of those nearly always look like some two markers."""
 MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by an older filter
 JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
 """rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
 SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
 RARE = 0.1
-"""Strange lights where none was seen in the last seconds, over those where some are about."""
+"""Strange lights where none is to be expected, over those where some are."""
 
 
 class Again(NamedTuple):
@@ -141,11 +141,24 @@ class Clutter:
     def __init__(self) -> None:
         self._seen: list[tuple[Light, int]] = []
         self._frames_without = REMEMBERED
+        self._most = 0  # at once, within the last seconds
 
     @property
     def is_about(self) -> bool:
         """Whether there was any within the last seconds."""
         return self._frames_without < REMEMBERED
+
+    @property
+    def may_be_new(self) -> bool:
+        """Whether lights that are not known to be clutter may be some as well.
+
+        They hardly are where as much of it is in sight as there was at most.
+        """
+        return self.is_about and self._known < self._most
+
+    @property
+    def _known(self) -> int:
+        return sum(age >= STRANGE for _, age in self._seen)
 
     def include(self, light: Light) -> bool:
         """Whether a light has stood there, or close by, for long."""
@@ -166,8 +179,8 @@ class Clutter:
             if ages:
                 seen.append((light, max(ages)))
         self._seen = seen
-        strange = any(age >= STRANGE for _, age in seen)
-        self._frames_without = 0 if strange else self._frames_without + 1
+        self._most = max(self._most if self.is_about else 0, self._known)
+        self._frames_without = 0 if self._known else self._frames_without + 1
 
 
 def _is_beside(a: Light, b: Light) -> bool:
@@ -333,13 +346,14 @@ class Search:
         """Name a body of which fewer markers than show each other's place are firm."""
         lights = [*self.found.values(), *self._free]
         new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
+        may_be_none = self._clutter.may_be_new
         again = reacquire(
             self.views.shape,
             Prior.of(self.views),
             new,
             self._unlikeness,
-            self._strays,
-            MIN_AGAIN[self._clutter.is_about],
+            STRAY if may_be_none else RARE * STRAY,
+            MIN_AGAIN[may_be_none],
         )
         if again is not None:
             self.suspects.clear()
@@ -350,11 +364,6 @@ class Search:
             if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
                 self._begin(self.views.shape, again)
             self._name_clear()
-
-    @property
-    def _strays(self) -> float:
-        """Density of lights that are no markers, per px²."""
-        return STRAY if self._clutter.is_about else RARE * STRAY
 
     def _find_otherwise(self, frame: Lights, older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view.
@@ -371,7 +380,8 @@ class Search:
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         if is_firm:
             fewest = max(fewest, len(self.found))
-        again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
+        strays = STRAY if self._clutter.is_about else RARE * STRAY
+        again = reacquire(older.shape, prior, lights, self._unlikeness, strays, fewest)
         holds = is_firm or (self.found and count > FAULTS.min_firm)
         if again is None or (holds and not self._is_better(again)):
             return

@@ -45,3 +45,18 @@ def test_clutter_is_remembered_for_some_seconds():
         assert clutter.is_about
     clutter.update([], {})
     assert not clutter.is_about
+
+
+def test_other_lights_may_be_clutter_only_while_less_of_it_is_in_sight_than_there_was():
+    clutter = Clutter()
+    assert not clutter.may_be_new
+    clutter.update([light(300.0), light(400.0)], {})
+    assert not clutter.may_be_new
+    clutter.update([light(300.0)], {})
+    assert clutter.may_be_new
+    clutter.update([light(300.0), light(500.0)], {})
+    assert not clutter.may_be_new
+    for _ in range(REMEMBERED):
+        clutter.update([], {})
+    clutter.update([light(300.0)], {})
+    assert not clutter.may_be_new
