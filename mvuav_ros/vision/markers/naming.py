@@ -132,6 +132,7 @@ def reacquire(
 
 STRANGE = 3  # Frames without a name after which a light is clutter
 REMEMBERED = 150  # Frames for which lights may be clutter after one has been seen
+SETTLED = 30  # Frames in which none has come, after which all of it may be known
 CLUTTER_STEP = 8.0  # px that clutter may move in a frame, as the camera shakes
 
 
@@ -142,6 +143,7 @@ class Clutter:
         self._seen: list[tuple[Light, int]] = []
         self._frames_without = REMEMBERED
         self._most = 0  # at once, within the last seconds
+        self._settled = 0  # frames since the last of it came
 
     @property
     def is_about(self) -> bool:
@@ -152,9 +154,9 @@ class Clutter:
     def may_be_new(self) -> bool:
         """Whether lights that are not known to be clutter may be some as well.
 
-        They hardly are where as much of it is in sight as there was at most.
+        They hardly are where none has come lately, and as much is in sight as there was at most.
         """
-        return self.is_about and self._known < self._most
+        return self.is_about and (self._known < self._most or self._settled < SETTLED)
 
     @property
     def _known(self) -> int:
@@ -171,13 +173,17 @@ class Clutter:
         body is out of sight (None), only what was clutter before is followed.
         """
         seen = []
+        self._settled += 1
         for light in lights:
             ages = [age for other, age in self._seen if _is_beside(light, other)]
+            before = max(ages, default=0)
             if expected is not None:
                 near = any(_may_be_at(light, place) for place in expected.values())
-                ages.append(0 if near else max(ages, default=0) + STRANGE)
+                ages.append(0 if near else before + STRANGE)
             if ages:
                 seen.append((light, max(ages)))
+                if before < STRANGE <= max(ages):
+                    self._settled = 0
         self._seen = seen
         self._most = max(self._most if self.is_about else 0, self._known)
         self._frames_without = 0 if self._known else self._frames_without + 1
