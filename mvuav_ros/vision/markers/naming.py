@@ -87,14 +87,14 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
 
 
 MIN_AGAIN = (2, 3)
-"""Lights of a body that is found again, where none are about that are no markers, and where some
-are: two of those nearly always look like some two markers."""
+"""Lights of a body that is found again, where all others are known to be no markers, and where some
+may be none: two of those nearly always look like some two markers."""
 MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by an older filter
 JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
 """rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
 SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
 RARE = 0.1
-"""Strange lights where none was seen in the last seconds, over those where some are about."""
+"""Strange lights where none is to be expected, over those where some are."""
 
 
 class Again(NamedTuple):
@@ -132,6 +132,7 @@ def reacquire(
 
 STRANGE = 3  # Frames without a name after which a light is clutter
 REMEMBERED = 150  # Frames for which lights may be clutter after one has been seen
+SETTLED = 30  # Frames in which none has come, after which all of it may be known
 CLUTTER_STEP = 8.0  # px that clutter may move in a frame, as the camera shakes
 
 
@@ -141,11 +142,25 @@ class Clutter:
     def __init__(self) -> None:
         self._seen: list[tuple[Light, int]] = []
         self._frames_without = REMEMBERED
+        self._most = 0  # at once, within the last seconds
+        self._settled = 0  # frames since the last of it came
 
     @property
     def is_about(self) -> bool:
         """Whether there was any within the last seconds."""
         return self._frames_without < REMEMBERED
+
+    @property
+    def may_be_new(self) -> bool:
+        """Whether lights that are not known to be clutter may be some as well.
+
+        They hardly are where none has come lately, and as much is in sight as there was at most.
+        """
+        return self.is_about and (self._known < self._most or self._settled < SETTLED)
+
+    @property
+    def _known(self) -> int:
+        return sum(age >= STRANGE for _, age in self._seen)
 
     def include(self, light: Light) -> bool:
         """Whether a light has stood there, or close by, for long."""
@@ -158,16 +173,20 @@ class Clutter:
         body is out of sight (None), only what was clutter before is followed.
         """
         seen = []
+        self._settled += 1
         for light in lights:
             ages = [age for other, age in self._seen if _is_beside(light, other)]
+            before = max(ages, default=0)
             if expected is not None:
                 near = any(_may_be_at(light, place) for place in expected.values())
-                ages.append(0 if near else max(ages, default=0) + STRANGE)
+                ages.append(0 if near else before + STRANGE)
             if ages:
                 seen.append((light, max(ages)))
+                if before < STRANGE <= max(ages):
+                    self._settled = 0
         self._seen = seen
-        strange = any(age >= STRANGE for _, age in seen)
-        self._frames_without = 0 if strange else self._frames_without + 1
+        self._most = max(self._most if self.is_about else 0, self._known)
+        self._frames_without = 0 if self._known else self._frames_without + 1
 
 
 def _is_beside(a: Light, b: Light) -> bool:
@@ -333,13 +352,14 @@ class Search:
         """Name a body of which fewer markers than show each other's place are firm."""
         lights = [*self.found.values(), *self._free]
         new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
+        may_be_none = self._clutter.may_be_new
         again = reacquire(
             self.views.shape,
             Prior.of(self.views),
             new,
             self._unlikeness,
-            self._strays,
-            MIN_AGAIN[self._clutter.is_about],
+            STRAY if may_be_none else RARE * STRAY,
+            MIN_AGAIN[may_be_none],
         )
         if again is not None:
             self.suspects.clear()
@@ -350,11 +370,6 @@ class Search:
             if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
                 self._begin(self.views.shape, again)
             self._name_clear()
-
-    @property
-    def _strays(self) -> float:
-        """Density of lights that are no markers, per px²."""
-        return STRAY if self._clutter.is_about else RARE * STRAY
 
     def _find_otherwise(self, frame: Lights, older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view.
@@ -371,7 +386,8 @@ class Search:
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         if is_firm:
             fewest = max(fewest, len(self.found))
-        again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
+        strays = STRAY if self._clutter.is_about else RARE * STRAY
+        again = reacquire(older.shape, prior, lights, self._unlikeness, strays, fewest)
         holds = is_firm or (self.found and count > FAULTS.min_firm)
         if again is None or (holds and not self._is_better(again)):
             return

@@ -3,7 +3,7 @@
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.lights import Light
 from mvuav_ros.vision.markers.marker_memory import Expectation
-from mvuav_ros.vision.markers.naming import REMEMBERED, STRANGE, Clutter
+from mvuav_ros.vision.markers.naming import REMEMBERED, SETTLED, STRANGE, Clutter
 
 PLACE = {2: Expectation(100.0, 100.0, 1.0)}
 
@@ -45,3 +45,32 @@ def test_clutter_is_remembered_for_some_seconds():
         assert clutter.is_about
     clutter.update([], {})
     assert not clutter.is_about
+
+
+def settled(*lights: Light) -> Clutter:
+    """Some that has been there for long."""
+    clutter = Clutter()
+    for _ in range(SETTLED + 1):
+        clutter.update(lights, {})
+    return clutter
+
+
+def test_other_lights_may_be_clutter_while_less_of_it_is_in_sight_than_there_was():
+    clutter = settled(light(300.0), light(400.0))
+    assert not clutter.may_be_new
+    clutter.update([light(300.0)], {})
+    assert clutter.may_be_new
+    clutter.update([light(300.0), light(400.0)], None)
+    assert clutter.may_be_new
+    for _ in range(REMEMBERED):
+        clutter.update([], {})
+    assert not clutter.may_be_new
+
+
+def test_other_lights_may_be_clutter_for_a_second_after_one_came():
+    clutter = settled(light(300.0))
+    clutter.update([light(300.0), light(500.0)], {})
+    for _ in range(SETTLED):
+        assert clutter.may_be_new
+        clutter.update([light(300.0), light(500.0)], None)
+    assert not clutter.may_be_new
