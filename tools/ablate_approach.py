@@ -23,9 +23,26 @@ from approach_rows import Frame, Row
 
 FULL = 'nothing'
 NOISE = 'nothing, noise '
-KINDS = ('runs', 'no horizon', 'simulated')
-ROWS = ('run2 colour image', 'run3 colour image', 'run5 grey image', 'simulated S-turn, attitude')
+ROWS = (
+    'run2 colour image',
+    'run2 grey horizon cut',
+    'run3 colour image',
+    'run5 grey image',
+    'solidWhiteRight colour',
+    '720p colour OSD',
+    '720p colour boxes',
+    'threshold_64 colour boxes',
+    'simulated approach',
+    'simulated S-turn',
+    'simulated noise',
+    'simulated bank 30',
+    'looking down, pitch 33',
+    'looking down, slabs, pitch 29, shaken, grey',
+    'over the runway, slabs, low',
+)
 """Parts of the names of the rows that are compared, unless others are asked for."""
+SKIPPED = 'attitude'
+"""The same of what is left out of these."""
 CHANGED = 2.0
 """Percent of a row's frames beyond what noise does: fewer are noise, too."""
 NOISES = 3
@@ -38,7 +55,7 @@ def evaluated(options: argparse.Namespace, name: str) -> list[Row]:
     if not path.exists():
         part = path.with_suffix('.part')
         command = [sys.executable, str(Path(__file__).with_name('evaluate_approach.py'))]
-        command += [str(options.footage), '--kinds', *options.kinds, '--only', *options.rows]
+        command += [str(options.footage), '--only', *options.rows, '--skip', SKIPPED]
         command += ['--json', str(part), '--cache', str(options.folder / 'frames')]
         if name.startswith(NOISE):
             command += ['--noise', name.removeprefix(NOISE)]
@@ -82,7 +99,6 @@ def main() -> None:
     parser.add_argument('footage', type=Path)
     parser.add_argument('folder', type=Path)
     parser.add_argument('--only', nargs='*', choices=WITHOUT, help='mechanisms; all if missing')
-    parser.add_argument('--kinds', nargs='*', default=KINDS, help='as of evaluate_approach.py')
     parser.add_argument('--rows', nargs='*', default=ROWS, help='parts of their names')
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)

@@ -375,6 +375,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument('footage', type=Path)
     parser.add_argument('--only', nargs='*', default=[''], help='parts of names')
+    parser.add_argument('--skip', nargs='*', default=[], help='parts of names that are left out')
     parser.add_argument('--kinds', nargs='*', help='groups: runs, text, no horizon, roads, ...')
     parser.add_argument('--step', type=int, default=1, help='of the flights')
     parser.add_argument('--start', type=int, help='first frame of the flights')
@@ -397,6 +398,7 @@ def main() -> None:
     groups: dict[str, list[Row]] = {}
     for job in jobs(options):
         wanted = options.kinds is None or job.group in options.kinds
+        wanted = wanted and not any(part in job.name for part in options.skip)
         if wanted and any(part in job.name for part in options.only):
             for row in job.make():
                 row.kind, row.check = job.group, job.check
