@@ -131,7 +131,7 @@ def reacquire(
 
 
 STRANGE = 3  # Frames without a name after which a light is clutter
-REMEMBERED = 150  # Frames for which lights may be clutter after one has been seen
+REMEMBERED = 150  # Frames for which lights may be clutter after one, or as many, have been seen
 SETTLED = 30  # Frames in which none has come, after which all of it may be known
 CLUTTER_STEP = 8.0  # px that clutter may move in a frame, as the camera shakes
 
@@ -141,14 +141,13 @@ class Clutter:
 
     def __init__(self) -> None:
         self._seen: list[tuple[Light, int]] = []
-        self._frames_without = REMEMBERED
-        self._most = 0  # at once, within the last seconds
+        self._most = self._since_most = 0  # at once, and the frames since there were as many
         self._settled = 0  # frames since the last of it came
 
     @property
     def is_about(self) -> bool:
         """Whether there was any within the last seconds."""
-        return self._frames_without < REMEMBERED
+        return self._most > 0
 
     @property
     def may_be_new(self) -> bool:
@@ -185,8 +184,9 @@ class Clutter:
                 if before < STRANGE <= max(ages):
                     self._settled = 0
         self._seen = seen
-        self._most = max(self._most if self.is_about else 0, self._known)
-        self._frames_without = 0 if self._known else self._frames_without + 1
+        self._since_most += 1
+        if self._known >= self._most or self._since_most >= REMEMBERED:
+            self._most, self._since_most = self._known, 0
 
 
 def _is_beside(a: Light, b: Light) -> bool:
