@@ -43,7 +43,9 @@ class Line(NamedTuple):
         return 0.5 * (self.far + self.near)
 
 
-def choose(left: list[Line], right: list[Line], expected: tuple[float, float]) -> tuple[Line, Line]:
+def choose(
+    left: list[Line], right: list[Line], expected: tuple[float, float], away_cost: float
+) -> tuple[Line, Line]:
     """Which lines are the runway's, among those along its left and its right edge.
 
     Markings within the runway are fainter than its side line. Of two clear lines on both sides, as
@@ -53,6 +55,7 @@ def choose(left: list[Line], right: list[Line], expected: tuple[float, float]) -
         left: at least one line.
         right: likewise.
         expected: where the edges are expected, widths outside of where `Line` counts from.
+        away_cost: log odds lost per width from there.
     """
     both = left, right
     middles = [np.array([line.middle for line in lines]) for lines in both]
@@ -68,7 +71,7 @@ def choose(left: list[Line], right: list[Line], expected: tuple[float, float]) -
         alike = np.abs(np.subtract.outer(gaps[side], gaps[1 - side])) < LINES.same
         shoulder = (np.minimum.outer(pairs[side], pairs[1 - side]) * alike).max(axis=(1, 2, 3))
         odds = np.log(clear[side] + 1e-9) - LINES.shoulder_cost * shoulder
-        odds -= LINES.away_cost * np.abs(middles[side] - expected[side])
+        odds -= away_cost * np.abs(middles[side] - expected[side])
         chosen.append(lines[int(odds.argmax())])
     return chosen[0], chosen[1]
 
@@ -87,11 +90,17 @@ _ACROSS = np.arange(-_PLACES, _PLACES + 1) * LINES.step
 """Where the samples are, from inside to outside, widths from the expected edge."""
 
 
-def find_side_lines(frame: LevelledFrame, strip: Strip, known: Edges | None = None) -> Edges | None:
+def find_side_lines(
+    frame: LevelledFrame,
+    strip: Strip,
+    known: Edges | None = None,
+    *,
+    coloured: bool = False,
+) -> Edges | None:
     """Measure both edges of a narrow runway by the outer sides of the lines along a strip's, (6,).
 
-    Lines are expected half way between the strip's edges and those known. None if the lines are not
-    clear or seen in too few rows, or the runway is too wide.
+    Lines are expected between the strip's edges and those known, or where colour has shown
+    those. None if the lines are not clear or seen in too few rows, or the runway is too wide.
     """
     rows, expected, outwards = rows_of(strip, _ALONG)
     if outwards[1, -1] >= LINES.max_width:
@@ -100,7 +109,8 @@ def find_side_lines(frame: LevelledFrame, strip: Strip, known: Edges | None = No
     pixels, _, _ = frame.at(columns, rows[:, None])
     one, other = _distinct(brightness_of(pixels).reshape(columns.shape))
     left, right = (0.0, 0.0) if known is None else _away(strip, known)
-    lines = choose(one, other, (0.5 * left, 0.5 * right))
+    share, cost = (1.0, LINES.away_from_colour_cost) if coloured else (0.5, LINES.away_cost)
+    lines = choose(one, other, (share * left, share * right), cost)
     if min(line.clearness for line in lines) <= LINES.min_clearness:
         return None
     rows, edges, outwards = rows_of(strip, np.array([0.0, 1.0]))

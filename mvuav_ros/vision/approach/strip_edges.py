@@ -253,7 +253,8 @@ class EdgeLook:
             steps = samples.steps(channels)
         self._learn(steps, samples, channels)
         contrast = self._contrast[: len(channels)].copy()
-        if self.coloured:
+        colour = float(np.linalg.norm(contrast[1:]))
+        if self.coloured or colour > max(EDGES.clear_contrast, abs(float(contrast[0]))):
             # White stripes along an edge have the pavement's colour, not its brightness.
             contrast[0] = 0.0
         size = float(np.linalg.norm(contrast))

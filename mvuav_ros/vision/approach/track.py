@@ -395,8 +395,10 @@ class RunwayTrack(FollowedStrip):
             edges, odds = self._find_steps(view, strip, weighed=weighed)
             measured[EdgeKind.STEP], evidence[EdgeKind.STEP] = edges, odds
         if width < LINES.max_width and (weighed or self.kinds.likeliest is EdgeKind.LINE):
-            known = self._predicted() if weighed else None
-            measured[EdgeKind.LINE] = lines = find_side_lines(view.frame, strip, known)
+            by_colour = measured.get(EdgeKind.STEP) if self._look.coloured else None
+            known = by_colour or (self._predicted() if weighed else None)
+            lines = find_side_lines(view.frame, strip, known, coloured=bool(by_colour))
+            measured[EdgeKind.LINE] = lines
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
         if weighed:
             self.kinds.take_in(evidence)
@@ -432,13 +434,14 @@ class RunwayTrack(FollowedStrip):
             coarse = self._look.find(view.frame, strip, far_off=True)
             if support(coarse) > support(steps) + TRACK.min_support:
                 steps = self._look.find(view.frame, strip_along(coarse, strip))
-        clear = support(steps)
+        clear, width = support(steps), _width(strip)
         # Between weighings the strip's place is no more than a guess: plain steps are better.
         needed = TRACK.min_support if weighed or self.locked else TRACK.plain_support
-        if clear <= needed:
+        # Far away the clearest steps are those of lines, unless they have a colour.
+        if clear <= needed or not (width >= TRACK.wide or self._look.coloured):
             return None, TRACK.steps_away
         odds = TRACK.support_odds * (clear - TRACK.min_support)
-        if self._look.coloured and _width(strip) < TRACK.colour_width:
+        if self._look.coloured and width < TRACK.colour_width:
             odds += TRACK.colour_odds
         return steps, odds
 

@@ -109,6 +109,7 @@ class EdgesTuning:
     min_seen: float = 0.5  # share of a line's rows that must be on the frame; fewer count as that
     usual_rank: float = 0.15  # rank, from the worst, of the line whose votes are usual
     min_contrast: float = 1.5  # grey levels: less gives no direction
+    clear_contrast: float = 12.0  # grey levels that are plain to see
     # grey levels of the opponent colours between pavement and grass by day
     colour_contrast: float = 30.0
     memory: float = 0.05  # share of a new frame in the contrast. Simulated slabs and S-turns
@@ -126,6 +127,7 @@ class LinesTuning:
     clear_share: float = 0.85
     clear_doubt: float = 0.05  # its doubt
     away_cost: float = 4.0  # log odds lost per width from where the strips' mean has the edge
+    away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
     step: float = 0.02  # between samples across an edge
@@ -222,6 +224,7 @@ class SearchTuning:
     max_depth: float = 60.0  # px, likewise
     max_deeper: float = 1.5  # depths before; on a finer level that may be more than ``max_depth``
     levels: int = 4  # of the pyramid
+    finest_aligned: int = 1  # level on which edges found on coarser ones are placed at last
     min_part: int = 12  # px of the sides of the part around strips
     # px of a level: a near end below that is measured on the next one
     max_level_depth: float = 28.0
@@ -304,7 +307,9 @@ class TrackTuning:
     dim_odds: float = -1.5  # log odds below which it is not worth that
     min_tolerance: float = 3.0  # px by which an edge may be wrong
     tolerance_share: float = 0.05  # widths, likewise
-    min_support: float = 0.25  # of the edges, 0 to 1, from which they are steps
+    # px of the near end, from which lines are so far apart that edges are the clearest steps
+    wide: float = 18.0
+    min_support: float = 0.25  # of the edges, 0 to 1, from which that holds
     # share of a weighing that shows shoulders, of one that does not, and of one in which too little
     # of what lies beside is in the picture. Simulated slabs before a camera that looks down
     shoulder_memory: tuple[float, float, float] = (0.8, 0.4, 0.12)

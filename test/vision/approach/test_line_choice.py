@@ -3,6 +3,7 @@
 import pytest
 
 from mvuav_ros.vision.approach.side_lines import Line, choose
+from mvuav_ros.vision.approach.tuning import LINES
 
 EDGE, MARKING, SHOULDER = -0.08, -0.26, 0.12
 
@@ -13,9 +14,9 @@ def side(**clearness):
     return [Line(places[name], places[name], value) for name, value in clearness.items()]
 
 
-def chosen(left, right, expected=(0.0, 0.0)):
+def chosen(left, right, expected=(0.0, 0.0), cost=LINES.away_cost):
     """Places of the lines chosen."""
-    lines = choose(left, right, expected)
+    lines = choose(left, right, expected, cost)
     return lines[0].middle, lines[1].middle
 
 
@@ -38,3 +39,9 @@ def test_of_lines_alike_on_both_sides_the_outer_ones_are_the_shoulders():
 def test_two_lines_alike_on_one_side_alone_are_no_shoulders():
     lines = side(edge=2.0, shoulder=2.05), side(edge=2.0)
     assert chosen(*lines, (SHOULDER, 0.0))[0] == SHOULDER
+
+
+def test_where_colour_shows_the_edge_a_far_line_is_not_it():
+    lines = side(edge=1.65, marking=2.0), side(edge=2.0)
+    assert chosen(*lines)[0] == MARKING
+    assert chosen(*lines, cost=LINES.away_from_colour_cost)[0] == EDGE

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.search import LevelledImage, describe_around
 from mvuav_ros.vision.approach.strip_edges import EdgeLook, LevelledFrame
 from mvuav_ros.vision.approach.strips import strip_along
 from mvuav_ros.vision.approach.tuning import TRACK
@@ -37,6 +38,21 @@ def test_wide_edges_are_found_where_a_coarse_image_did_not_show_them_exactly():
         true = STRIP[0] + slope * (edge.rows - STRIP[1])
         seen = (true > 4) & (true < 315)
         assert edge.columns[seen] == pytest.approx(true[seen], abs=1.0)
+
+
+@pytest.mark.parametrize('wider', [0.86, 0.93])
+def test_wide_strips_are_placed_on_finer_levels_than_they_are_found_on(wider):
+    """A pixel of the level that shows all of this runway at once is 8 px of the image."""
+    expected = STRIP.copy()
+    expected[2:4] *= wider
+    working = LevelledImage(frame().image)
+    strips, _, valid = describe_around(working, expected, expected[None], 1)
+    assert valid[0]
+    x, y, *slopes = strips[0, :4]
+    depth = np.linspace(60.0, 180.0, 5)
+    for slope, true in zip(slopes, STRIP[2:4], strict=True):
+        columns = x + slope * (STRIP[1] + depth - y)
+        assert columns == pytest.approx(STRIP[0] + true * depth, abs=5.0)
 
 
 def noisy(image):
