@@ -93,8 +93,9 @@ MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by
 JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
 """rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
 SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
-RARE = 0.1
-"""Strange lights where none is to be expected, over those where some are."""
+RARE, KNOWN = 0.1, 0.3
+"""Strange lights where none was seen in the last seconds, over those where some are about; and
+beside those that are known where all may be."""
 
 
 class Again(NamedTuple):
@@ -358,7 +359,7 @@ class Search:
             Prior.of(self.views),
             new,
             self._unlikeness,
-            STRAY if may_be_none else RARE * STRAY,
+            self._strays * (1.0 if may_be_none or not self._clutter.is_about else KNOWN),
             MIN_AGAIN[may_be_none],
         )
         if again is not None:
@@ -370,6 +371,11 @@ class Search:
             if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
                 self._begin(self.views.shape, again)
             self._name_clear()
+
+    @property
+    def _strays(self) -> float:
+        """Density of lights that are no markers, per px²."""
+        return STRAY if self._clutter.is_about else RARE * STRAY
 
     def _find_otherwise(self, frame: Lights, older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view.
@@ -386,8 +392,7 @@ class Search:
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         if is_firm:
             fewest = max(fewest, len(self.found))
-        strays = STRAY if self._clutter.is_about else RARE * STRAY
-        again = reacquire(older.shape, prior, lights, self._unlikeness, strays, fewest)
+        again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
         holds = is_firm or (self.found and count > FAULTS.min_firm)
         if again is None or (holds and not self._is_better(again)):
             return
