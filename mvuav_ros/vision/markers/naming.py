@@ -160,6 +160,7 @@ class Clutter:
 
     @property
     def _known(self) -> int:
+        """How much of it is in sight."""
         return sum(age >= STRANGE for _, age in self._seen)
 
     def include(self, light: Light) -> bool:
@@ -353,13 +354,15 @@ class Search:
         """Name a body of which fewer markers than show each other's place are firm."""
         lights = [*self.found.values(), *self._free]
         new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
-        may_be_none = self._clutter.may_be_new
+        may_be_none, strays = self._clutter.may_be_new, self._strays
+        if self._clutter.is_about and not may_be_none:
+            strays *= KNOWN
         again = reacquire(
             self.views.shape,
             Prior.of(self.views),
             new,
             self._unlikeness,
-            self._strays * (1.0 if may_be_none or not self._clutter.is_about else KNOWN),
+            strays,
             MIN_AGAIN[may_be_none],
         )
         if again is not None:
