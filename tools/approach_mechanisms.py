@@ -50,7 +50,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'clear colours': [(tuning.EDGES, 'clear_contrast', math.inf)],
     'steps of narrow runways': [(tuning.TRACK, 'wide', 0.0)],
     'kinds over many frames': [(tuning.TRACK, 'kind_leave', 1.0)],
-    'strips over many frames': [(tuning.TRACK, 'strip_memory', 1.0)],
     'mean of strips': [(tuning.TRACK, 'hot', (20.0, 0.02)), (tuning.TRACK, 'cold', (40.0, 0.02))],
     'third track': [(tuning.TRACKER, 'max_tracks', 2)],
     'young and dim': [(tuning.TRACK, 'dim_odds', -math.inf)],

@@ -1,10 +1,8 @@
 """One possible runway followed from frame to frame, as several strips that may be it.
 
 A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
-of them is the runway one frame seldom shows. All keep their places in the runway's own
-coordinates, columns in widths from its left edge, which do not change as the aircraft moves. They
-are weighed anew in every few frames, and what is followed and reported is their mean, weighted by
-what many frames together say of each.
+of them is the runway one frame seldom shows. In every few frames those around what is followed are
+weighed, and what is followed and reported is their mean: the filter of its edges remembers it.
 """
 
 from __future__ import annotations
@@ -41,94 +39,37 @@ from mvuav_ros.vision.approach.strips import (
 )
 from mvuav_ros.vision.approach.tuning import LINES, PROBABILITY, SEARCH, SHOULDERS, TRACK, TRACKER
 
-Places = NDArray[np.float64]
-"""(n, 2, 2): columns of the left and the right edge at `TUNING.first_row` of the near end's depth
-and at the near end, in widths of the runway there."""
 
 
 class Weighed(NamedTuple):
-    """Strips (n, 6) as measured in the newest frame, and their shares (n,), which add up to 1."""
+    """What a frame says of strips that may be the runway.
+
+    Attributes:
+        strips: (n, 6), those that differ; the likeliest first.
+        shares: (n,) of the probability that it is one of them; they add up to 1.
+        log_odds: that it is one of them.
+    """
 
     strips: Strips
     shares: NDArray[np.float64]
+    log_odds: float
 
 
-class Hypotheses:
-    """Strips around, within and beside one another."""
+def weigh(measured: Strips, odds: NDArray[np.float64]) -> Weighed:
+    """Weigh strips (m, 6) by their log odds (m,), minus infinity of what is no strip in the frame.
 
-    def __init__(self) -> None:
-        self._places: Places = np.empty((0, 2, 2))
-        self._ends = np.empty((0, 2))
-        self._odds = np.empty(0)
-        self._count = np.empty(0)
-        self._kept = np.empty(0, np.intp)
-
-    def strips(self, frame: NDArray[np.float64]) -> Strips:
-        """Where they are expected in a frame in which the runway is the strip (6,)."""
-        rows = _rows(frame)
-        edges = columns_at(frame[None], rows)[0]
-        columns = edges[0] + self._places * (edges[1] - edges[0])
-        ends = frame[1] + self._ends * frame[5]
-        return strips_through(columns, rows, ends)
-
-    def weigh(
-        self,
-        measured: Strips,
-        odds: NDArray[np.float64],
-        share: float,
-        frame: NDArray[np.float64],
-    ) -> Weighed:
-        """Take in what a frame says of `strips` and others.
-
-        Args:
-            measured: (m, 6) strips as they are in the frame: the expected ones first.
-            odds: (m,) log odds of each in this frame; minus infinity of what is no strip there.
-            share: how many frames this one stands for.
-            frame: (6,) the runway's strip.
-        """
-        known = len(self._odds)
-        self._count += 1.0
-        memory = np.maximum(1.0 - (1.0 - TRACK.strip_memory) ** share, 1.0 / self._count)
-        now = np.where(np.isfinite(odds[:known]), odds[:known], TRACK.gone_odds)
-        self._odds += memory * (now - self._odds)
-        all_odds = np.concatenate([self._odds, odds[known:]])
-        count = np.concatenate([self._count, np.ones(len(odds) - known)])
-        columns = columns_at(measured, _rows(frame))
-        rank = all_odds - TRACK.new_strip_margin * (count == 1.0)
-        kept = _distinct(columns, rank, max(TRACK.same_share * _width(frame), TRACK.same_px))
-        self._odds, self._count, self._kept = all_odds[kept], count[kept], kept
-        return Weighed(measured[kept], self._shares(columns[kept]))
-
-    def settle(self, measured: Strips, frame: NDArray[np.float64]) -> None:
-        """Say where the runway is in the newest frame, for the places of `weigh`'s strips."""
-        rows = _rows(frame)
-        edges = columns_at(frame[None], rows)[0]
-        places = (columns_at(measured, rows) - edges[0]) / np.maximum(edges[1] - edges[0], 0.5)
-        ends = (measured[:, 1:2] + measured[:, 4:6] - frame[1]) / frame[5]
-        old = self._kept < len(self._places)
-        before = self._kept[old]
-        places[old] += (1.0 - TRACK.place_memory) * (self._places[before] - places[old])
-        ends[old] += (1.0 - TRACK.place_memory) * (self._ends[before] - ends[old])
-        self._places, self._ends = places, ends
-
-    def _shares(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        if not len(self._odds):
-            return np.empty(0)
-        widths = np.maximum(columns[:, 1, 1] - columns[:, 0, 1], 1.0)
-        known = self._count / (self._count + TRACK.young_weighings)
-        usual = float(np.average(widths, weights=known))
-        temperature = float(
-            np.interp(usual, (TRACK.hot[0], TRACK.cold[0]), (TRACK.hot[1], TRACK.cold[1]))
-        )
-        # Paint and rubber within a runway are seen more often than it: the wider counts more.
-        weight = np.exp((self._odds - self._odds.max()) / temperature) * widths * known
-        shares: NDArray[np.float64] = weight / weight.sum()
-        return shares
-
-
-def _rows(frame: NDArray[np.float64]) -> NDArray[np.float64]:
-    rows: NDArray[np.float64] = frame[1] + np.array([SEARCH.first_row, 1.0]) * frame[5]
-    return rows
+    Paint and rubber within a runway are seen more often than it: the wider counts more.
+    """
+    best = measured[int(odds.argmax())]
+    columns = columns_at(measured, best[1] + np.array([SEARCH.first_row, 1.0]) * best[5])
+    kept = _distinct(columns, odds, max(TRACK.same_share * _width(best), TRACK.same_px))
+    widths = np.maximum(columns[kept, 1, 1] - columns[kept, 0, 1], 1.0)
+    below = odds[kept] - odds[kept[0]]
+    (narrow, hot), (wide, cold) = TRACK.hot, TRACK.cold
+    temperature = float(np.interp(_width(best), (narrow, wide), (hot, cold)))
+    weight = np.exp(below / temperature) * widths
+    log_odds = float(odds[kept[0]]) + math.log(float(np.exp(below).sum()))
+    return Weighed(measured[kept], weight / weight.sum(), log_odds)
 
 
 def _width(strip: Strip) -> float:
@@ -144,7 +85,7 @@ def _distinct(
     They are known by `columns_at`.
     """
     order = np.argsort(-odds, kind='stable')
-    order = order[odds[order] >= odds.max(initial=-np.inf) + TRACK.max_odds_below]
+    order = order[odds[order] >= odds.max() + TRACK.max_odds_below]
     differ = np.abs(columns[order, None] - columns[order]).max(axis=(2, 3)) > apart
     kept: list[int] = []
     for place in range(len(order)):
@@ -245,7 +186,6 @@ class RunwayTrack(FollowedStrip):
         self.distinct = self.shoulders = 0.0
         self.agreement = 1.0
         self._found = [strip]
-        self._hypotheses = Hypotheses()
         self._look, self.kinds = EdgeLook(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested, self._memory = 0, 1.0
@@ -327,9 +267,8 @@ class RunwayTrack(FollowedStrip):
             in_place = 0.0 if self.points is None else self.kinds.share(self.kinds.likeliest)
             self.agreement += self._memory * (in_place - self.agreement)
             self._see_ends(view)
-            seen = self.points is not None
-        else:
-            seen = self._weigh(view, share)
+            self.locked = self.points is not None
+        seen = self.locked or self._weigh(view)
         self._found = []
         if seen:
             self.misses = 0
@@ -348,22 +287,16 @@ class RunwayTrack(FollowedStrip):
         begins = near and likely and exact > TRACK.lock_share
         self.locked = begins or (self.locked and exact > TRACK.unlock_share)
 
-    def _weigh(self, view: View, share: float) -> bool:
+    def _weigh(self, view: View) -> bool:
         """Weigh all strips that may be the runway; whether there are any."""
-        frame = self.strip()
-        expected = np.concatenate([self._hypotheses.strips(frame), *(s[None] for s in self._found)])
-        seen = describe_around(view.working, frame, expected, TRACK.strips_around)
+        found = np.array(self._found).reshape(-1, 6)
+        seen = describe_around(view.working, self.strip(), found, TRACK.strips_around)
         if seen is None:
             return False
         measured, features, valid = seen
         odds = np.where(valid, log_odds_of(features), -np.inf)
-        best = int(odds.argmax())
-        columns = columns_at(measured, _rows(measured[best]))
-        apart = TRACK.alike_share * _width(measured[best]) + TRACK.alike_px
-        differing = _distinct(columns, odds, apart)
-        now = float(odds[best]) + math.log(float(np.exp(odds[differing] - odds[best]).sum()))
-        self.log_odds += self._memory * (now - self.log_odds)
-        strips, shares = self._hypotheses.weigh(measured, odds, share, frame)
+        strips, shares, log_odds = weigh(measured, odds)
+        self.log_odds += self._memory * (log_odds - self.log_odds)
         likeliest = strips[int(shares.argmax())]
         rows = likeliest[1] + likeliest[4:6]
         corners = columns_at(strips, rows)
@@ -374,8 +307,7 @@ class RunwayTrack(FollowedStrip):
         through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)
         self._ends_at(rows)
-        self.open_end = bool(features[best, _OPEN] > 0.5)
-        self._hypotheses.settle(strips, self.strip())
+        self.open_end = bool(features[int(odds.argmax()), _OPEN] > 0.5)
         return True
 
     def _measure(

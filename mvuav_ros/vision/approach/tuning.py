@@ -285,19 +285,10 @@ class StripTuning:
 class TrackTuning:
     """Of one runway that is followed. Chosen on runs 3 and 5 and the simulator's flights."""
 
-    strip_memory: float = 0.08  # share of a new weighing in a strip's log odds
-    gone_odds: float = -8.0  # log odds of a strip that was not there
-    place_memory: float = 0.3  # share of a new measurement in a strip's place within the runway
-    max_strips: int = 10  # kept
-    max_odds_below: float = -9.0  # log odds under the best strip's below which one is given up
-    # log odds by which a new strip must be better than a known one beside it
-    new_strip_margin: float = 1.5
+    max_strips: int = 10  # weighed
+    max_odds_below: float = -9.0  # log odds under the best strip's, below which one does not count
     same_share: float = 0.06  # widths between edges of strips that are the same
     same_px: float = 0.6  # px, likewise
-    # widths and px between edges of strips whose odds are added up, as they are not the same
-    alike_share: float = 0.08
-    alike_px: float = 0.5
-    young_weighings: float = 2.0  # weighings after which a strip counts half
     # px of width, and by what log odds are divided there, as frames err alike
     hot: tuple[float, float] = (20.0, 2.5)
     # likewise: where strips are as near as the tolerance, their middle is right more often
@@ -315,7 +306,7 @@ class TrackTuning:
     shoulder_memory: tuple[float, float, float] = (0.8, 0.4, 0.12)
     # what of it makes them possible and certain. Run 3
     shoulder_range: tuple[float, float] = (0.3, 0.6)
-    strips_around: int = 8  # tried around the mean each time
+    strips_around: int = 14  # tried around the mean each time
     miss_memory: float = 0.15  # share of a frame that does not show it in what a track remembers
     missed_odds: float = -4.0  # log odds of a weighing in which nothing is there
     # px from which a runway is followed by its edges alone: near the ground all has straight

@@ -14,7 +14,6 @@ from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.track import (
     EdgeKind,
     EdgeKinds,
-    Hypotheses,
     RunwayTrack,
     View,
     Weighed,
@@ -66,10 +65,9 @@ def test_colour_holds_the_edges_where_the_strips_scatter(monkeypatch):
     assert track.distinct > 0.9
 
     def scattered(*_):
-        return Weighed(SCATTERED, np.full(len(SCATTERED), 1 / len(SCATTERED)))
+        return Weighed(SCATTERED, np.full(len(SCATTERED), 1 / len(SCATTERED)), 1.0)
 
-    monkeypatch.setattr(Hypotheses, 'weigh', scattered)
-    monkeypatch.setattr(Hypotheses, 'settle', lambda *_: None)
+    monkeypatch.setattr(track_module, 'weigh', scattered)
     for _ in range(3):
         track.step(seen, 1)
     assert near_edges(track) == pytest.approx([145, 175], abs=1.0)
