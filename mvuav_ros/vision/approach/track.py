@@ -367,8 +367,8 @@ class RunwayTrack(FollowedStrip):
             if support(coarse) > support(steps) + TRACK.min_support:
                 steps = self._look.find(view.frame, strip_along(coarse, strip))
         clear, width = support(steps), _width(strip)
-        # Between weighings the strip's place is no more than a guess: plain steps are better.
-        needed = TRACK.min_support if weighed or self.locked else TRACK.plain_support
+        # Without strips that are weighed beside it, its place is no more than a guess.
+        needed = TRACK.min_support if weighed and not self.locked else TRACK.plain_support
         # Far away the clearest steps are those of lines, unless they have a colour.
         if clear <= needed or not (width >= TRACK.wide or self._look.coloured):
             return None, TRACK.steps_away

@@ -314,7 +314,8 @@ class TrackTuning:
     lock_width: float = 24.0
     lock_age: int = 20  # frames, likewise
     lock_confidence: float = 0.55  # likewise. Simulated flights that look down, the country road
-    plain_support: float = 0.7  # of steps that need no strips beside them
+    # of steps that need no strips beside them. Simulated flights that look down
+    plain_support: float = 0.5
     lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
     unlock_share: float = 0.5  # the same, below which it is no longer
     first_kinds: tuple[float, float, float] = (0.6, 0.2, 0.2)  # of strips, steps and lines

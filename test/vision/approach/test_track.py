@@ -104,23 +104,24 @@ def test_between_weighings_the_edges_are_measured_and_their_kind_stays():
     assert [track.kinds.share(kind) for kind in EdgeKind] != before
 
 
-def test_a_runway_that_is_followed_by_its_edges_alone_and_not_seen_is_given_up(monkeypatch):
-    """It is reported as predicted for some frames, and not for ever."""
+def test_a_runway_that_is_followed_by_its_edges_alone_and_not_seen_is_weighed_again(monkeypatch):
+    """Its log odds rest while its edges are seen; without them the strips decide."""
     seen = view()
     track = RunwayTrack(STRIP, 1.0)
     for _ in range(8):
         track.step(seen, 1)
     monkeypatch.setattr(RunwayTrack, '_lock', lambda self: setattr(self, 'locked', True))
+    before = track.log_odds
     track.step(seen, 1)
     assert track.points is not None
+    assert track.log_odds == before
     grass = np.full((240, 320, 3), GRASS, np.uint8)
     frame = LevelledFrame(grass, LEVEL)
     nothing = seen._replace(frame=frame, working=LevelledImage(grass, LEVEL))
-    for number in range(RunwayTrack.max_misses + 1):
-        assert not track.lost
+    for _ in range(10):
         track.step(nothing, 1)
-        assert track.misses == number + 1
-    assert track.lost
+    assert not track.locked
+    assert track.log_odds < before - 2.0
 
 
 def test_a_doubt_of_shoulders_fades_where_they_would_be_out_of_the_picture(monkeypatch):
