@@ -367,15 +367,15 @@ class RunwayTrack(FollowedStrip):
             if support(coarse) > support(steps) + TRACK.min_support:
                 steps = self._look.find(view.frame, strip_along(coarse, strip))
         clear, width = support(steps), _width(strip)
-        # Without strips that are weighed beside it, its place is no more than a guess.
-        needed = TRACK.min_support if weighed and not self.locked else TRACK.plain_support
         # Far away the clearest steps are those of lines, unless they have a colour.
-        if clear <= needed or not (width >= TRACK.wide or self._look.coloured):
+        if width < TRACK.wide and not self._look.coloured:
             return None, TRACK.steps_away
         odds = TRACK.support_odds * (clear - TRACK.min_support)
         if self._look.coloured and width < TRACK.colour_width:
             odds += TRACK.colour_odds
-        return steps, odds
+        # Without strips that are weighed beside it, its place is no more than a guess.
+        needed = TRACK.min_support if weighed and not self.locked else TRACK.plain_support
+        return steps if clear > needed else None, odds
 
     def _see_ends(self, view: View) -> None:
         """See where it ends in the newest frame."""
