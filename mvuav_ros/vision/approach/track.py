@@ -40,7 +40,6 @@ from mvuav_ros.vision.approach.strips import (
 from mvuav_ros.vision.approach.tuning import LINES, PROBABILITY, SEARCH, SHOULDERS, TRACK, TRACKER
 
 
-
 class Weighed(NamedTuple):
     """What a frame says of strips that may be the runway.
 

@@ -28,7 +28,7 @@ def test_of_two_alike_the_wider_counts_more():
 
 def test_strips_at_one_place_are_one():
     """The log odds are those of one of them being the runway: what is alike counts once."""
-    beside = RUNWAY + [0.2, 0.1, 0.001, 0.001, 0.0, 0.0]
+    beside = np.add(RUNWAY, [0.2, 0.1, 0.001, 0.001, 0.0, 0.0])
     strips, _, log_odds = weigh(np.stack([RUNWAY, beside]), np.array([2.0, 2.0]))
     assert np.array_equal(strips, [RUNWAY])
     assert log_odds == pytest.approx(2.0)
