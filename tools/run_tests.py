@@ -173,7 +173,8 @@ def robot() -> list[list[str]]:
     if python is None:
         return []
     inside = ROOT / '.venv-robot' / 'bin' / 'python'
-    tests = (*QUICK[:-1], 'test/cli/commands')
+    command = ('test/cli/commands', 'test/cli/bench', 'test/cli/test_app.py')
+    tests = (*QUICK[:-1], *command)
     library = parallel('-m', 'not long', *tests, python=inside)
     live = pytest('-n', '2', '--dist', 'worksteal', '-m', 'not long', 'test/nodes', python=inside)
     install = [str(python), 'tools/install.py', '.venv-robot', 'requirements/robot.txt']

@@ -55,11 +55,20 @@ COMMANDS = {
 def account_for_inputs(app: typer.Typer) -> None:
     """Make every command of an application and its groups that has an input account for it."""
     for command in app.registered_commands:
-        if command.callback and _INPUTS & inspect.signature(command.callback).parameters.keys():
-            command.callback = _accounting(command.callback)
+        work = command.callback
+        if work and _INPUTS & inspect.signature(work).parameters.keys():
+            command.callback = _accounting(work)
+        elif work:
+            command.callback = _annotated(work)
     for group in app.registered_groups:
         if group.typer_instance is not None:
             account_for_inputs(group.typer_instance)
+
+
+def _annotated(work: Callable[..., Any]) -> Callable[..., Any]:
+    """A command whose annotations are no texts: those typer 0.9, which apt has, does not read."""
+    take_options(work, inspect.signature(work, eval_str=True).parameters.values(), {})
+    return work
 
 
 def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
@@ -116,7 +125,7 @@ def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
         add_completion=False,
         pretty_exceptions_enable=False,
     )
-    app.callback()(_options)
+    app.callback()(_annotated(_options))
     for name in names:
         command = getattr(import_module(f'mvuav_ros.cli.commands.{COMMANDS[name]}'), name)
         if isinstance(command, typer.Typer):

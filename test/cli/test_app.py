@@ -1,10 +1,13 @@
-"""How `mvuav` ends."""
+"""How `mvuav` reads its options, and how it ends."""
 
+import inspect
 import subprocess
 import sys
 
 import pytest
 from support.places import ROOT
+
+from mvuav_ros.cli.app import application
 
 LANDING = """
 import os, signal, sys, time
@@ -48,3 +51,16 @@ def test_help_does_not_wait_for_what_only_the_work_needs():
     )
     run = subprocess.run([sys.executable, '-c', script], cwd=ROOT, capture_output=True, text=True)
     assert (run.returncode, run.stdout) == (0, '\n'), run.stderr + run.stdout
+
+
+def test_no_option_is_annotated_with_text():
+    """Of such options typer 0.9, which apt has, knows no short names, nor which are arguments."""
+    apps, callbacks = [application()], []
+    for app in apps:
+        apps += [group.typer_instance for group in app.registered_groups]
+        registered = [*app.registered_commands, *filter(None, [app.registered_callback])]
+        callbacks += [each.callback for each in registered if each.callback is not None]
+    assert len(callbacks) > 15
+    for callback in callbacks:
+        for parameter in inspect.signature(callback).parameters.values():
+            assert not isinstance(parameter.annotation, str), (callback, parameter)
