@@ -122,6 +122,22 @@ def test_a_runway_that_is_followed_by_its_edges_alone_and_not_seen_is_weighed_ag
         track.step(nothing, 1)
     assert not track.locked
     assert track.log_odds < before - 2.0
+    assert track.lost
+
+
+def test_a_runway_of_which_no_strip_is_seen_is_given_up(monkeypatch):
+    """It is reported as predicted for some frames, and not forever."""
+    seen = view()
+    track = RunwayTrack(STRIP, 1.0)
+    for _ in range(8):
+        track.step(seen, 1)
+    assert track.points is not None
+    monkeypatch.setattr(track_module, 'describe_around', lambda *_: None)
+    for number in range(RunwayTrack.max_misses + 1):
+        assert not track.lost
+        track.step(seen, 1)
+        assert track.misses == number + 1
+    assert track.lost
 
 
 def test_a_doubt_of_shoulders_fades_where_they_would_be_out_of_the_picture(monkeypatch):
