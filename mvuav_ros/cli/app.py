@@ -53,7 +53,10 @@ COMMANDS = {
 
 
 def account_for_inputs(app: typer.Typer) -> None:
-    """Make every command of an application and its groups that has an input account for it."""
+    """Make every command of an application and its groups that has an input account for it.
+
+    The others are `_annotated` alone.
+    """
     for command in app.registered_commands:
         work = command.callback
         if work and _INPUTS & inspect.signature(work).parameters.keys():
