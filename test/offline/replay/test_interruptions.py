@@ -12,7 +12,15 @@ from pathlib import Path
 
 import pytest
 from support.commands import ENVIRONMENT, ROOT, mvuav_process, stamp, started, write_flight
-from support.interrupting import FRAMES, busy_processes, interrupt, results, start, wait_for
+from support.interrupting import (
+    FRAMES,
+    SLOW,
+    busy_processes,
+    interrupt,
+    results,
+    start,
+    wait_for,
+)
 
 NODE = ('--nodes', 'marker_tracker')
 INTERRUPTIONS = int(os.environ.get('MVUAV_INTERRUPTIONS', '300'))
@@ -46,15 +54,35 @@ def test_hundreds_of_interruptions_on_a_busy_machine(flight: Path, tmp_path: Pat
     assert slowest <= LIMIT_S
 
 
+def command_that_notes_chunks(then: str, *arguments: object) -> list[str]:
+    """The command itself; ``then`` is run whenever the file ``self`` has taken a chunk."""
+    code = f"""
+import itertools, os, signal, sys
+from mvuav_ros.cli.app import main
+from mvuav_ros.recordings.writing import OutputFile
+number = itertools.count(1)
+class Noted(OutputFile):
+    def append(self, data):
+        super().append(data)
+{then}
+sys.modules[OutputFile.__module__].OutputFile = Noted
+sys.argv = {['mvuav', 'replay', *map(str, arguments), '--jobs', '1']!r}
+main()
+"""
+    return [sys.executable, '-c', code]
+
+
 def test_what_was_interrupted_is_done_again(tmp_path: Path) -> None:
     flight = write_flight(tmp_path / 'flight.mcap', 3000)
     out = tmp_path / 'out' / 'flight.mcap'
-    process = start(flight, '-o', out.parent, '--jobs', 1)
-    wait_for(process, out, size=0)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert err == 'mvuav: interrupted\n'
+    interrupted = """
+        if next(number) == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+"""
+    command = command_that_notes_chunks(interrupted, flight, '-o', out.parent, *NODE)
+    done = subprocess.run(command, env=ENVIRONMENT, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 130
+    assert done.stderr == 'mvuav: interrupted\n'
     stamps, errors = results(out)
     assert errors == []
     assert len(stamps) < 3000
@@ -80,21 +108,12 @@ def test_processes_end_with_their_parent(flight: Path, tmp_path: Path) -> None:
 
 def test_killed_replay_leaves_what_was_handed_to_the_file(flight: Path, tmp_path: Path) -> None:
     out, log = tmp_path / 'out.mcap', tmp_path / 'log'
-    # The command itself, with a note of every chunk that the file has taken.
-    code = f"""
-import os, sys
-from mvuav_ros.cli.app import main
-from mvuav_ros.recordings.writing import OutputFile
-log = os.open({str(log)!r}, os.O_WRONLY | os.O_CREAT)
-append = OutputFile.append
-def noted(self, data):
-    append(self, data)
-    os.write(log, f'{{self.size}}\\n'.encode())
-OutputFile.append = noted
-sys.argv = ['mvuav', 'replay', {str(flight)!r}, '-o', {str(out)!r}, '--jobs', '1', *{NODE!r}]
-main()
+    noted = f"""
+        with open({str(log)!r}, 'a') as log:
+            print(self.size, file=log)
 """
-    with started([sys.executable, '-c', code], env=ENVIRONMENT, cwd=ROOT) as process:
+    command = command_that_notes_chunks(noted, flight, '-o', out, *SLOW)
+    with started(command, env=ENVIRONMENT, cwd=ROOT) as process:
         deadline = time.monotonic() + 120
         while not log.exists() or len(log.read_text().splitlines()) < 12:
             assert process.poll() is None

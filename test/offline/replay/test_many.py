@@ -23,6 +23,7 @@ from support.commands import (
     started,
     write_flight,
 )
+from support.interrupting import FRAMES, SLOW
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
 
 from mvuav_ros.offline.replay.batch import Event, plan
@@ -182,11 +183,11 @@ def test_warnings_of_what_is_finished_are_repeated(tmp_path: Path) -> None:
 
 
 def test_a_process_that_dies_costs_its_own_recording_only(tmp_path: Path) -> None:
-    long = write_flight(tmp_path / 'long.mcap', 6000)
+    long = write_flight(tmp_path / 'long.mcap', FRAMES)
     short = write_flight(tmp_path / 'short.mcap', 20)
     out = tmp_path / 'out'
     jobs = ('--jobs', '1')
-    command = [*COMMAND, 'replay', str(long), str(short), '-o', str(out), *NODE, *jobs]
+    command = [*COMMAND, 'replay', str(long), str(short), '-o', str(out), *SLOW, *jobs]
     with started(command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
         os.kill(_child_at_work(process, out / 'long.mcap'), signal.SIGKILL)
         _, err = process.communicate(timeout=300)
@@ -274,7 +275,7 @@ def test_dask_gives_what_jobs_give(bags: list[Path], tmp_path: Path) -> None:
         again = mvuav_process('replay', *bags, '-o', remote, '--dask', address)
         interrupted = _interrupt_on_cluster(tmp_path, address)
     assert again.status == 0
-    assert 0 < len(stamps(interrupted)) < 20_000
+    assert 0 < len(stamps(interrupted)) < FRAMES
     assert again.out.count('finished before') == 3
     assert {path.name for path in remote.glob('*.mcap')} == {bag.name for bag in bags}
     for bag in bags:
@@ -282,9 +283,9 @@ def test_dask_gives_what_jobs_give(bags: list[Path], tmp_path: Path) -> None:
 
 
 def _interrupt_on_cluster(folder: Path, address: str) -> Path:
-    flight = write_flight(folder / 'long.mcap', 20_000)
+    flight = write_flight(folder / 'long.mcap', FRAMES)
     output = folder / 'interrupted' / 'long.mcap'
-    command = [*COMMAND, 'replay', str(flight), '-o', str(output.parent), *NODE, '--dask', address]
+    command = [*COMMAND, 'replay', str(flight), '-o', str(output.parent), *SLOW, '--dask', address]
     with started(command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
         _wait_for(process, output)
         process.send_signal(signal.SIGINT)
