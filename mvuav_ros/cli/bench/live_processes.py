@@ -1,7 +1,7 @@
 """The processes of ``mvuav bench live`` beside the nodes: ``camera`` and ``floor``.
 
 The camera publishes images and receives the nodes' results. The floor is the least that any rclpy
-node does with an image.
+node does with an image: it takes it, and answers at once with a message as large as a result.
 """
 
 from __future__ import annotations
@@ -21,16 +21,20 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, PointCloud2
 from sensor_msgs.msg import Image as RosImage
 
+from mvuav_ros.cli.bench.live import FLOOR
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import serialize_compressed_image, serialize_image
 from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.processing.process_tuning import tune_process
 from mvuav_ros.vision.image import Image
 
-RESULTS = {'marker_tracker': 'markers', 'runway_detector': 'line_params'}
+RESULTS = {'marker_tracker': 'markers', 'runway_detector': 'line_params', FLOOR: 'answers'}
+_RESULT_BYTES = 400
+"""Of the rows of five markers."""
 PLACES = ((-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0))
 WARM_UP = 1.0
 """Seconds of images before those that count."""
@@ -74,16 +78,20 @@ def _stamped(message: bytes, stamp_ns: int) -> bytes:
 
 
 def floor(transport: str) -> None:
-    """Take images; when interrupted, print when each came (ns) by its stamp as JSON."""
+    """Answer images; when interrupted, print when each came (ns) by its stamp as JSON."""
     arrivals: dict[int, int] = {}
+    answer = serialize_message(PointCloud2(data=bytes(_RESULT_BYTES)))
 
     def take(message: RosImage | CompressedImage) -> None:
         now = time.time_ns()
         stamp = message.header.stamp
-        arrivals[stamp.sec * 1_000_000_000 + stamp.nanosec] = now
+        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        arrivals[stamp_ns] = now
+        answers.publish(_stamped(answer, stamp_ns))
 
     rclpy.init()
-    node = rclpy.create_node('bench_floor')
+    node = rclpy.create_node(FLOOR)
+    answers = node.create_publisher(PointCloud2, f'/{FLOOR}/{RESULTS[FLOOR]}', 10)
     node.create_subscription(*_STREAMS[transport], take, qos_profile_sensor_data)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
@@ -97,7 +105,7 @@ def camera(orders: str) -> None:
     prepare_transport()
     rclpy.init()
     node = rclpy.create_node('bench_camera')
-    results: dict[str, dict[int, int]] = {name: {} for name in given['nodes']}
+    results: dict[str, dict[int, int]] = {name: {} for name in (*given['nodes'], FLOOR)}
     status: dict[str, dict[str, str]] = {}
     for name, answers in results.items():
         topic, keep = f'/{name}/{RESULTS[name]}', _keeper(answers)
