@@ -166,6 +166,10 @@ class StampMonitor:
             self.frames_left_out += round(spacing / usual) - 1
         self._spacings.append(spacing)
 
+    def interrupt(self) -> None:
+        """A frame, or some, are not followed: they are missing for another reason."""
+        self._last_ns = None
+
     @property
     def spacing_ns(self) -> int:
         """The usual time between two stamps; 0 while too few have come."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import math
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import import_module
-from threading import Condition, Event, Thread
+from threading import Event, Lock, Thread
 from typing import Any, NamedTuple
 
 from rclpy.callback_groups import CallbackGroup
@@ -47,57 +48,6 @@ from mvuav_ros.vision.image import ImageError
 
 _DEPTH = 5
 """Frames that wait at most, as many as in the queue of a sensor subscription."""
-
-
-class IntraProcessInput:
-    """Takes frames from the source's thread and hands them on in a thread of its own.
-
-    Nothing is copied: source and detectors look at the same pixels, which none of them writes to.
-    A detector that is too slow loses the oldest frames, and the source never waits for it.
-    """
-
-    def __init__(self, topic: str, on_frame: Callable[[ReceivedImage], None]) -> None:
-        self.topic = topic
-        self._events = InputEvents()
-        self._on_frame = on_frame
-        self._waiting: deque[tuple[Frame, float]] = deque()
-        self._changed = Condition()
-        self._stopping = False
-        self._thread = Thread(target=self._run, name='frames', daemon=True)
-
-    def put(self, frame: Frame) -> None:
-        """Give the next frame."""
-        with self._changed:
-            if len(self._waiting) == _DEPTH:
-                self._waiting.popleft()
-                self._events.skipped += 1
-            self._waiting.append((frame, time.perf_counter()))
-            self._changed.notify()
-
-    def start(self) -> None:
-        """Begin to hand on frames."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """End the thread."""
-        with self._changed:
-            self._stopping = True
-            self._changed.notify()
-        if self._thread.is_alive():
-            self._thread.join(timeout=5.0)
-
-    def poll(self) -> InputState:
-        """What became of frames so far."""
-        return InputState(self.topic, ['this process'], self._events)
-
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._stopping)
-                if self._stopping:
-                    return
-                frame, put = self._waiting.popleft()
-            self._on_frame(ReceivedImage(frame, math.nan, put))
 
 
 _CALM = 5
@@ -254,16 +204,21 @@ class _OwnThread(CallbackGroup):
 
 
 def subscribe(
-    node: Node, kind: type, topic: str, *, raw: bool = False, reliable: bool = False
+    node: Node,
+    kind: type,
+    topic: str,
+    *,
+    raw: bool = False,
+    reliability: ReliabilityPolicy | None = None,
 ) -> Any:
     """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes.
 
-    ``reliable``: whatever the topic's ``qos_overrides`` said when it was subscribed to first.
+    With a ``reliability`` whatever the ``qos_overrides`` said when it was subscribed to first.
     """
     # A copy: rclpy writes the user's overrides into it.
     qos = copy.copy(qos_profile_sensor_data)
-    if reliable:
-        qos.reliability = ReliabilityPolicy.RELIABLE
+    if reliability is not None:
+        qos.reliability = reliability
     return node.create_subscription(
         kind,
         topic,
@@ -273,7 +228,7 @@ def subscribe(
         # An executor that waits for a subscription's events wakes up for its data as well, on
         # Fast DDS, and again and again until this thread has taken them.
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        qos_overriding_options=None if reliable else OVERRIDABLE,
+        qos_overriding_options=OVERRIDABLE if reliability is None else None,
         raw=raw,
     )
 
@@ -358,131 +313,60 @@ _PAUSE_AFTER_ERROR = 0.1
 _MAX_AT_ONCE = 5
 
 
-class ImageInput:
-    """Subscribes to images and hands over each as bytes, from its own thread.
+class FrameInput(ABC):
+    """Images from wherever they come, handed on in a thread of its own with what belongs to them.
 
-    rclpy's executor collects all of a node's entities again for every single callback, and makes a
-    Python object of every image. This thread waits for the images alone and hands their bytes on:
-    at 640x480 mono8 that takes half of the time and a third of the CPU. It uses the wait set in the
-    way of rclpy's own `wait_for_message`.
-
-    When the callback is slower than the camera, the newest image wins: images that lie waiting
-    are skipped and counted, once it is clear that a backlog does not get smaller by itself.
+    It uses rclpy's wait set in the way of rclpy's own `wait_for_message`.
 
     Attributes:
         synchronized: what images may wait for.
-        gains_by_reliability: whether images got lost that all publishers would send again.
     """
 
     def __init__(
         self,
         node: Node,
-        topic: ImageTopic,
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic],
     ) -> None:
-        """Subscribe; images may wait for their synchronized, which are closed with this."""
         self._events = InputEvents()
-        self._node = node
-        self._on_image = on_image
-        self.synchronized = synchronized
-        self._passes_skipped = topic.may_be_video
-        self._topic = topic
-        self._lost_before = 0
-        self.gains_by_reliability = False
-        self._backlog = Backlog()
+        self._node, self._on_image, self.synchronized = node, on_image, synchronized
+        self._subscriptions: list[Any] = [topic.subscription for topic in synchronized]
         self._stopping = Event()
         self._wake = GuardCondition(None, None, context=node.context)
-        self._subscribe()
-
-    def _subscribe(self, reliable: bool = False) -> None:
-        kind, name = self._topic.kind, self._topic.name
-        self._subscription = subscribe(self._node, kind, name, raw=True, reliable=reliable)
-        self._subscriptions = [self._subscription, *(c.subscription for c in self.synchronized)]
-        self._lost = status_of(self._subscription, 'MESSAGE_LOST')
-        self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
-        self._last_sequence = 0
-        self._stopping.clear()
-        self._thread = Thread(target=self._run, name='images', daemon=True)
+        self._thread: Thread | None = None
 
     @property
+    @abstractmethod
     def topic(self) -> str:
         """The resolved name of the image topic."""
-        return str(self._subscription.topic_name)
+
+    @abstractmethod
+    def poll(self) -> InputState:
+        """What became of images so far; to be called now and then, from one thread."""
+
+    @abstractmethod
+    def _arrived(self, ready: Sequence[int]) -> Iterable[ReceivedImage]:
+        """The images that are there; the pointers are those of subscriptions that are ready."""
 
     def start(self) -> None:
         """Begin to take images."""
-        self._thread.start()
-
-    def ask_reliably(self) -> None:
-        """Subscribe anew, so that publishers send again what was lost."""
-        self._lost_before, self.gains_by_reliability = self._events.lost, False
-        self._leave([self._subscription])
-        self._subscribe(reliable=True)
+        self._stopping.clear()
+        self._thread = Thread(target=self._run, name='images', daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """End the thread, then the subscriptions; images that come later are left."""
-        self._leave(self._subscriptions)
+        self._end_thread()
+        for each in self._subscriptions:
+            self._node.destroy_subscription(each)
         self._wake.destroy()
 
-    def _leave(self, subscriptions: Sequence[Any]) -> None:
+    def _end_thread(self) -> None:
         self._stopping.set()
         self._wake.trigger()
-        if self._thread.is_alive():
+        if self._thread is not None:
             self._thread.join(timeout=5.0)
-        for event in (self._lost, self._incompatible):
-            if event is not None:
-                event.destroy_when_not_in_use()
-        self._lost = self._incompatible = None
-        for each in subscriptions:
-            self._node.destroy_subscription(each)
-
-    def poll(self) -> InputState:
-        """What became of images so far; to be called now and then, from one thread."""
-        if self._lost is not None:
-            self._events.lost = self._lost_before + int(self._lost.take_event().total_count)
-        if self._incompatible is not None:
-            self._events.incompatible = int(self._incompatible.take_event().total_count)
-        infos = self._node.get_publishers_info_by_topic(self.topic)
-        names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
-        others = [] if infos else self._image_topics()
-        ours = self._subscription.qos_profile.reliability
-        self.gains_by_reliability = (
-            self._events.lost > self._lost_before
-            and ours != ReliabilityPolicy.RELIABLE
-            and all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
-            and _override(self.topic) not in self._node._parameter_overrides
-        )
-        return InputState(self.topic, names, self._events, self._obstacle(infos), others)
-
-    def _obstacle(self, infos: Sequence[TopicEndpointInfo]) -> str:
-        """Why no image of these publishers can come; empty where one's can."""
-        wanted = type_name(self._subscription.msg_type)
-        profile, why = self._subscription.qos_profile, ''
-        for info in infos:
-            level, reason = qos_check_compatible(info.qos_profile, profile)
-            if info.topic_type != wanted:
-                name = wanted.rsplit('/', 1)[1]
-                why = f'as {info.topic_type.rsplit("/", 1)[1]}, not {name}; {_REMEDY_OF_TYPE}'
-            elif level == QoSCompatibility.ERROR:
-                reason = reason.removeprefix('ERROR: ').strip(' ;').lower()
-                why = f'with an incompatible QoS ({reason}); '
-                why += f'set {_override(self.topic)} to best_effort'
-            else:
-                return ''
-        return why
-
-    def _image_topics(self) -> list[tuple[str, str]]:
-        """Topics with images that somebody publishes, and their types, ours left out."""
-        known = {type_name(kind): kind.__name__ for kind in (Image, CompressedImage)}
-        return [
-            (topic, known[types[0]])
-            for topic, types in self._node.get_topic_names_and_types()
-            if types[0] in known
-            and '/debug' not in topic
-            and self._node.count_publishers(topic) > 0
-        ]
+            self._thread = None
 
     def _run(self) -> None:
         while not self._stopping.is_set() and self._node.context.ok():
@@ -513,14 +397,192 @@ class ImageInput:
                 if not self._node.context.ok():
                     return
                 ready = wait_set.get_ready_entities('subscription')
-                is_there = self._subscription.handle.pointer in ready
                 for topic in self.synchronized:
                     topic.take(ready)
-                images: Iterable[ReceivedImage] = self._take_images() if is_there else []
+                images = self._arrived(ready)
                 for topic in self.synchronized:
                     images = topic.completed(images)
                 for image in images:
                     self._on_image(image)
+
+
+class IntraProcessInput(FrameInput):
+    """Takes frames from the source's thread.
+
+    Nothing is copied: source and detectors look at the same pixels, which none of them writes to.
+    A detector that is too slow loses the oldest frames, and the source never waits for it.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        on_image: Callable[[ReceivedImage], None],
+        synchronized: Sequence[SynchronizedTopic] = (),
+    ) -> None:
+        """Frames of the source of a topic may wait for their synchronized."""
+        super().__init__(node, on_image, synchronized)
+        self._topic = topic
+        self._waiting: deque[ReceivedImage] = deque()
+        self._lock = Lock()
+        self._closed = False
+
+    @property
+    def topic(self) -> str:
+        """The topic of the source."""
+        return self._topic
+
+    def put(self, frame: Frame) -> None:
+        """Give the next frame."""
+        with self._lock:
+            if self._closed:
+                return
+            if len(self._waiting) == _DEPTH:
+                self._waiting.popleft()
+                self._events.skipped += 1
+            self._waiting.append(ReceivedImage(frame, math.nan, time.perf_counter()))
+            self._wake.trigger()
+
+    def close(self) -> None:
+        """End the thread; frames that come later are left."""
+        with self._lock:
+            self._closed = True
+        super().close()
+
+    def poll(self) -> InputState:
+        """What became of frames so far."""
+        return InputState(self.topic, ['this process'], self._events)
+
+    def _arrived(self, ready: Sequence[int]) -> Iterator[ReceivedImage]:
+        """One after the other: while one is answered, others may have to go."""
+        while not self._stopping.is_set():
+            with self._lock:
+                if not self._waiting:
+                    return
+                image = self._waiting.popleft()
+            yield image
+
+
+class ImageInput(FrameInput):
+    """Subscribes to images and hands over each as bytes.
+
+    rclpy's executor collects all of a node's entities again for every single callback, and makes a
+    Python object of every image. This thread waits for the images alone and hands their bytes on:
+    at 640x480 mono8 that takes half of the time and a third of the CPU.
+
+    When the callback is slower than the camera, the newest image wins: images that lie waiting
+    are skipped and counted, once it is clear that a backlog does not get smaller by itself.
+
+    Attributes:
+        better: the reliability to ask for instead (see `subscribe_anew`), where images are lost
+            that all publishers would send again, or where by then none of them would; else None.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: ImageTopic,
+        on_image: Callable[[ReceivedImage], None],
+        synchronized: Sequence[SynchronizedTopic],
+    ) -> None:
+        """Subscribe; images may wait for their synchronized, which are closed with this."""
+        super().__init__(node, on_image, synchronized)
+        self._passes_skipped = topic.may_be_video
+        self._topic = topic
+        self._lost_before = 0
+        self.better: ReliabilityPolicy | None = None
+        self._backlog = Backlog()
+        self._subscribe()
+
+    def _subscribe(self, reliability: ReliabilityPolicy | None = None) -> None:
+        kind, name = self._topic.kind, self._topic.name
+        self._asked = reliability
+        self._subscription = subscribe(self._node, kind, name, raw=True, reliability=reliability)
+        self._subscriptions = [self._subscription, *(c.subscription for c in self.synchronized)]
+        self._lost = status_of(self._subscription, 'MESSAGE_LOST')
+        self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
+        self._last_sequence = 0
+
+    @property
+    def topic(self) -> str:
+        """The resolved name of the image topic."""
+        return str(self._subscription.topic_name)
+
+    def subscribe_anew(self, reliability: ReliabilityPolicy) -> None:
+        """Subscribe with another reliability: publishers send again what was lost, or need not."""
+        self._lost_before, self.better = self._events.lost, None
+        self._end_thread()
+        self._leave_events()
+        self._node.destroy_subscription(self._subscription)
+        self._subscribe(reliability)
+        self.start()
+
+    def close(self) -> None:
+        """End the thread, then the subscriptions; images that come later are left."""
+        self._end_thread()
+        self._leave_events()
+        super().close()
+
+    def _leave_events(self) -> None:
+        for event in (self._lost, self._incompatible):
+            if event is not None:
+                event.destroy_when_not_in_use()
+        self._lost = self._incompatible = None
+
+    def poll(self) -> InputState:
+        """What became of images so far; to be called now and then, from one thread."""
+        if self._lost is not None:
+            self._events.lost = self._lost_before + int(self._lost.take_event().total_count)
+        if self._incompatible is not None:
+            self._events.incompatible = int(self._incompatible.take_event().total_count)
+        infos = self._node.get_publishers_info_by_topic(self.topic)
+        names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
+        others = [] if infos else self._image_topics()
+        self.better = self._better({info.qos_profile.reliability for info in infos})
+        return InputState(self.topic, names, self._events, self._obstacle(infos), others)
+
+    def _better(self, theirs: set[ReliabilityPolicy]) -> ReliabilityPolicy | None:
+        """See `better`, by what the publishers offer."""
+        if self._asked is ReliabilityPolicy.RELIABLE:
+            # Another camera, or the same one started otherwise: none of its images would come.
+            is_none = theirs == {ReliabilityPolicy.BEST_EFFORT}
+            return ReliabilityPolicy.BEST_EFFORT if is_none else None
+        is_lossy = self._subscription.qos_profile.reliability != ReliabilityPolicy.RELIABLE
+        gains = is_lossy and theirs == {ReliabilityPolicy.RELIABLE}
+        if not gains or _override(self.topic) in self._node._parameter_overrides:
+            return None
+        return ReliabilityPolicy.RELIABLE if self._events.lost > self._lost_before else None
+
+    def _obstacle(self, infos: Sequence[TopicEndpointInfo]) -> str:
+        """Why no image of these publishers can come; empty where one's can."""
+        wanted = type_name(self._subscription.msg_type)
+        profile, why = self._subscription.qos_profile, ''
+        for info in infos:
+            level, reason = qos_check_compatible(info.qos_profile, profile)
+            if info.topic_type != wanted:
+                name = wanted.rsplit('/', 1)[1]
+                why = f'as {info.topic_type.rsplit("/", 1)[1]}, not {name}; {_REMEDY_OF_TYPE}'
+            elif level == QoSCompatibility.ERROR:
+                reason = reason.removeprefix('ERROR: ').strip(' ;').lower()
+                why = f'with an incompatible QoS ({reason}); '
+                why += f'set {_override(self.topic)} to best_effort'
+            else:
+                return ''
+        return why
+
+    def _image_topics(self) -> list[tuple[str, str]]:
+        """Topics with images that somebody publishes, and their types, ours left out."""
+        known = {type_name(kind): kind.__name__ for kind in (Image, CompressedImage)}
+        return [
+            (topic, known[types[0]])
+            for topic, types in self._node.get_topic_names_and_types()
+            if types[0] in known
+            and '/debug' not in topic
+            and self._node.count_publishers(topic) > 0
+        ]
+
+    def _arrived(self, ready: Sequence[int]) -> list[ReceivedImage]:
+        return self._take_images() if self._subscription.handle.pointer in ready else []
 
     def _take_images(self) -> list[ReceivedImage]:
         images = []

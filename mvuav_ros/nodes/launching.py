@@ -90,14 +90,19 @@ def _bag(context: LaunchContext) -> list[Any]:
     transport = LaunchConfiguration('transport').perform(context)
     topic += '' if transport == 'raw' else f'/{transport}'
     detectors = _nodes(context, {f'qos_overrides.{topic}.subscription.reliability': 'reliable'})
-    count = len(LaunchConfiguration('detectors').perform(context).split(','))
     play = ['ros2', 'bag', 'play', '--start-paused', given['bag'], *shlex.split(given['play'])]
+    count = len(_detectors(LaunchConfiguration('detectors').perform(context)))
     resume = [sys.executable, '-m', 'mvuav_ros', 'resume_bag', str(count)]
     return [
         *detectors,
         ExecuteProcess(cmd=play, output='screen'),
         ExecuteProcess(cmd=resume, output='screen'),
     ]
+
+
+def _detectors(names: str) -> list[str]:
+    """Each once, as two nodes of one name would disturb each other."""
+    return list(dict.fromkeys(name.strip() for name in names.split(',') if name.strip()))
 
 
 def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> list[Node]:
@@ -107,7 +112,7 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
     params_file = Path(given['params_file']).expanduser()
     if not params_file.is_file():
         raise RuntimeError(f'params_file: {params_file} does not exist')
-    names = [name.strip() for name in given['detectors'].split(',') if name.strip()]
+    names = _detectors(given['detectors'])
     for name in names:
         if name not in NODES:
             raise RuntimeError(f'detectors: {name!r} is not one of {", ".join(NODES)}')

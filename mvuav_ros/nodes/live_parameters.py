@@ -225,7 +225,12 @@ def parameter_files(node: Node, arguments: Sequence[str]) -> tuple[list[str], li
     name = node.get_fully_qualified_name()
     for option, file in pairwise(arguments):
         if option == '--params-file':
-            keys = read_node_keys(Path(file))
+            try:
+                keys = read_node_keys(Path(file))
+            except ParameterError as error:
+                # Its values were taken at the start.
+                files.append(f'{file} (not there any more: {error})')
+                continue
             is_ours = any(fits(key, name) for key in keys)
             files.append(file if is_ours else f'{file} (nothing in it for {name})')
             meant = [key for key in keys if key.rsplit('/', 1)[-1] == node.get_name()]

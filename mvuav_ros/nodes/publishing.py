@@ -182,7 +182,7 @@ class FramePublisher:
             info = encode_camera_info(camera, header)
         for listener in self._listeners:
             decoded = decode_camera_info(info, str(self._images.topic_name))
-            listener(Frame(stamp_ns, frame_id, image, decoded))
+            listener(Frame(stamp_ns, frame_id, image, decoded, frame.attitude))
         if heard:
             self._infos.publish(info)
 
@@ -234,7 +234,7 @@ class FrameDecoder:
         """
         data = received.data
         if isinstance(data, Frame):
-            yield data
+            yield self._completed(data, received)
         elif self._type != IMAGE and (coded := view_coded_image(self._type, data)).is_video:
             yield from self._of_video(coded, received)
         elif not received.is_skipped:
@@ -251,11 +251,12 @@ class FrameDecoder:
             yield frame
 
     def _completed(self, frame: Frame, received: ReceivedImage) -> Frame:
-        """With the calibration and attitude that came with it."""
-        if received.info is None and received.attitude is None:
-            return frame
-        camera = None if received.info is None else decode_camera_info(received.info, self._topic)
-        return replace(frame, camera=camera, attitude=received.attitude)
+        """With the calibration and attitude that came with it, or beside it."""
+        if received.info is not None:
+            frame = replace(frame, camera=decode_camera_info(received.info, self._topic))
+        if received.attitude is not None:
+            frame = replace(frame, attitude=received.attitude)
+        return frame
 
 
 _LOOK_INTERVAL = 0.05
@@ -321,6 +322,7 @@ class FrameAnswerer:
             if not received.is_skipped:
                 self.statistics.arrived()
             if not self.enabled:
+                self.stamps.interrupt()
                 return
         for frame in self._decoder.frames(received):
             if isinstance(frame, BadFrame):
@@ -360,6 +362,7 @@ class FrameAnswerer:
     def _reject(self, kind: str, reason: str) -> None:
         with self.lock:
             self.statistics.reject(kind, reason)
+            self.stamps.interrupt()
         # rclpy's own throttle goes by the line of code: one kind would silence the others.
         now = time.monotonic()
         if now - self._logged.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:

@@ -31,12 +31,16 @@ _LONGEST_GAP = 5.0
 """Seconds; a recording that pauses longer goes on after this."""
 
 
-class _Pace:
+class Pace:
     """Waits until a frame is due, by its stamp or at a fixed rate."""
 
     def __init__(self) -> None:
         self._last_stamp_ns: int | None = None
         self._due = 0.0
+
+    def resume(self) -> None:
+        """Go on from the next frame, after a pause."""
+        self._last_stamp_ns = None
 
     def wait(self, stamp_ns: int, rate: float, stop: Event) -> None:
         """Sleep until the frame is due or ``stop`` is set; a ``rate`` of 0: by the stamps, ns."""
@@ -91,8 +95,9 @@ class SourcePlayer:
 
     def restart(self) -> None:
         """Play from the start again."""
-        self._rewind = True
+        # In this order: the thread clears the interrupt once it sees the rewind.
         self._interrupt.set()
+        self._rewind = True
         self._running.set()
 
     def stop(self) -> None:
@@ -137,7 +142,7 @@ class SourcePlayer:
 
     def _play(self) -> None:
         """The source once from the start, then wait for a restart unless it loops."""
-        pace, count, bad = _Pace(), 0, 0
+        pace, count, bad = Pace(), 0, 0
         try:
             for frame in self._source.frames():
                 if not self._due(frame, pace):
@@ -151,9 +156,11 @@ class SourcePlayer:
             return
         self._at_end(count, bad)
 
-    def _due(self, frame: Frame | BadFrame, pace: _Pace) -> bool:
+    def _due(self, frame: Frame | BadFrame, pace: Pace) -> bool:
         """Wait until a frame is due; False where it is not wanted any more."""
-        self._running.wait()
+        if not self._running.is_set():
+            self._running.wait()
+            pace.resume()
         unwanted = self._stop.is_set() or self._rewind
         if unwanted or self._source.live or isinstance(frame, BadFrame):
             return not unwanted
@@ -172,8 +179,8 @@ class SourcePlayer:
         return True
 
     def _at_end(self, count: int, bad: int) -> None:
-        for error in self._source.account.errors:
-            self._warn(error)
+        if errors := self._source.account.errors:
+            self._warn('; '.join(errors), throttled=False)
         if self._node.current.loop and count:
             return
         self._status.state = 'ended'
@@ -182,12 +189,18 @@ class SourcePlayer:
             f'end of {self._source.name} after {count} frames{skipped}; call ~/restart to play it '
             'again, or set loop'
         )
-        while not (self._stop.is_set() or self._rewind or self._node.current.loop):
+        while not (self._stop.is_set() or self._rewind):
+            # Of a source without a frame another pass would show nothing else.
+            if self._node.current.loop and count:
+                return
             self._interrupt.wait(0.2)
 
-    def _warn(self, text: str) -> None:
+    def _warn(self, text: str, *, throttled: bool = True) -> None:
         self._status.trouble(text)
-        self._node.get_logger().warning(text, throttle_duration_sec=LOG_INTERVAL)
+        if throttled:
+            self._node.get_logger().warning(text, throttle_duration_sec=LOG_INTERVAL)
+        else:
+            self._node.get_logger().warning(text)
 
 
 ResponseT = TypeVar('ResponseT', SetBool.Response, Trigger.Response)

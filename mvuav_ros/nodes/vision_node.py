@@ -8,7 +8,7 @@ from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Imu
 from std_srvs.srv import SetBool, Trigger
 
@@ -24,6 +24,7 @@ from mvuav_ros.nodes.diagnostics import (
     status,
 )
 from mvuav_ros.nodes.image_input import (
+    FrameInput,
     ImageInput,
     InputState,
     IntraProcessInput,
@@ -110,7 +111,7 @@ class VisionNode(ManagedNode):
         self._processor = processor
         self._handed_over = handed_over
         self._results: ResultPublishers | None = None
-        self._input: ImageInput | IntraProcessInput | None = None
+        self._input: FrameInput | None = None
         self._static: Any = None
         self._answerer = FrameAnswerer(self, processor)
         self._status = DetectorStatus(self._answerer, processor)
@@ -126,7 +127,7 @@ class VisionNode(ManagedNode):
     def open(self) -> None:
         """Open the rig's file and the topics."""
         with self._answerer.lock:
-            self._processor.configure(self._live.current)
+            self._processor.open(self._live.current)
         self._results = ResultPublishers(self, self._processor)
         self._static = self._follow_static_transforms()
         self._apply(self._live.current)
@@ -139,12 +140,13 @@ class VisionNode(ManagedNode):
         images, answer = self.resolve_topic_name('image_raw'), self._answerer.answer
         transport = 'raw' if self._handed_over else self.get_parameter('image_transport').value
         self._answerer.restart(self._results, transport, images)
+        topic = image_topic(transport, images)
+        # Before the images, so that a source that sees that one subscription has seen these.
+        synchronized = self._synchronized_topics(images)
         if self._handed_over:
-            self._input = IntraProcessInput(images, answer)
+            self._input = IntraProcessInput(self, images, answer, synchronized)
         else:
-            topic = image_topic(transport, images)
-            # Before the images, so that a source that sees that one subscription has seen these.
-            self._input = ImageInput(self, topic, answer, self._synchronized_topics(images))
+            self._input = ImageInput(self, topic, answer, synchronized)
         self._input.start()
         self._announce(self._input.topic)
 
@@ -175,7 +177,8 @@ class VisionNode(ManagedNode):
 
     def _synchronized_topics(self, images: str) -> list[SynchronizedTopic]:
         processor, made = self._processor, []
-        if processor.uses_camera_info:
+        # A source in this process hands a frame over with its calibration.
+        if processor.uses_camera_info and not self._handed_over:
             # In the namespace of the images, as camera drivers and image_transport do, unless it
             # is remapped itself.
             topic = self.resolve_topic_name('camera_info')
@@ -242,9 +245,12 @@ class VisionNode(ManagedNode):
             state = self.lifecycle_state
             return status(DiagnosticStatus.OK, name, state, {'state': state})
         images = self._input.poll()
-        if isinstance(self._input, ImageInput) and self._input.gains_by_reliability:
-            self.get_logger().info(f'images are lost: {images.topic} is asked for reliably now')
-            self._input.ask_reliably()
+        if isinstance(self._input, ImageInput) and (better := self._input.better) is not None:
+            reliable = better is ReliabilityPolicy.RELIABLE
+            why = 'images are lost' if reliable else 'no publisher is reliable any more'
+            how = 'reliably' if reliable else 'as best effort'
+            self.get_logger().info(f'{why}: {images.topic} is asked for {how} now')
+            self._input.subscribe_anew(better)
         with self._answerer.lock:
             said = self._status.report(name, images, self._notes())
         if said.level == DiagnosticStatus.OK and self.overrides_problem:
@@ -256,7 +262,7 @@ class VisionNode(ManagedNode):
         """What a user may have meant otherwise."""
         notes = [self.overrides_problem] if self.overrides_problem else []
         has_images = self._answerer.statistics.received > 0
-        synchronized = self._input.synchronized if isinstance(self._input, ImageInput) else ()
+        synchronized = () if self._input is None else self._input.synchronized
         infos = [each.subscription for each in synchronized if each.kind is CameraInfo]
         if has_images and self._processor.lacks_camera_info and infos:
             topic, count = infos[0].topic_name, infos[0].get_publisher_count()

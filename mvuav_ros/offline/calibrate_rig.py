@@ -128,7 +128,8 @@ def name_lights(
             camera = camera or frame.camera
             if camera is None:
                 raise SourceError(f'{source.name} has no calibration of its own: --camera-info')
-            if isinstance(source, BagImages) and is_rectified_topic(source.topic):
+            topic = source.topic if isinstance(source, BagImages) else ''
+            if parameters.image_is_rectified or is_rectified_topic(topic):
                 camera = camera.rectified()
             try:
                 camera.check(frame.image.width, frame.image.height)

@@ -101,7 +101,7 @@ def parse_assignment(text: str) -> tuple[str, str, object]:
         raise ParameterError(text, 'write node:name:=value, as in marker_tracker:threshold:=0.6')
     try:
         return node.strip('/'), name, yaml.safe_load(value)
-    except yaml.YAMLError as error:
+    except Exception as error:
         raise ParameterError(text, f'the value {value!r} is not YAML') from error
 
 

@@ -125,9 +125,19 @@ class MarkerTrackerProcessor(Processor):
             ParameterError: the rig's file cannot be used.
         """
         if _setup(parameters) != _setup(self._parameters):
-            self._set_rig(parameters)
-        else:
-            self._tracker.configure(parameters)
+            self.open(parameters)
+            return
+        self._tracker.configure(parameters)
+        self._parameters = parameters
+        self._share_camera()
+
+    def open(self, parameters: MarkerTrackerParameters) -> None:
+        """See `Processor.open`.
+
+        Raises:
+            ParameterError: the rig's file cannot be used.
+        """
+        self._set_rig(parameters)
         self._parameters = parameters
         self._share_camera()
 

@@ -203,6 +203,10 @@ class Processor(ABC):
     def configure(self, parameters: Any) -> None:
         """Use other parameters from the next frame on, as a whole."""
 
+    def open(self, parameters: Any) -> None:
+        """`configure`, with files that the parameters name read again."""
+        self.configure(parameters)
+
     @abstractmethod
     def _forget(self) -> None:
         """Drop everything learnt from earlier frames."""

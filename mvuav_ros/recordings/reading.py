@@ -183,6 +183,7 @@ class Recording:
             self._opened[path] = _opened(path, start, self.account, limit)
             return self._opened[path]
         # One unpacked file at a time, as all of a long recording might fill the disk.
+        self._unpacked = None
         if self._folder is not None:
             self._folder.cleanup()
         self._folder = TemporaryDirectory(prefix='mvuav_')

@@ -16,7 +16,7 @@ from contextlib import ExitStack
 from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +37,6 @@ Row = tuple[int | float | str, ...]
 ROWS_AT_ONCE = 10_000
 _NS = 1_000_000_000
 POSE_COLUMNS = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
-_DETECTED = 1
-"""The state of a marker that was measured in its frame."""
-
 ANGLE_COLUMNS = ('roll', 'pitch', 'yaw', 'roll_deg', 'pitch_deg', 'yaw_deg')
 _AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 _UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
@@ -176,9 +173,15 @@ def _markers(message: Any, names: dict[int, str]) -> tuple[Columns, Iterator[Row
     label, state = columns.index('label'), columns.index('state')
     states = {int(each): each.name.lower() for each in MarkerState}
     rows = (
-        (*row, names.get(int(row[label]), ''), states.get(int(row[state]), '')) for row in points
+        (*row, _named(names, float(row[label])), _named(states, float(row[state])))
+        for row in points
     )
     return (*columns, 'name', 'state_name'), rows
+
+
+def _named(names: Mapping[int, str], number: float) -> str:
+    """The name of a number, which may be any value of another program's."""
+    return names.get(int(number), '') if math.isfinite(number) else ''
 
 
 def _points(message: Any) -> tuple[Columns, Iterator[Row]]:
@@ -189,8 +192,7 @@ def _points(message: Any) -> tuple[Columns, Iterator[Row]]:
     theta, role = names.index('theta'), names.index('role')
     roles = {int(each): each.name.lower() for each in LineRole}
     rows = (
-        (*row, math.degrees(row[theta]), roles.get(int(row[role]), ''))
-        for row in _in_blocks(points)
+        (*row, math.degrees(row[theta]), _named(roles, row[role])) for row in _in_blocks(points)
     )
     return (*names, 'theta_deg', 'role_name'), rows
 
@@ -237,7 +239,10 @@ class Table:
     Attributes:
         path: of the file, which is there when all of it is; after an error the one before stays.
         count: of the rows written.
+        needs: columns without which there is no such table.
     """
+
+    needs: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
         """Begin a file; its folder is made."""
@@ -365,10 +370,12 @@ class Tum(Table):
 class Mot(Table):
     """MOTChallenge: a line for each marker that was measured, as TrackEval reads it.
 
-    frame (from 1), id (from 1: the marker's label, or the light's number), left, top, width and
-    height of a box with the marker's area (px, the first pixel's corner at 1), confidence, and -1
-    three times.
+    frame (from 1), id (the marker's label and 1, or the light's number), left, top, width and
+    height of a box with the marker's area (px, the first pixel's corner at 1), confidence (1 where
+    there is none), and -1 three times.
     """
+
+    needs = frozenset(('label', 'state', 'x', 'y', 'area'))
 
     def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
         """See `Table`."""
@@ -384,15 +391,16 @@ class Mot(Table):
         written = 0
         for row in rows:
             of = dict(zip(self._columns, row, strict=True))
-            if of['state'] != _DETECTED:
-                continue
-            number = int(of.get('id', of['label'])) + 1
+            light = float(of['id']) if 'id' in of else float(of['label']) + 1.0
             x, y, area = (float(of[name]) for name in ('x', 'y', 'area'))
+            if of['state'] != MarkerState.DETECTED or not math.isfinite(light + x + y + area):
+                continue
             side = math.sqrt(max(area, 1.0))
             left, top = x - 0.5 * side + 1.5, y - 0.5 * side + 1.5
-            confidence = float(of.get('confidence', 1.0))
+            confidence = float(of.get('confidence', math.nan))
+            told = confidence if math.isfinite(confidence) else 1.0
             box = f'{left:.3f},{top:.3f},{side:.3f},{side:.3f}'
-            self._file.write(f'{self._frame},{number},{box},{confidence:g},-1,-1,-1\n'.encode())
+            self._file.write(f'{self._frame},{int(light)},{box},{told:g},-1,-1,-1\n'.encode())
             written += 1
         return written
 
@@ -401,8 +409,8 @@ TABLES: dict[str, type[Table]] = {'csv': Csv, 'parquet': Parquet, 'tum': Tum, 'm
 """By the form's name."""
 
 
-ACCOUNT = 'account.json'
-"""Beside the tables: what could not be read or exported."""
+ACCOUNT = 'account_{form}.json'
+"""Beside the tables of a form: what could not be read or exported."""
 
 _MAX_NAME = 200
 _MAX_REASON = 200
@@ -420,8 +428,8 @@ def export(
     Tables are made of PointCloud2 (markers, lines), Vector3Stamped (roll), PointStamped, and
     poses with and without covariance. TUM has poses only, and of them those that are known; MOT
     has markers only, and of them those that were measured. Of several flights each has TUM and
-    MOT files of its own, in a folder for each topic. What was lost is in ``account.json`` beside
-    them: messages that do not decode, too.
+    MOT files of its own, in a folder for each topic. What was lost is in ``account_FORM.json``
+    beside them: messages that do not decode, too.
 
     Args:
         flights: recordings of results by the names of their flights.
@@ -444,7 +452,7 @@ def export(
         if files.tables:
             content = [account.record() for account in accounts]
             record = content[0] if len(content) == 1 else {'flights': content}
-            write_text(str(folder / ACCOUNT), json.dumps(record, indent=2))
+            write_text(str(files.account), json.dumps(record, indent=2))
     except OSError as error:
         raise RecordingError(f'{folder} cannot be written: {error.strerror or error}') from None
     if not files.tables:
@@ -466,6 +474,8 @@ def _export(flight: str, source: Path, files: _Files, stack: ExitStack) -> Accou
                 continue
             try:
                 columns, values = rows.of(message)
+                if missing := files.needs - set(columns):
+                    raise MalformedMessageError(f'it has no {", ".join(sorted(missing))}')
             except MalformedMessageError as error:
                 lost[message.topic, str(error)[:_MAX_REASON]] += 1
                 continue
@@ -484,12 +494,16 @@ class _Files:
     Attributes:
         tables: those begun, by topic, columns and, where each flight has its own, flight.
         one_flight: whether each flight has its own.
+        needs: columns that a message must have.
+        account: what was lost goes there.
     """
 
     def __init__(self, folder: Path, form: str, overwrite: bool, *, several: bool) -> None:
         self._folder, self._form, self._overwrite = folder, form, overwrite
         self._several = several
         self.one_flight = form in _ONE_FLIGHT
+        self.needs = TABLES[form].needs
+        self.account = folder / ACCOUNT.format(form=form)
         self.tables: dict[tuple[str, Columns, str], Table] = {}
         self._taken: dict[Path, str] = {}
 
@@ -505,6 +519,8 @@ class _Files:
         Raises:
             RecordingError: the topic's file exists.
         """
+        if not self.tables:
+            self._refuse(self.account)
         of = flight if self.one_flight else ''
         if not any(known == topic and its == of for known, _, its in self.tables):
             self._free_path(topic, flight)
@@ -535,6 +551,9 @@ class _Files:
             if path not in self._taken:
                 break
             number += 1
+        self._refuse(path)
+        return path
+
+    def _refuse(self, path: Path) -> None:
         if path.exists() and not self._overwrite:
             raise RecordingError(f'{path} exists; choose another folder, or overwrite it (--force)')
-        return path

@@ -43,7 +43,7 @@ def load_calibration(path: str | Path) -> CameraModel:
         )
     except OSError as error:
         raise SourceError(f'calibration {path}: {error.strerror}') from error
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+    except (yaml.YAMLError, LookupError, TypeError, ValueError) as error:
         raise SourceError(
             f'calibration {path}: not a calibration file of camera_calibration ({error})'
         ) from error

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import glob
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from urllib.parse import parse_qsl
 
 import yaml
@@ -147,11 +148,7 @@ class SimulatedFlight(FrameSource):
         Raises:
             SourceError: there is no such flight or setting.
         """
-        kind, _, query = text.removeprefix(PREFIX).partition('?')
-        given = {name: yaml.safe_load(value) for name, value in parse_qsl(query)}
-        if rate is not None:
-            given['fps'] = rate
-        self._flight = make_flight(kind, given)
+        self._flight = planned_flight(text, {} if rate is None else {'fps': rate})
         self.name = text
         self.account = Account(self.name)
         self.rate: float | None = self._flight.rate
@@ -162,6 +159,24 @@ class SimulatedFlight(FrameSource):
         """Fly it from the start."""
         for frame in self._flight:
             yield Frame(frame.stamp_ns, FRAME_ID, frame.image, self._camera)
+
+
+def planned_flight(
+    text: str, more: Mapping[str, object] = MappingProxyType({})
+) -> TankerFlight | RunwayFlight:
+    """The flight that ``sim:…`` names, with more settings.
+
+    Raises:
+        SourceError: there is no such flight or setting.
+    """
+    kind, _, query = text.removeprefix(PREFIX).partition('?')
+    given: dict[str, object] = {}
+    for name, value in parse_qsl(query):
+        try:
+            given[name] = yaml.safe_load(value)
+        except Exception as error:
+            raise SourceError(f'{text}: {name}={value} is not YAML') from error
+    return make_flight(kind, {**given, **more})
 
 
 def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFlight:

@@ -152,11 +152,16 @@ class Image:
     def gamma_corrected(self, gamma: float) -> Image:
         """The image with out = in ** gamma on each value (eq. 3.2); 1 gives the image itself.
 
+        Of brightness and colour differences (YUV, NV12) that is done to the colours that they give.
+
         Raises:
             ValueError: gamma is not a positive number.
         """
         if gamma == 1.0:
             return self
+        layout = ENCODINGS[self.encoding]
+        if layout.luma is not None or layout.chroma_below:
+            return Image(gamma_correct(self.bgr(), gamma), 'bgr8', self.channel)
         return replace(self, pixels=gamma_correct(self.pixels, gamma))
 
     def gray(self) -> Pixels:

@@ -214,9 +214,11 @@ class PoseEstimator:
         solution = self._fit(camera, markers, image, time)
         usual = (TUNING.unusual * self._residuals.usual) ** 2
         if solution is None or solution.squares > count * usual:
+            reason = self.reason
             rest = self._without_one(camera, markers, image, time, usual)
+            # What the fits of fewer markers said is no reason.
+            self.reason = '' if rest is not None else reason
             if rest is not None:
-                self.reason = ''
                 return rest
         if solution is not None:
             self._residuals.learn(solution.squares, count - 6)

@@ -134,15 +134,19 @@ def load_rig(path: str | Path) -> MarkerRig:
         ('left_wing', 'left_stabilizer')
     """
     try:
-        text = Path(path).expanduser().read_text(encoding='utf-8')
-        return parse_rig(_Loader(text).get_single_data(), Path(path).stem)
+        content = _Loader(Path(path).expanduser().read_text(encoding='utf-8')).get_single_data()
     except OSError as error:
         raise RigError(f'{path}: {error.strerror}') from error
     except RigError as error:
         raise RigError(f'{path}: {error}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except Exception as error:
+        # Beside YAMLError whatever its constructors stumble over, such as a date of month 13.
         reason = ' '.join(str(error).split())
         raise RigError(f'{path} is not YAML: {reason}') from error
+    try:
+        return parse_rig(content, Path(path).stem)
+    except RigError as error:
+        raise RigError(f'{path}: {error}') from error
 
 
 def parse_rig(content: object, name: str = 'body') -> MarkerRig:

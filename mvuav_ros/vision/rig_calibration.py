@@ -154,7 +154,10 @@ def calibrate_rig(
     bundle.bound = _ALL_ALIKE
     bundle.adjust()
     positions, covariance, scale_deviation = bundle.in_frame_of(rough, distance)
+    # The scale is that of the rough rig, or of the distance, whatever the motion is.
     _refuse_untold(positions, covariance, names)
+    apart = (positions - positions.mean(axis=0)).ravel()
+    covariance += scale_deviation**2 * np.outer(apart, apart)
     _refuse_exchanged(positions, rough, names)
     return RigCalibration(
         positions,
@@ -370,7 +373,7 @@ class _Bundle:
     def in_frame_of(
         self, rough: Array, distance: tuple[int, int, float] | None
     ) -> tuple[Array, Array, float]:
-        """Positions, covariance and the scale's deviation, in the rough rig's frame."""
+        """Positions, their covariance at this scale, and the scale's deviation, in its frame."""
         variance = self.noise() ** 2
         self._step()
         gauge = _gauge(self.points)
@@ -402,7 +405,6 @@ class _Bundle:
             # Of the rough positions' own errors, all of one size.
             deviation = math.sqrt(float((wrong**2).sum()) / (rough.size - 7) / spread)
             covariance *= scale**2
-            covariance += deviation**2 * scale**2 * np.outer(apart.ravel(), apart.ravel())
         return rough.mean(axis=0) + scale * apart, covariance, deviation
 
 

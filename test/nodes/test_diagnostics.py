@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 import pytest
+from std_srvs.srv import SetBool
 from support.live_stream import KEEP_EVERYTHING, Stream
 
 from mvuav_ros.messages.cdr import cdr_header
@@ -161,7 +162,34 @@ def test_reasons_for_silence():
     assert explain_no_images(elsewhere).endswith('there is /nose/image: remap image_raw')
 
 
-def test_a_handover_never_holds_up_the_source():
+def test_what_is_left_out_on_purpose_is_no_gap_of_the_camera(graph):
+    stream = Stream(graph, 'marker_tracker', **KEEP_EVERYTHING)
+    stream.until_answered(stream.play(0.5))
+    before = int(graph.diagnostics('marker_tracker')['frames_received'])
+    graph.call(SetBool, '/marker_tracker/enable', SetBool.Request(data=False))
+    stream.play(0.5)
+    graph.until(
+        lambda: int(graph.diagnostics('marker_tracker')['frames_received']) >= before + 30, 'images'
+    )
+    graph.call(SetBool, '/marker_tracker/enable', SetBool.Request(data=True))
+    stream.play(0.5)
+    values = graph.diagnostics('marker_tracker')
+    assert values['frames_left_out_by_stamps'] == '0', values['message']
+    assert 'missing' not in values['message']
+
+
+def test_a_frame_that_is_not_followed_leaves_no_gap():
+    monitor = StampMonitor()
+    for number in range(10):
+        monitor.follow(number * 100)
+    monitor.interrupt()
+    monitor.follow(1300)
+    assert monitor.frames_left_out == 0
+    monitor.follow(1600)
+    assert monitor.frames_left_out == 2
+
+
+def test_a_handover_never_holds_up_the_source(graph):
     begun, free, taken = threading.Event(), threading.Event(), []
 
     def slow(received):
@@ -169,7 +197,7 @@ def test_a_handover_never_holds_up_the_source():
         free.wait(5.0)
         taken.append(received.data)
 
-    handover = IntraProcessInput('/image_raw', slow)
+    handover = IntraProcessInput(graph.probe, '/image_raw', slow)
     handover.start()
     handover.put(0)
     assert begun.wait(5.0)
@@ -181,3 +209,5 @@ def test_a_handover_never_holds_up_the_source():
     handover.close()
     assert taken == [0, 5, 6, 7, 8, 9]
     assert handover.poll().events.skipped == 4
+    # The source may be in the middle of a frame by then.
+    handover.put(10)

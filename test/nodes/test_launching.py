@@ -186,9 +186,10 @@ def test_two_cameras_have_namespaces_and_frames_of_their_own(launch):
             assert given['body_frame'] == f'tanker_747_{side}'
 
 
-def test_a_bag_waits_for_the_detectors(launch):
+@pytest.mark.parametrize('detectors', ['markers', 'markers,', ' markers,markers', ',markers, '])
+def test_a_bag_waits_for_the_detectors(launch, detectors):
     *detectors, player, resumer = launch(
-        'bag.launch.py', bag='flight.mcap', play='--rate 2', namespace='nose', detectors='markers'
+        'bag.launch.py', bag='flight.mcap', play='--rate 2', namespace='nose', detectors=detectors
     )
     (node,) = detectors
     name = 'qos_overrides./nose/image_raw.subscription.reliability'

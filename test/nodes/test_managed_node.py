@@ -144,6 +144,34 @@ def test_without_autostart_it_waits_for_a_manager(graph):
     assert process.returncode == 0 and 'Traceback' not in output, output
 
 
+def test_files_are_read_when_it_is_configured(graph, tmp_path):
+    rig, parameters = tmp_path / 'rig.yaml', tmp_path / 'parameters.yaml'
+    body = 'markers: {{{}: [0, 1, 0], b: [0, -1, 0.2], c: [0, 0.3, 1], d: [1, 0, 0.5]}}'
+    rig.write_text(body.format('first'))
+    parameters.write_text(f'/**:\n  ros__parameters:\n    layout: {rig}\n')
+    given = ('--ros-args', '--params-file', str(parameters), '--')
+    process = graph.spawn(NODE, arguments=given)
+    graph.until(lambda: graph.probe.count_publishers(f'/{NODE}/marker/first') == 1, 'its topics')
+    graph.until(lambda: state(graph, NODE) == 'active', 'its start')
+
+    def again() -> bool:
+        return all(change(graph, NODE, label) for label in ('deactivate', 'cleanup', 'configure'))
+
+    rig.write_text(body.format('other'))
+    # Its values were taken at the start.
+    parameters.unlink()
+    assert again()
+    graph.until(lambda: graph.probe.count_publishers(f'/{NODE}/marker/other') == 1, 'new topics')
+    assert change(graph, NODE, 'activate')
+    assert state(graph, NODE) == 'active'
+    rig.unlink()
+    assert not again()
+    assert state(graph, NODE) == 'unconfigured'
+    process.send_signal(2)
+    output, _ = process.communicate(timeout=120)
+    assert 'No such file' in output and 'Traceback' not in output, output
+
+
 def test_a_source_lets_go_of_its_file_and_plays_it_again(graph):
     bag = ROOT / 'bags' / 'tanker.mcap'
     images = graph.received['/image_raw']

@@ -1,13 +1,14 @@
 """Large images arrive, and a node whose images are lost says so."""
 
 import os
+import signal
 import xml.etree.ElementTree as ET
 
 import cv2
 import numpy as np
 import pytest
 from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import Image, Imu, PointCloud2
 from support.live_stream import RESULTS
 
 from mvuav_ros.nodes import running as transport
@@ -27,7 +28,7 @@ def folder(tmp_path):
 
 
 def start_source(graph, folder, rate, reliability='best_effort', **environment):
-    graph.start(
+    return graph.start(
         'video_source',
         source=folder,
         rate=rate,
@@ -73,7 +74,7 @@ def test_lost_images_of_a_reliable_publisher_are_asked_for_again(graph, folder, 
     """Unless the user has said how they are to come."""
     name = 'qos_overrides./image_raw.subscription.reliability'
     graph.start('marker_tracker', **({name: chosen} if chosen else {}))
-    start_source(graph, folder, 20.0, reliability='reliable', **DEFAULTS)
+    source = start_source(graph, folder, 20.0, reliability='reliable', **DEFAULTS)
 
     def lost() -> int:
         return int(graph.diagnostics('marker_tracker')['frames_lost_in_transport'])
@@ -89,11 +90,18 @@ def test_lost_images_of_a_reliable_publisher_are_asked_for_again(graph, folder, 
         assert not is_reliable()
     else:
         graph.until(is_reliable, 'the node to ask for reliable delivery')
-        before = int(graph.diagnostics('marker_tracker')['frames_received'])
-        more = before + 10
-        graph.until(
-            lambda: int(graph.diagnostics('marker_tracker')['frames_received']) > more, 'images'
-        )
+        graph.until(images_come(graph), 'images')
+        # A camera that sends nothing again is heard as well.
+        source.send_signal(signal.SIGINT)
+        source.wait(timeout=60)
+        start_source(graph, folder, 20.0)
+        graph.until(images_come(graph), 'images of a camera that is best effort')
+
+
+def images_come(graph):
+    """Whether ten more have come than by now."""
+    more = int(graph.diagnostics('marker_tracker')['frames_received']) + 10
+    return lambda: int(graph.diagnostics('marker_tracker')['frames_received']) > more
 
 
 def test_a_publisher_whose_qos_does_not_fit_is_named(graph):
@@ -131,6 +139,27 @@ def test_one_process_gives_the_same_topics_and_answers(graph, folder):
     images = graph.listen('/image_raw', Image)
     graph.until(lambda: len(images) > 3, 'images')
     assert process.poll() is None
+
+
+def test_attitude_reaches_the_nodes_of_one_process(graph, folder):
+    given = {'runway_detector:mode': 'approach', 'runway_detector:horizon_source': 'imu'}
+    graph.spawn('vision_process', source=folder, rate=30.0, loop=True, stamp='now', **given)
+    sensor = graph.add_node('sensor')
+    imu = sensor.create_publisher(Imu, '/imu', 10)
+
+    def measure() -> None:
+        message = Imu()
+        message.orientation.w = 1.0
+        message.header.stamp = sensor.get_clock().now().to_msg()
+        imu.publish(message)
+
+    sensor.create_timer(0.01, measure)
+
+    def says(words: str) -> bool:
+        return words in graph.diagnostics('runway_detector')['message']
+
+    # It is no longer missed; what is missing now is the calibration.
+    graph.until(lambda: says('attitude is of no use without a calibrated camera_info'), 'attitude')
 
 
 def test_a_wrong_source_ends_the_one_process_with_one_line(graph):

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from threading import Event
 
 import cv2
 import numpy as np
@@ -13,7 +14,11 @@ from std_srvs.srv import SetBool, Trigger
 from support.graph import ROOT, image_message
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.messages.images import decode_compressed_image, decode_image
+from mvuav_ros.messages.images import BadFrame, decode_compressed_image, decode_image
+from mvuav_ros.nodes.diagnostics import SourceStatus
+from mvuav_ros.nodes.video_source_node import Pace, SourcePlayer
+from mvuav_ros.parameters.video_source import VideoSourceParameters
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.writing import RecordingWriter
 
 NODE = 'video_source'
@@ -191,3 +196,85 @@ def test_a_source_that_breaks_ends_with_a_line_and_a_status(bag):
     assert run.returncode == 1, run.stderr
     assert 'flight.mcap /cam: ZeroDivisionError: what nobody thought of' in run.stderr
     assert 'Traceback' not in run.stderr
+
+
+def test_a_source_without_a_frame_ends_although_it_loops(graph, tmp_path):
+    for number in range(3):
+        (tmp_path / f'{number}.png').write_bytes(b'not an image')
+    graph.start(NODE, source=tmp_path, loop=True, wait_for_subscribers=0)
+    graph.until(lambda: graph.diagnostics(NODE)['state'] == 'ended', 'its end')
+    assert graph.diagnostics(NODE)['troubles'] == '3'
+    # From the start again where it is asked for, and once.
+    graph.call(Trigger, f'/{NODE}/restart', Trigger.Request())
+    graph.until(lambda: graph.diagnostics(NODE)['troubles'] == '6', 'the restart')
+    graph.spin(1.0)
+    assert graph.diagnostics(NODE)['troubles'] == '6'
+
+
+class Logged:
+    """A node that keeps what is logged, throttled and not."""
+
+    def __init__(self):
+        self.status, self.context = SourceStatus('fake'), None
+        self.current = VideoSourceParameters(wait_for_subscribers=0)
+        self.throttled, self.lines = [], []
+
+    def get_logger(self):
+        return self
+
+    def info(self, _text):
+        pass
+
+    def warning(self, text, throttle_duration_sec=None):
+        (self.lines if throttle_duration_sec is None else self.throttled).append(text)
+
+
+class Damaged:
+    """A recording of one broken frame, whose account has losses."""
+
+    name, live, count, rate = 'fake', False, None, None
+
+    def __init__(self):
+        self.account = Account('fake')
+        for number in range(3):
+            self.account.lose('file', number, f'loss {number}', 1)
+
+    def frames(self):
+        return iter([BadFrame(0, 'torn')])
+
+    def close(self):
+        pass
+
+
+def test_every_loss_of_a_recording_is_logged():
+    node = Logged()
+    player = SourcePlayer(node, Damaged())
+    player.start()
+    while node.status.state != 'ended':
+        time.sleep(0.01)
+    player.stop()
+    assert node.throttled == ['frame skipped: torn']
+    (line,) = node.lines
+    assert all(f'loss {number}' in line for number in range(3))
+
+
+def test_a_restart_is_seen_after_its_interrupt():
+    """Else the thread would clear the interrupt of the pass before, and keep the late one."""
+    player = SourcePlayer(Logged(), Damaged())
+    seen = []
+    player._interrupt.set = lambda: seen.append(player._rewind)
+    player.restart()
+    assert seen == [False] and player._rewind
+
+
+def test_a_pause_is_no_delay_to_be_caught_up_with():
+    pace, stop = Pace(), Event()
+    stop.wait = lambda seconds: waits.append(seconds)
+    waits = []
+    pace.wait(0, 0.0, stop)
+    pace.wait(10_000_000_000, 0.0, stop)
+    assert waits == [pytest.approx(5.0, abs=0.1)]
+    pace.resume()
+    pace.wait(20_000_000_000, 0.0, stop)
+    pace.wait(21_000_000_000, 0.0, stop)
+    assert len(waits) == 2 and waits[1] > 0.5

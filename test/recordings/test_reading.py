@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+import zstandard
 from support.recording_samples import (
     IMAGE,
     START_NS,
@@ -179,3 +180,18 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:
             open_recording(tmp_path / name)
         assert words in str(refusal.value)
         assert '\n' not in str(refusal.value)
+
+
+@pytest.mark.parametrize('kept', [0, 20], ids=['empty', 'cut'])
+def test_a_compressed_part_is_read_where_the_next_cannot_be(tmp_path: Path, kept: int) -> None:
+    folder = tmp_path / 'flight'
+    folder.mkdir()
+    for number in (0, 1):
+        part = write_mcap(tmp_path / f'flight_{number}.mcap', SAMPLES)
+        (folder / f'{part.name}.zstd').write_bytes(zstandard.compress(part.read_bytes()))
+    damaged = folder / 'flight_1.mcap.zstd'
+    damaged.write_bytes(damaged.read_bytes()[:kept])
+    with open_recording(folder) as recording:
+        assert contents(recording) == SAMPLES
+        assert recording.account.errors
+        assert all('flight_1' in error for error in recording.account.errors)

@@ -19,7 +19,7 @@ import pytest
 from support.commands import mvuav
 from support.recording_samples import STORE, Sample, cdr, mcap_ends, write_mcap
 
-from mvuav_ros.messages.cdr import cdr_header, view_points
+from mvuav_ros.messages.cdr import PointLayout, cdr_header, view_points
 from mvuav_ros.messages.marker_messages import encode_markers, encode_rpy
 from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings import tables
@@ -108,6 +108,48 @@ def test_tables_are_kept_unless_overwritten(results: Path, tmp_path: Path) -> No
     assert not any(
         file.read_text() == 'mine' for file in export(results, folder, 'csv', overwrite=True)
     )
+
+
+def test_what_was_lost_in_another_export_is_not_overwritten(results: Path, tmp_path: Path) -> None:
+    folder = tmp_path / 'out'
+    export(results, folder, 'csv')
+    before = account(folder)
+    assert before['lost'] == 1
+    export(results, folder, 'tum')
+    assert account(folder) == before
+    # Of a flight with other topics, too.
+    poses = write_mcap(tmp_path / 'poses.mcap', [sample_pose(0)])
+    with pytest.raises(RecordingError, match=r'account_csv\.json exists'):
+        export(poses, folder, 'csv')
+    assert account(folder) == before
+
+
+def foreign(path: Path, fields: str, row: tuple[float, ...]) -> Path:
+    """A cloud of another program on a topic named as ours."""
+    dtype = np.dtype([(name, 'f4') for name in fields.split()])
+    data = PointLayout(dtype).encode([row], cdr_header(STAMP_NS, 'lidar'))
+    with RecordingWriter(path) as writer:
+        writer.write('/lidar/markers', 'sensor_msgs/msg/PointCloud2', STAMP_NS, data)
+    return path
+
+
+def test_clouds_of_other_programs_are_no_markers(tmp_path: Path) -> None:
+    points = foreign(tmp_path / 'points.mcap', 'x y z', (1.0, 2.0, 3.0))
+    with pytest.raises(RecordingError, match='nothing that can be exported as mot'):
+        export(points, tmp_path / 'mot', 'mot')
+    odd = foreign(tmp_path / 'odd.mcap', 'x y label state', (1.0, 2.0, math.nan, math.inf))
+    (table,) = export(odd, tmp_path / 'csv', 'csv')
+    (row,) = csv.DictReader(table.open())
+    assert (row['label'], row['name'], row['state_name']) == ('nan', '', '')
+
+
+def test_mot_has_lights_by_their_numbers(tmp_path: Path) -> None:
+    fields, row = 'x y label state area id confidence', (10.0, 20.0, 255.0, 1.0, 9.0, 7.0, math.nan)
+    path = foreign(tmp_path / 'lights.mcap', fields, row)
+    (table,) = export(path, tmp_path / 'out', 'mot')
+    assert table.read_text() == '1,7,10.000,20.000,3.000,3.000,1,-1,-1,-1\n'
+    nowhere = foreign(tmp_path / 'nowhere.mcap', fields, (math.nan, *row[1:]))
+    assert list(export(nowhere, tmp_path / 'other', 'mot').values()) == [0]
 
 
 def test_tum_holds_known_poses_with_exact_stamps(results: Path, tmp_path: Path) -> None:
@@ -229,7 +271,7 @@ GOOD = cloud([('x', 0, 7), ('y', 4, 7)], 8, bytes(16))
 
 
 def account(folder: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((folder / 'account.json').read_text())
+    content: dict[str, Any] = json.loads((folder / 'account_csv.json').read_text())
     return content
 
 

@@ -59,6 +59,21 @@ def test_gamma_is_applied_to_the_values():
     assert darker.encoding == 'bgr8'
 
 
+@pytest.mark.parametrize('encoding', ['uyvy', 'yuyv', 'nv12', 'nv21'])
+def test_gamma_leaves_grey_grey(encoding):
+    """Of brightness and colour differences the latter are no values to be corrected."""
+    pixels = np.full((6, 8), 180, np.uint8)
+    if encoding.startswith('nv'):
+        pixels[4:] = 128
+    else:
+        pixels = np.dstack([pixels[:4], np.full((4, 8), 128, np.uint8)])
+        pixels = pixels[..., ::-1].copy() if encoding == 'uyvy' else pixels
+    image = Image(pixels, encoding)
+    before, after = image.bgr()[0, 0], image.gamma_corrected(2.0).bgr()[0, 0]
+    assert np.ptp(before) <= 1 and np.ptp(after) <= 1
+    np.testing.assert_allclose(after, 255 * (before / 255.0) ** 2, atol=1.0)
+
+
 @pytest.mark.parametrize('encoding', ['nv12', 'nv21'])
 def test_intensity_above_its_colours(encoding):
     """Half of the image red, half dark grey; Y, then U and V or V and U of every 2x2 pixels."""

@@ -271,6 +271,23 @@ def test_a_marker_that_the_others_contradict_is_left_out():
         assert pose is not None or 40 <= index < 55
 
 
+def test_a_pose_comes_without_a_reason_why_there_is_none():
+    told = withheld = 0
+    true = seen(OPTICAL_FROM_BODY, np.array((2.0, -1.0, 120.0)))
+    for seed in range(80):
+        rng = np.random.default_rng(seed)
+        estimator = PoseEstimator(TANKER_747)
+        for index in range(15 * (seed % 2)):
+            noisy = true + rng.normal(0, 0.1, (5, 2))
+            estimator.estimate(CAMERA, range(5), noisy, index * 33_000_000)
+        pixels = true + rng.normal(0, 0.1, (5, 2))
+        pixels[[seed % 5, (seed + 2) % 5]] += rng.normal(0, 3.0, (2, 2))
+        pose = estimator.estimate(CAMERA, range(5), pixels, 40 * 33_000_000)
+        assert (pose is None) == bool(estimator.reason), estimator.reason
+        told, withheld = told + (pose is not None), withheld + (pose is None)
+    assert min(told, withheld) > 5
+
+
 def test_the_covariance_is_back_to_normal_after_an_upset():
     estimator = PoseEstimator(TANKER_747)
     rng = np.random.default_rng(7)

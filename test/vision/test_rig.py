@@ -131,6 +131,8 @@ def test_topics_rows_and_pose_follow_the_layout(layout):
         ('markers: {one: [0.0, 1.0, 0.0]}', '2 to 255'),
         ('markers: {"a b": [0, 1, 0], c: [0, 2, 0], d: [0, 0, 1]}', 'part of a topic'),
         ('{', 'not YAML'),
+        ('name: 2024-13-45', 'not YAML: month must be in'),
+        ('name: !!int ""', 'not YAML'),
     ],
 )
 def test_a_layout_that_cannot_be_used_is_refused(tmp_path, text, reason):

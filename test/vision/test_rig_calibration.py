@@ -124,6 +124,18 @@ def test_without_a_distance_the_scale_is_the_rough_rigs_and_as_uncertain():
     assert 0 < abs(size[0] / size[1] - 1.0) < 4 * found.scale_deviation < 0.02
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_a_rough_rig_that_is_wrong_by_three_percent_gives_a_rough_scale_alone(seed):
+    case = Case(seed, 6, rough=0.03)
+    found = case.calibrate(measured=False)
+    assert case.error(found)[1] < 1.0
+    size = [np.linalg.norm(p - p.mean(axis=0)) for p in (found.positions, case.true)]
+    assert 0.004 < found.scale_deviation < 0.06
+    assert abs(size[0] / size[1] - 1.0) < 4 * found.scale_deviation
+    # It is in the covariance, of which a distance leaves a small part.
+    assert case.calibrate().deviations.max() < 0.25 * found.deviations.max()
+
+
 def test_a_motion_that_does_not_tell_the_shape_is_refused():
     with pytest.raises(RigCalibrationError, match=r'does not determine the shape: .* has to turn'):
         Case(1, 5, tilt=0.0).calibrate()

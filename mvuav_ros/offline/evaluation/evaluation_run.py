@@ -8,10 +8,8 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.cdr import view_points
@@ -25,7 +23,14 @@ from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.tables import marker_names
-from mvuav_ros.sources.opening import FRAME_ID, PREFIX, looks_like_bag, make_flight, open_source
+from mvuav_ros.sources.opening import (
+    FRAME_ID,
+    PREFIX,
+    camera_model,
+    looks_like_bag,
+    open_source,
+    planned_flight,
+)
 from mvuav_ros.sources.source import SourceError
 
 MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
@@ -191,13 +196,13 @@ def _bag(text: str) -> Path | None:
 
 
 def _flown(text: str, truth: Observations) -> Iterator[Frame]:
-    kind, _, query = text.removeprefix(PREFIX).partition('?')
-    flight = make_flight(kind, {name: yaml.safe_load(value) for name, value in parse_qsl(query)})
+    flight = planned_flight(text)
+    camera = camera_model(flight.camera)
     for frame in flight:
         for topic, _, data in truth_messages(frame, FRAME_ID):
             if topic in TRUTH_TOPICS:
                 truth.add(TRUTH_TOPICS[topic], data)
-        yield Frame(frame.stamp_ns, FRAME_ID, frame.image)
+        yield Frame(frame.stamp_ns, FRAME_ID, frame.image, camera)
 
 
 def nodes_for(text: str) -> list[str]:

@@ -405,7 +405,9 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     except ImageError as error:
         results.reasons.append(str(error))
     except Exception as error:
-        # As in a live node, a defect of ours costs a frame and not the flight.
+        # As in a live node, a defect of ours costs a frame and not the flight, and what it may have
+        # left half done is forgotten.
+        processor.reset()
         results.reasons.append(f'{DEFECT} {processor.name}: {type(error).__name__}: {error}')
     results.seconds = time.perf_counter() - start
     return results

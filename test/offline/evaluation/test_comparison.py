@@ -1,4 +1,5 @@
 import math
+from contextlib import closing
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,8 +13,10 @@ from mvuav_ros.messages.sensors import make_header
 from mvuav_ros.offline.evaluation.bag_report import bag_report
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
 from mvuav_ros.offline.evaluation.metrics import line_errors, marker_errors, metrics_of, roll_errors
+from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.tables import marker_names
+from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES
 
@@ -156,3 +159,20 @@ def test_a_truth_without_roll_is_said(tmp_path):
 def test_an_input_without_frames_is_refused(tmp_path):
     with pytest.raises(SourceError):
         replay(str(tmp_path / 'nothing.mcap'), {'marker_tracker': {}})
+
+
+def test_a_flight_is_flown_with_its_calibration(monkeypatch):
+    given = []
+    monkeypatch.setattr(
+        MarkerTrackerProcessor, 'set_camera', lambda self, camera: given.append(camera)
+    )
+    replay('sim:tanker?frames=2&fov_deg=50', {'marker_tracker': {}})
+    with closing(open_source('sim:tanker?frames=2&fov_deg=50')) as source:
+        (frame, *_) = source.frames()
+    assert given and all(camera == frame.camera for camera in given)
+
+
+@pytest.mark.parametrize('value', ['[', '2024-13-45'])
+def test_a_setting_that_is_not_yaml_is_refused(value):
+    with pytest.raises(SourceError, match=r'motion=.* is not YAML'):
+        replay(f'sim:tanker?motion={value}', {'marker_tracker': {}})

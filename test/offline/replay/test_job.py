@@ -23,12 +23,13 @@ class Node(Processor):
     topics = {'own': PointCloud2, '/for_all': Header}
     debug_topics = ()
     periodic_topics = {'last': PointCloud2}
+    resets = 0
 
     def configure(self, parameters: Any) -> None:
         pass
 
     def _forget(self) -> None:
-        pass
+        self.resets += 1
 
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
         if frame.stamp_ns == 7:
@@ -62,7 +63,10 @@ def test_topics_are_the_live_nodes() -> None:
 def test_a_frame_without_a_result_has_its_reasons() -> None:
     message = RecordedMessage('/other', 'std_msgs/msg/Header', 2, b'')
     items = [frame(1), message, frame(1), BadFrame(3, 'torn'), frame(7), frame(8)]
-    first, copied, twice, torn, defect, good, end = replay(items, [Node(), Node()])
+    nodes = [Node(), Node()]
+    first, copied, twice, torn, defect, good, end = replay(items, nodes)
+    # As live, what a defect has left half done is forgotten.
+    assert [node.resets for node in nodes] == [1, 1]
     assert first.reasons == good.reasons == []
     assert copied is message
     assert twice.reasons == ['the stamp of the frame before']
