@@ -126,6 +126,7 @@ def run_nodes(
     tune_process()
     prepare_transport(camera_images=camera_images)
     nodes: Sequence[ManagedNode] = ()
+    status = 1
     try:
         stop.initialised = True
         # rclpy's handlers shut the context down at once, even under a node in the making.
@@ -144,22 +145,19 @@ def run_nodes(
         install_signal_handlers()
         if not stop.made:
             _spin(executor, nodes)
-        if any(node.failed for node in nodes):
-            return 1
+        status = int(any(node.failed for node in nodes))
     except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
+        status = 0
     except Exception as error:
-        if stop.made:
-            return 0
-        if any(node.failed for node in nodes):
-            return 1
-        # rclpy has no exception of its own for this.
-        if not isinstance(error, _USERS_MISTAKES) and 'QoS override' not in str(error):
-            raise
-        print(error, file=sys.stderr)
-        return 2
+        status = int(not stop.made)
+        if status and not any(node.failed for node in nodes):
+            # rclpy has no exception of its own for this.
+            if not isinstance(error, _USERS_MISTAKES) and 'QoS override' not in str(error):
+                raise
+            print(error, file=sys.stderr)
+            status = 2
     finally:
-        watchdog = Timer(_LONGEST_CLEANUP, os._exit, (0,))
+        watchdog = Timer(_LONGEST_CLEANUP, os._exit, (status,))
         watchdog.daemon = True
         watchdog.start()
         for node in nodes:
@@ -168,7 +166,7 @@ def run_nodes(
         # rclpy has put the handlers back that it found. To Python's end signals are to do nothing.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
-    return 0
+    return status
 
 
 def _spin(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode]) -> None:

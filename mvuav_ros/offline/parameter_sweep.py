@@ -60,11 +60,12 @@ class SweepRun:
 
 @dataclass(frozen=True)
 class RunResult:
-    """A run's numbers, or why it failed."""
+    """A run's numbers and what is missing in them, or why it failed."""
 
     run: SweepRun
     metrics: tuple[Metric, ...] = ()
     error: str = ''
+    losses: tuple[str, ...] = ()
 
 
 def parse_axis(text: str) -> Axis:
@@ -118,13 +119,17 @@ def plan_runs(
     return runs
 
 
-def do_run(run: SweepRun) -> list[Metric]:
-    """Replay one run's input and measure.
+_Measured = tuple[list[Metric], list[str]]
+
+
+def do_run(run: SweepRun) -> _Measured:
+    """Replay one run's input and measure; with what could not be read.
 
     Raises:
         SourceError, RecordingError, ParameterError: see `replay`.
     """
-    return metrics_of(replay(run.source, run.parameters, run.topic))
+    replayed = replay(run.source, run.parameters, run.topic)
+    return metrics_of(replayed), replayed.errors
 
 
 def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> Iterator[RunResult]:
@@ -144,14 +149,17 @@ def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> I
     done = _on_cluster(runs, dask) if dask else each(do_run, runs, jobs)
     for one in done:
         run = runs[one.number]
-        if one.error is None:
-            yield RunResult(run, tuple(one.result or ()))
+        if one.result is not None:
+            metrics, losses = one.result
+            yield RunResult(run, tuple(metrics), losses=tuple(losses))
         else:
             words = ' '.join(str(one.error).split())
             yield RunResult(run, error=words or type(one.error).__name__)
 
 
-def _on_cluster(runs: Sequence[SweepRun], address: str) -> Iterator[Done[list[Metric]]]:
+def _on_cluster(
+    runs: Sequence[SweepRun], address: str
+) -> Iterator[Done[tuple[list[Metric], list[str]]]]:
     client, distributed = connect(address)
     with client:
         futures = {client.submit(do_run, run, pure=False): n for n, run in enumerate(runs)}
@@ -197,6 +205,7 @@ def sweep_report(
         f'{counted(len(results), "run")}: {counted(len(axes), "parameter")}, '
         f'{counted(len({result.run.source for result in results}), "input")}.',
         *(f'Run {r.run.number} failed: {r.error}' for r in failed),
+        *(f'Run {r.run.number}, not all is in it: {loss}' for r in results for loss in r.losses),
     )
     good = [result for result in results if not result.error]
     groups = _groups(good)

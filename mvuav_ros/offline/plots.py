@@ -26,7 +26,7 @@ from mvuav_ros.recordings.tables import ResultRows
 
 Array = NDArray[np.float64]
 
-OVERVIEW = 'overview.png'
+OVERVIEW, OTHER_OVERVIEW = 'overview.png', 'overview_of_all.png'
 _MAX_POINTS = 3000
 """Along the time axis: a page has fewer px."""
 _SIGMAS = 2.0
@@ -174,7 +174,9 @@ def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) 
     Raises:
         RecordingError: there is nothing to draw, or a file exists.
     """
-    paths = [folder / f'{flight}.png' for flight in flights] + [folder / OVERVIEW]
+    paths = [folder / f'{flight}.png' for flight in flights]
+    # A flight may have that name.
+    paths.append(folder / OVERVIEW if folder / OVERVIEW not in paths else folder / OTHER_OVERVIEW)
     for path in paths:
         if path.exists() and not overwrite:
             raise RecordingError(f'{path} exists; choose another folder, or overwrite it (--force)')
@@ -189,6 +191,10 @@ def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) 
         drawn.append(collected)
     _save(overview(drawn), paths[-1])
     return paths
+
+
+_NEEDS = {'markers': {'label', 'state', 'name'}, 'line_params': {'x', 'theta_deg'}}
+"""Columns without which a topic of that name is another program's."""
 
 
 def collect(recording: Recording, flight: str) -> FlightPlot:
@@ -216,6 +222,8 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
         part, kind = wanted[message.topic]
         try:
             columns, values = rows.of(message)
+            if not _NEEDS.get(kind, set()) <= set(columns):
+                continue
             points = [dict(zip(columns, row, strict=True)) for row in values]
         except MalformedMessageError:
             continue
@@ -258,7 +266,7 @@ def _take(part: NodePart, topic: str, seconds: float, points: list[dict[str, Any
 def _take_markers(part: NodePart, seconds: float, points: list[dict[str, Any]]) -> None:
     if not part.names:
         part.names = [of['name'] or f'marker {of["label"]}' for of in points]
-    severities = [_SEVERITY.get(int(of['state']), 2) for of in points][: len(part.names)]
+    severities = [_SEVERITY.get(of['state'], 2) for of in points][: len(part.names)]
     for severity in severities:
         part.counts[severity] += 1
     if (part.frames - 1) % part.at_once == 0:

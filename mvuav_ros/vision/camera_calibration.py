@@ -129,10 +129,7 @@ def calibrate_camera(
     deviations = fit.deviations(chosen)
     _refuse_untold(fit, deviations)
     poses = [fit.pose(view) for view in views]
-    residuals = tuple(
-        view.pixels - fit.project(view.points, pose)[0]
-        for view, pose in zip(views, poses, strict=True)
-    )
+    residuals = tuple(fit.residuals(view, pose) for view, pose in zip(views, poses, strict=True))
     inliers = np.concatenate([each for each, use in zip(residuals, used, strict=True) if use])
     return CameraCalibration(
         fit.camera(size),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from support.commands import mvuav
 
-from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.cdr import PointLayout, cdr_header
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
 from mvuav_ros.offline.plots import Curves, collect, page
 from mvuav_ros.recordings.reading import open_recording
@@ -211,3 +211,31 @@ def test_what_cannot_be_drawn_is_one_line_and_nothing_is_overwritten(
     error = mvuav('export', season, twin, '-o', tmp_path / 'o').error
     assert 'would both become flight_0' in error
     assert not (tmp_path / 'o').exists()
+
+
+def test_a_flight_may_be_called_overview(season: Path, tmp_path: Path) -> None:
+    results = tmp_path / 'overview.mcap'
+    results.write_bytes((season / 'flight_0.mcap').read_bytes())
+    run = mvuav('export', results, '-o', tmp_path / 'out', '--plot')
+    assert run.status == 0
+    names = {path.name for path in (tmp_path / 'out' / 'plots').iterdir()}
+    assert names == {'overview.png', 'overview_of_all.png'}
+
+
+@pytest.mark.parametrize('kind', ['markers', 'line_params'])
+def test_other_programs_topics_of_that_name_are_not_drawn(
+    season: Path, tmp_path: Path, kind: str
+) -> None:
+    path = tmp_path / 'flight.mcap'
+    cloud = PointLayout(np.dtype([('x', 'f4'), ('y', 'f4'), ('z', 'f4')])).encode
+    with RecordingWriter(path) as writer:
+        writer.write(f'/lidar/{kind}', CLOUD, 10**9, cloud([(1, 2, 3)], cdr_header(10**9, 'l')))
+    run = mvuav('export', path, '-o', tmp_path / 'alone', '--plot')
+    assert 'holds no results that can be drawn' in run.error
+    with open_recording(season / 'flight_0.mcap') as other, RecordingWriter(path, True) as writer:
+        for message in other.messages():
+            writer.write(*message)
+        writer.write(f'/lidar/{kind}', CLOUD, 10**9, cloud([(1, 2, 3)], cdr_header(10**9, 'l')))
+    with open_recording(path) as recording:
+        nodes = {part.node for part in collect(recording, 'flight').parts}
+    assert 'marker_tracker' in nodes and 'lidar' not in nodes

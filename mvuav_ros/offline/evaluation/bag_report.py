@@ -43,7 +43,7 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
         sections.append(Section('Runway lines', (), (_line_table(lines),)))
     return Report(
         f'Results against truth: {run.name}',
-        tuple(f'Could not be read: {error}' for error in run.errors),
+        tuple(f'Not all is in it: {error}' for error in run.errors),
         {'version': f'mvuav_ros {mvuav_ros.__version__}', 'input': run.name, **settings},
         tuple(sections),
     )

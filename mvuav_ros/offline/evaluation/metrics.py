@@ -341,7 +341,7 @@ def _errors(run: EvaluationRun) -> list[Metric]:
         metrics.append(Metric('error of roll', 'roll, RMS error', '°', error))
     lines = line_errors(run)
     if lines is not None:
-        share, distance, turned = line_numbers(lines.matches, max(sum(lines.visible), 1))
+        share, distance, turned = line_numbers(lines.matches, sum(lines.visible))
         metrics += [
             Metric('true lines found', 'true lines found', '%', share),
             Metric('error of lines', 'lines, RMS distance', 'px', distance),

@@ -96,11 +96,11 @@ class ProtectionCounts:
         for name, value in vars(other).items():
             setattr(self, name, getattr(self, name) + value)
 
-    def misleading_bound(self, confidence: float = 0.95) -> float:
-        """Upper bound (Clopper and Pearson) of the rate of misleading frames."""
+    def misleading_bound(self) -> float:
+        """Upper bound (95 %, Clopper and Pearson) of the rate of misleading frames."""
         if self.misleading >= self.frames:
             return 1.0
-        return float(betaincinv(self.misleading + 1, self.frames - self.misleading, confidence))
+        return float(betaincinv(self.misleading + 1, self.frames - self.misleading, 0.95))
 
 
 class _Faults:

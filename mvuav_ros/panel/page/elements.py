@@ -101,9 +101,9 @@ def empty(title: str, words: str, *, card: bool = False) -> None:
 
 
 @contextmanager
-def dialog(title: str, *, wide: bool = False) -> Iterator[ui.dialog]:
+def dialog(title: str) -> Iterator[ui.dialog]:
     """A dialog, opened; it is gone for good when it is closed."""
-    with ui.dialog() as made, ui.card().classes('card wide' if wide else 'card'):
+    with ui.dialog() as made, ui.card().classes('card'):
         set_props(made, aria_label=sanitized.words(title))
         text(title, 'title', tag='h2')
         yield made

@@ -14,7 +14,7 @@ from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.strip_edges import EdgePoints
 from mvuav_ros.vision.approach.tuning import GUIDANCE
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, rpy
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -150,9 +150,6 @@ def _pose(
     z = runway_width / (right_slope - left_slope)
     y = 0.5 * runway_width + left_slope * z
     rotation = np.stack([forward, aside, up]) @ OPTICAL_FROM_BODY
-    roll = math.atan2(rotation[2, 1], rotation[2, 2])
-    pitch = -math.asin(max(-1.0, min(1.0, float(rotation[2, 0]))))
-    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
     x = math.nan
     if math.isfinite(values[5]):
         share = (values[5] - rows[0]) / (rows[1] - rows[0])
@@ -160,7 +157,7 @@ def _pose(
         ray = _rays(np.array([column]), values[5:6], level, camera)[0]
         down = -(ray @ up)
         x = -z * float(ray @ forward) / down if down > 1e-6 else math.nan
-    return np.array([x, y, z, roll, pitch, yaw])
+    return np.array([x, y, z, *rpy(rotation)])
 
 
 def _rays(columns: Vector, rows: Vector, level: Derotation, camera: CameraModel) -> Matrix:

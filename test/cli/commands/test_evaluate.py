@@ -1,5 +1,6 @@
 import csv
 import json
+import math
 import re
 
 import pytest
@@ -7,7 +8,15 @@ from support.flights import write_bag
 from typer.testing import CliRunner
 
 from mvuav_ros.cli.app import application
-from mvuav_ros.offline.parameter_sweep import in_order, parse_axis, plan_runs, sweep
+from mvuav_ros.offline.evaluation.evaluation_run import replay
+from mvuav_ros.offline.evaluation.metrics import line_errors, metrics_of
+from mvuav_ros.offline.parameter_sweep import (
+    in_order,
+    parse_axis,
+    plan_runs,
+    sweep,
+    sweep_report,
+)
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import RecordingError
 
@@ -145,3 +154,23 @@ def test_evaluate_needs_truth(tmp_path):
         pass
     with pytest.raises(RecordingError, match='truth'):
         run('evaluate', tmp_path / 'empty.mcap', '-o', tmp_path / 'out')
+
+
+def test_a_sweep_says_what_of_a_recording_is_missing(tmp_path):
+    bag = write_bag(tmp_path / 'cut.mcap', results=False)
+    bag.write_bytes(bag.read_bytes()[:-2000])
+    axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
+    runs = plan_runs([str(bag)], [axis], {'marker_tracker': {}})
+    results = in_order(sweep(runs))
+    assert all(result.metrics and result.losses for result in results)
+    lead = sweep_report(results, [axis], {}).lead
+    assert sum('not all is in it' in line for line in lead) >= len(runs) == 2
+
+
+def test_lines_that_were_never_in_view_are_not_said_to_be_missed():
+    flight = 'sim:runway?frames=2&width=320&height=240&camera_pitch_deg=60&start_distance=900'
+    replayed = replay(flight, {'runway_detector': {}})
+    lines = line_errors(replayed)
+    assert lines is not None and sum(lines.visible) == 0
+    (found,) = (m.value for m in metrics_of(replayed) if m.name == 'true lines found')
+    assert math.isnan(found)
