@@ -84,7 +84,10 @@ def install(python: Path, title: str, what: Sequence[str]) -> bool:
         command += ['--reinstall-package', 'mvuav_ros', '--reinstall-package', 'mvuav_thesis']
         command += [*options, *what]
         for strategy in STRATEGIES:
-            if _run(title, [*command, '--index-strategy', strategy], variables, quiet=True):
+            # Where one index lacks a version, another one may have it: that is no failure yet.
+            last = strategy == STRATEGIES[-1]
+            tried = [*command, '--index-strategy', strategy]
+            if _run(title, tried, variables, quiet=True, silent=not last):
                 return True
         print('uv could not; trying pip', file=sys.stderr)
     return _run(title, [*pip, 'install', *what])
@@ -119,8 +122,12 @@ def _run(
     variables: dict[str, str] | None = None,
     *,
     quiet: bool = False,
+    silent: bool = False,
 ) -> bool:
-    """Run a command silently but for one line that says how long; show its output if it fails."""
+    """Run a command silently but for one line that says how long.
+
+    If it fails its output is shown: all, the end of it (``quiet``), or nothing (``silent``).
+    """
     started, done = time.monotonic(), threading.Event()
     live = sys.stderr.isatty()
 
@@ -138,6 +145,8 @@ def _run(
     if live:
         teller.join()
     start = '\r' if live else ''
+    if silent and run.returncode != 0:
+        return False
     print(f'{start}{title}: {time.monotonic() - started:.0f} s', file=sys.stderr, flush=True)
     if run.returncode != 0:
         lines = (run.stdout + run.stderr).strip().splitlines()

@@ -21,7 +21,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 import mvuav_ros
-from mvuav_ros.cli.options import AsJson, MaxSize, Strict, take_options
+from mvuav_ros.cli.options import AsJson, CommandFailedError, MaxSize, Strict, take_options
 from mvuav_ros.cli.terminal import report_account, say
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
@@ -108,6 +108,8 @@ def _result(work: Callable[..., Any], given: dict[str, Any]) -> tuple[Any, Excep
     """What a command returns, and how it ends otherwise; an interruption passes."""
     try:
         return work(**given), None
+    except CommandFailedError as failed:
+        return failed.result, failed.ending
     except Exception as error:
         return None, error
 
@@ -194,6 +196,9 @@ def _explained(error: Exception, name: str) -> tuple[str, int]:
     if isinstance(error, (ParameterError, SourceError, OSError)):
         return str(error), 1
     # Usage errors of typer, whose own click is not importable under a public name.
+    if type(error).__name__ == 'NoArgsIsHelpError':
+        say(*error.ctx.get_help().splitlines())  # type: ignore[attr-defined]
+        _leave(2)
     if hasattr(error, 'format_message'):
         return f'{error.format_message()} (see mvuav --help)', 2
     if type(error).__name__ == 'Abort':

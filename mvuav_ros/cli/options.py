@@ -37,6 +37,14 @@ def take_options(
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
 
 
+class CommandFailedError(Exception):
+    """A command that has a result, which ``--json`` prints, although it ends by an error."""
+
+    def __init__(self, result: dict[str, Any], ending: Exception) -> None:
+        super().__init__(str(ending))
+        self.result, self.ending = result, ending
+
+
 class Storage(StrEnum):
     """The form of a recording."""
 
@@ -96,8 +104,17 @@ AsJson = Annotated[
 Force = Annotated[bool, typer.Option('--force', help='Overwrite existing output.')]
 
 
-def refuse_to_overwrite(output: Path | str, force: bool) -> None:
-    """RecordingError where a local path or a URL exists already; force overwrites it."""
+def refuse_to_overwrite(
+    output: Path | str, force: bool, *, inputs: Iterable[str | Path | None] = ()
+) -> None:
+    """RecordingError where a local path or a URL exists already; force overwrites it.
+
+    Inputs of the command are never overwritten.
+    """
+    for given in inputs:
+        local = Path(given or '').expanduser()
+        if given and local.exists() and Path(output).exists() and local.samefile(output):
+            raise RecordingError(f'{output} is the input itself; give another output')
     if force or (isinstance(output, str) and not is_url(output)):
         return
     if output.exists() if isinstance(output, Path) else size_at(output) is not None:

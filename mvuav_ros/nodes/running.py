@@ -10,6 +10,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from threading import Timer
 from types import FrameType
@@ -128,6 +129,7 @@ def run_nodes(
     nodes: Sequence[ManagedNode] = ()
     status = 1
     try:
+        _refuse_unreadable_files()
         stop.initialised = True
         # rclpy's handlers shut the context down at once, even under a node in the making.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -154,7 +156,7 @@ def run_nodes(
             # rclpy has no exception of its own for this.
             if not isinstance(error, _USERS_MISTAKES) and 'QoS override' not in str(error):
                 raise
-            print(error, file=sys.stderr)
+            print(_explained(error), file=sys.stderr)
             status = 2
     finally:
         watchdog = Timer(_LONGEST_CLEANUP, os._exit, (status,))
@@ -167,6 +169,27 @@ def run_nodes(
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
     return status
+
+
+def _explained(error: Exception) -> str:
+    """The mistake of a user, in words."""
+    if not isinstance(error, rclpy_implementation.UnknownROSArgsError):
+        return str(error)
+    strange = str(error).strip('[]')
+    return (
+        f'not arguments of ROS: {strange}; write -p NAME:=VALUE or --params-file FILE, and quote '
+        'what has blanks in it'
+    )
+
+
+def _refuse_unreadable_files() -> None:
+    """What rcl says of one is for those who know its C code."""
+    for option, file in pairwise(sys.argv):
+        if option == '--params-file':
+            try:
+                Path(file).open().close()
+            except OSError as error:
+                raise ParameterError(file, error.strerror or str(error)) from error
 
 
 def _spin(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode]) -> None:

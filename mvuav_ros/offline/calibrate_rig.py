@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -55,6 +56,10 @@ class CalibratedRig:
     passes: int
 
 
+_MOST_OFF = 1.5
+"""Times the rough rig's: a measured distance beyond is in another unit, or of other lights."""
+
+
 def calibrate_from(
     source: FrameSource,
     rough: MarkerRig,
@@ -92,6 +97,13 @@ def calibrate_from(
                 f'there is no light {unknown[0]} in {rough.name}: {", ".join(rough.names)}'
             )
         between = rough.names.index(distance[0]), rough.names.index(distance[1]), distance[2]
+        first, second = (rough.positions[index] for index in between[:2])
+        roughly = math.dist(first, second)
+        if not 1 / _MOST_OFF < distance[2] / roughly < _MOST_OFF:
+            raise RigCalibrationError(
+                f'{distance[0]} and {distance[1]} are {roughly:g} m apart on the rough rig, not '
+                f'{distance[2]:g}: is the distance in m?'
+            )
     rig, before, best = rough, 0.0, None
     for number in range(1, _MAX_PASSES + 1):
         frames, used, sightings = name_lights(source, rig, camera, parameters, advance)

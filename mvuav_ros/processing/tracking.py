@@ -147,7 +147,9 @@ def _answer(
 ) -> TrackedFrame:
     result = tracker.process(frame.image, frame.stamp_ns)
     pose, reason = None, ''
-    if camera is not None and tracker.parameters.pose:
+    if camera is None and tracker.parameters.pose:
+        reason = 'no pose: no calibration'
+    elif camera is not None and tracker.parameters.pose:
         labels, pixels = named_places(result)
         try:
             camera.check(frame.image.width, frame.image.height)

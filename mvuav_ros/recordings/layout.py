@@ -231,8 +231,14 @@ def recordings_in(source: str) -> list[str]:
     return [str(Path(source) / entry.name) for entry in found] or [source]
 
 
+SIMULATED = 'sim:'
+"""What a synthetic flight in place of a recording begins with."""
+
+
 def flight_name(source: str) -> str:
     """What a recording's results are called: its name without what says how it is stored."""
+    if source.startswith(SIMULATED):
+        return re.sub(r'[^\w.=-]+', '_', source.removeprefix(SIMULATED))
     path = Path(source.split('?')[0] if is_url(source) else source).expanduser()
     if path.name == METADATA:
         path = path.parent

@@ -95,7 +95,7 @@ def local_output(text: str) -> Iterator[Path]:
 
 
 def size_at(text: str) -> int | None:
-    """The bytes of the file or folder at a place; None if there is nothing.
+    """The bytes of the file or folder at a place; None if there is nothing, or nothing in it.
 
     Raises:
         RecordingError: it cannot be said.
@@ -107,7 +107,8 @@ def size_at(text: str) -> int | None:
             return int(system.du(path)) if system.exists(path) else None
     here = Path(text)
     if here.is_dir():
-        return sum(file.stat().st_size for file in here.iterdir())
+        files = [*here.iterdir()]
+        return sum(file.stat().st_size for file in files) if files else None
     return here.stat().st_size if here.exists() else None
 
 

@@ -32,6 +32,8 @@ def load_calibration(path: str | Path) -> CameraModel:
     """
     try:
         content = yaml.safe_load(_path(str(path)).read_text())
+        if not isinstance(content, dict):
+            raise ValueError('it is no YAML mapping')
         return CameraModel(
             width=int(content['image_width']),
             height=int(content['image_height']),

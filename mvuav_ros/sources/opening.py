@@ -16,7 +16,7 @@ from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_bag_file
+from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file
 from mvuav_ros.recordings.remote import fetch, is_url
 from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.simulation.runway_flight import RunwayFlight
@@ -61,7 +61,7 @@ def open_source(
         >>> source.count, frame.stamp_ns, frame.image.width, frame.image.encoding
         (180, 1700000000000000000, 640, 'mono8')
     """
-    if text.startswith(PREFIX):
+    if text.startswith(SIMULATED):
         return SimulatedFlight(text, rate)
     if is_url(text):
         return _remote(text, topic, rate)
@@ -99,12 +99,20 @@ def _remote(url: str, topic: str | None, rate: float | None) -> FrameSource:
 
 
 def looks_like_bag(path: Path) -> bool:
-    """Whether a path is a bag and not images; content decides where it is not damaged."""
+    """Whether a path is a bag and not images; content decides where it is not damaged.
+
+    Raises:
+        SourceError: it is a folder that cannot be read.
+    """
     if path.is_dir():
+        try:
+            entries = [*path.iterdir()]
+        except OSError as error:
+            raise SourceError(f'{path} cannot be read: {error.strerror or error}') from error
         return any(
             entry.name == 'metadata.yaml'
             or (entry.suffix.lower() not in IMAGE_SUFFIXES and is_bag_file(entry))
-            for entry in path.iterdir()
+            for entry in entries
         )
     return path.name == 'metadata.yaml' or is_bag_file(path)
 
@@ -130,7 +138,6 @@ def _images(text: str, files: list[Path], rate: float | None) -> ImageFolder:
     return folder
 
 
-PREFIX = 'sim:'
 FRAME_ID = OPTICAL_FRAME
 
 
@@ -169,7 +176,7 @@ def planned_flight(
     Raises:
         SourceError: there is no such flight or setting.
     """
-    kind, _, query = text.removeprefix(PREFIX).partition('?')
+    kind, _, query = text.removeprefix(SIMULATED).partition('?')
     given: dict[str, object] = {}
     for name, value in parse_qsl(query):
         try:
@@ -191,8 +198,8 @@ def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFli
         if kind == 'runway':
             return RunwayFlight(RunwaySettings.from_mapping(given))
     except ParameterError as error:
-        raise SourceError(f'{PREFIX}{kind}: {error}') from error
-    raise SourceError(f'{PREFIX}{kind}: there are sim:tanker and sim:runway')
+        raise SourceError(f'{SIMULATED}{kind}: {error}') from error
+    raise SourceError(f'{SIMULATED}{kind}: there are sim:tanker and sim:runway')
 
 
 def camera_model(camera: PinholeCamera) -> CameraModel:

@@ -66,3 +66,13 @@ def test_no_option_is_annotated_with_text():
     for callback in callbacks:
         for parameter in inspect.signature(callback).parameters.values():
             assert not isinstance(parameter.annotation, str), (callback, parameter)
+
+
+@pytest.mark.parametrize('group', [(), ('rig',), ('evaluate',)])
+def test_without_arguments_the_help_is_as_it_is(group):
+    command = [sys.executable, '-m', 'mvuav_ros', 'mvuav', *group]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert run.returncode == 2
+    said = (run.stdout + run.stderr).splitlines()
+    assert said[0].startswith('Usage: mvuav') and 'Commands:' in said
+    assert len(said) > 8

@@ -32,12 +32,10 @@ def site(tmp_path_factory):
     return folder
 
 
-@pytest.mark.long
 def test_the_site_is_built_without_a_warning(site):
     assert len(list(site.rglob('*.html'))) > 40
 
 
-@pytest.mark.long
 def test_nothing_is_loaded_from_elsewhere(site):
     for page in site.rglob('*.html'):
         assert external(page.read_text()) == [], page
@@ -45,7 +43,6 @@ def test_nothing_is_loaded_from_elsewhere(site):
         assert not re.search(r'url\(\s*["\']?https?:', sheet.read_text()), sheet
 
 
-@pytest.mark.long
 def test_the_search_works_from_a_file(site):
     # A browser fetches nothing from file://: index and worker come as scripts of the site.
     assert (site / 'search' / 'search_index.js').stat().st_size > 100_000

@@ -137,6 +137,8 @@ def refused(words, *arguments, name=MARKERS):
 
 def test_what_no_node_can_start_with(tmp_path):
     refused('not used; arguments of ROS follow --ros-args', '--params-file', 'x.yaml')
+    refused('not arguments of ROS', '--ros-args', 'threshold:=0.5')
+    refused('nowhere.yaml: No such file', '--ros-args', '--params-file', 'nowhere.yaml')
     rig = ['-p', f'layout:={tmp_path}/nowhere.yaml']
     refused('nowhere.yaml', '--ros-args', *rig)
     words = 'camera_mount_rpy_deg: takes 3 numbers, not [0.0]'

@@ -224,3 +224,11 @@ def test_the_public_names_have_examples_that_run() -> None:
     """Of doctest; `make test` runs them all."""
     for name in set(mvuav_ros.__all__) - {'__version__'}:
         assert '>>> ' in getattr(mvuav_ros, name).__doc__, name
+
+
+def test_without_a_calibration_there_is_a_reason_for_no_pose(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / '0.png'), GRAY)
+    (frame,) = track(tmp_path)
+    assert frame.pose is None and 'no pose: no calibration' in frame.status
+    (frame,) = track(tmp_path, parameters=MarkerTrackerParameters(pose=False))
+    assert 'no pose' not in frame.status

@@ -189,3 +189,12 @@ def test_an_image_file_of_gigabytes_is_one_bad_frame(tmp_path: Path) -> None:
     first, bad, last = open_source(str(tmp_path)).frames()
     assert isinstance(bad, BadFrame) and 'larger than 513 MB' in bad.reason
     assert isinstance(first, Frame) and isinstance(last, Frame)
+
+
+def test_a_folder_that_cannot_be_read_is_a_users_mistake(tmp_path, monkeypatch):
+    def denied(_):
+        raise PermissionError(13, 'Permission denied')
+
+    monkeypatch.setattr(Path, 'iterdir', denied)
+    with pytest.raises(SourceError, match=r'cannot be read: Permission denied'):
+        open_source(str(tmp_path))

@@ -49,10 +49,11 @@ def test_a_variable_wins_over_a_file(installer, tmp_path):
     assert settings == {'index-url': 'https://env.example', 'find-links': '/wheels'}
 
 
-def test_the_first_index_counts_and_never_the_highest_version(installer, tmp_path):
+def test_the_first_index_counts_and_never_the_highest_version(installer, tmp_path, capfd):
     told = tmp_path / 'uv'
     told.write_text(
-        f'#!/bin/sh\necho "$@" >> {tmp_path}/asked\ncase "$*" in *unsafe*) ;; *) exit 1;; esac\n'
+        f'#!/bin/sh\necho "$@" >> {tmp_path}/asked\necho "not at version 1" >&2\n'
+        'case "$*" in *unsafe*) ;; *) exit 1;; esac\n'
     )
     told.chmod(0o755)
     python = tmp_path / 'python'
@@ -61,6 +62,11 @@ def test_the_first_index_counts_and_never_the_highest_version(installer, tmp_pat
     assert installer.install(python, 'installing', ['numpy'])
     asked = (tmp_path / 'asked').read_text().splitlines()
     assert [line.split()[-1] for line in asked] == ['first-index', 'unsafe-first-match']
+    # That one index lacks a version is no failure.
+    assert capfd.readouterr().err == 'installing: 0 s\n'
+    told.write_text('#!/bin/sh\necho "nowhere at version 1" >&2\nexit 1\n')
+    assert installer.install(python, 'installing', ['numpy'])
+    assert 'nowhere at version 1\nuv could not; trying pip' in capfd.readouterr().err
 
 
 def test_what_is_installed_is_pinned():

@@ -24,7 +24,7 @@ _HEAD = """\
 |---|---|
 | 0 | done; what was lost of a damaged recording is listed on stderr |
 | 1 | failed, with one line that says why; with `--strict` also when anything was lost |
-| 2 | the command line is wrong |
+| 2 | the command line is wrong: an unknown option, or a value that is none of its type |
 | 130, 143 | interrupted (Ctrl-C, SIGTERM); files are closed properly |
 
 A mistake is one line on stderr, never a traceback.

@@ -59,7 +59,7 @@ them. `config/default.yaml` holds every default, `config/thesis.yaml` the values
     threshold: 0.6
 ```
 
-An unknown name or a value outside of its range is an error.
+A value outside of its range is an error. So is an unknown name or node, but a ROS node only warns of it.
 """
 _CALIBRATION = """\
 ## Calibration

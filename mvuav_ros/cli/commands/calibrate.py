@@ -91,9 +91,9 @@ def calibrate(
     try:
         printed = Board(int(columns), int(rows), square, charuco or '', marker)
     except BoardError as error:
-        raise ParameterError('--board', str(error)) from error
+        raise ParameterError('--board, --square, --marker', str(error)) from error
     report = report or output.with_name(f'{output.stem}_report')
-    refuse_to_overwrite(output, force)
+    refuse_to_overwrite(output, force, inputs=[source])
     with closing(open_source(source, topic=topic)) as images, frame_progress() as progress:
         task = progress.add_task('frames', total=images.count)
         search = work.search_board(images, printed, views, seconds, lambda: progress.advance(task))
@@ -168,6 +168,9 @@ def check(
     if len(body.names) >= 3 and is_flat(body):
         words += ', all in one plane: the tilt is ambiguous'
     say(words)
+    for value in distance or ():
+        if not 0 < value < math.inf:
+            raise ParameterError('--distance', f'must be above 0 m, not {value:g}')
     doubts = examine(body)
     for doubt in doubts:
         say(f'refused: {doubt}')
@@ -189,7 +192,10 @@ def check(
             )
         say('')
         say(f'exchanged names with the smallest residuals, at {distances[0]:.4g} m')
-        for found in confusions(body, camera, distances[0])[:_LISTED]:
+        exchanges = confusions(body, camera, distances[0])
+        if not exchanges:
+            say('too far away: all markers are nearly one point')
+        for found in exchanges[:_LISTED]:
             names = ', '.join(' -> '.join(cycle) for cycle in found.names)
             say(
                 f'{found.residual:8.2f} px rms  {names} '
@@ -247,7 +253,7 @@ def calibrate_rig(
     given = resolve_parameters(['marker_tracker'], params_file, param or [])
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
     report = report or output.with_name(f'{output.stem}_report')
-    refuse_to_overwrite(output, force)
+    refuse_to_overwrite(output, force, inputs=[source, camera_info])
     camera = load_calibration(camera_info) if camera_info else None
     with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)

@@ -70,6 +70,7 @@ def corners(
     approach is used unless another one is given.
     """
     from mvuav_ros.offline.evaluation.corners import (
+        WARM_UP,
         CornersError,
         LabelledRun,
         Tolerance,
@@ -99,8 +100,11 @@ def corners(
     _report(score)
     if as_json is not None:
         as_json.write_text(json.dumps(score.figures(), indent=2) + '\n')
-    if not score.both >= minimum:
-        raise typer.Exit(1)
+    if not score.counted:
+        raise SourceError(f'{labels}: no frame counts, as the first {WARM_UP} do not')
+    if score.both < minimum:
+        found = f'both edges were found in {100 * score.both:.1f} % of the frames'
+        raise SourceError(f'{labels}: {found}, less than --minimum')
 
 
 def _report(score: CornersScore) -> None:
@@ -253,6 +257,8 @@ def bag(
     from mvuav_ros.offline.evaluation.bag_report import bag_report
     from mvuav_ros.offline.report import write_report
 
+    if not (source.startswith('sim:') or Path(source).expanduser().exists()):
+        raise RecordingError(f'{source} does not exist')
     refuse_to_overwrite(output / PAGE, force)
     run = None
     again = replayed or param or params_file is not None

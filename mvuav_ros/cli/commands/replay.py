@@ -11,6 +11,7 @@ import typer
 
 from mvuav_ros.cli.options import (
     CameraInfo,
+    CommandFailedError,
     Dask,
     Force,
     Format,
@@ -46,11 +47,15 @@ def replay_all(
         SourceError: the cluster cannot be used.
     """
     from mvuav_ros.offline.replay.batch import Manifest
+    from mvuav_ros.offline.replay.job import is_own_input, refuse_own_input
 
     jobs = planned.jobs
     outcomes: list[ReplayOutcome] = []
     manifest = None
     if planned.folder is not None:
+        if all(map(is_own_input, jobs)):
+            # Before there is a manifest among the input's files.
+            refuse_own_input(jobs[0])
         manifest = Manifest(planned.folder, jobs)
         outcomes, jobs = manifest.begin(jobs)
         for outcome in outcomes:
@@ -271,8 +276,10 @@ def replay(
         outcomes = replay_all(planned, jobs, dask, stop)
     if stop:
         raise Interrupted(stop.number)
+    result = {'recordings': [outcome.record() for outcome in outcomes]}
     if any(outcome.failure for outcome in outcomes):
-        raise typer.Exit(1)
+        raise CommandFailedError(result, typer.Exit(1))
     if strict and any(outcome.lossy for outcome in outcomes):
-        raise SourceError('--strict: something was lost or rejected; see the warnings')
-    return {'recordings': [outcome.record() for outcome in outcomes]}
+        lost = SourceError('--strict: something was lost or rejected; see the warnings')
+        raise CommandFailedError(result, lost)
+    return result

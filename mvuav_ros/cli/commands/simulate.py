@@ -13,6 +13,7 @@ from mvuav_ros.cli.options import Force, refuse_to_overwrite, take_options
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 
 if TYPE_CHECKING:
@@ -66,6 +67,8 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     from mvuav_ros.sources.opening import FRAME_ID, camera_model, make_flight
 
     flight = make_flight(kind, given)
+    if output.is_dir():
+        raise RecordingError(f'{output} is a folder; give the name of a file, such as flight.mcap')
     refuse_to_overwrite(output, force)
     camera = camera_model(flight.camera)
     seed = flight.settings.seed

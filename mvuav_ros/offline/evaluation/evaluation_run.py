@@ -21,11 +21,11 @@ from mvuav_ros.offline.replay import job as replay_job
 from mvuav_ros.offline.simulated_messages import truth_messages
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.tables import marker_names
 from mvuav_ros.sources.opening import (
     FRAME_ID,
-    PREFIX,
     camera_model,
     looks_like_bag,
     open_source,
@@ -179,7 +179,7 @@ def replay(
 
 def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame | BadFrame]:
     """The input's frames; its truth goes to ``run`` meanwhile."""
-    if text.startswith(PREFIX):
+    if text.startswith(SIMULATED):
         yield from _flown(text, run.truth)
         return
     if path := _bag(text):
@@ -211,8 +211,8 @@ def nodes_for(text: str) -> list[str]:
     Raises:
         RecordingError: a bag cannot be read.
     """
-    if text.startswith(PREFIX):
-        tanker = text.removeprefix(PREFIX).startswith('tanker')
+    if text.startswith(SIMULATED):
+        tanker = text.removeprefix(SIMULATED).startswith('tanker')
         return ['marker_tracker'] if tanker else ['runway_detector']
     if not (path := _bag(text)):
         return list(PROCESSORS)

@@ -30,9 +30,8 @@ from mvuav_ros.offline.replay.job import (
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.process_tuning import keep_freed_memory
 from mvuav_ros.recordings.account import RecordingError
-from mvuav_ros.recordings.layout import by_flight, recordings_in
+from mvuav_ros.recordings.layout import SIMULATED, by_flight, recordings_in
 from mvuav_ros.recordings.remote import inside, is_url, read_text, size_at, write_text
-from mvuav_ros.sources.opening import PREFIX
 from mvuav_ros.sources.source import SourceError
 
 
@@ -87,7 +86,7 @@ def plan(
 
 
 def _absolute(source: str) -> str:
-    if source.startswith(PREFIX) or is_url(source):
+    if source.startswith(SIMULATED) or is_url(source):
         return source
     return str(Path(source).expanduser().absolute())
 

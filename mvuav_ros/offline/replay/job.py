@@ -467,8 +467,7 @@ def run_job(
         RecordingError: the output cannot be written.
         ParameterError: a parameter is not valid.
     """
-    if is_own_input(job):
-        raise RecordingError(f'{job.output} is (in) the input itself; give another output')
+    refuse_own_input(job)
     if not job.overwrite and size_at(job.output) is not None:
         raise RecordingError(f'{job.output} exists; --force overwrites it')
     settings = job.settings
@@ -587,6 +586,12 @@ class _Output:
             self._account.note(('left out', step.topic), said)
         else:
             self._writer.write(*step)
+
+
+def refuse_own_input(job: ReplayJob) -> None:
+    """RecordingError where the output is the input, or a file among those of the input."""
+    if is_own_input(job):
+        raise RecordingError(f'{job.output} is (in) the input itself; give another output')
 
 
 def is_own_input(job: ReplayJob) -> bool:

@@ -97,5 +97,18 @@ def test_boards_that_are_misspelt(tmp_path):
     run = mvuav('calibrate', tmp_path, '--board', '9', '--square', 0.03, *options)
     assert 'write columns x rows, as in 9x6' in run.error
     run = mvuav('calibrate', tmp_path, '--board', '9x6', '--square', 0, *options)
-    assert 'write metres' in run.error
+    assert 'write metres' in run.error and '--square' in run.error
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_video_is_never_replaced_by_its_calibration(rendered, tmp_path):
+    _, stills, _ = rendered
+    video = tmp_path / 'board ä.avi'
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*'MJPG'), 10, (640, 480))
+    for image in stills:
+        writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image)
+    writer.release()
+    before = video.read_bytes()
+    run = mvuav('calibrate', video, '--board', '9x6', '--square', 0.03, '-o', video, '--force')
+    assert run.error == f'mvuav: {video} is the input itself; give another output'
+    assert video.read_bytes() == before

@@ -147,6 +147,12 @@ def test_evaluate_runs_the_node_where_the_bag_has_no_results(tmp_path):
     assert (tmp_path / 'out' / 'roll_over_time.png').exists()
 
 
+def test_a_mistyped_input_is_not_taken_for_a_report_in_the_way(tmp_path):
+    (tmp_path / 'index.html').touch()
+    with pytest.raises(RecordingError, match=r'nowhere\.mcap does not exist'):
+        run('evaluate', 'nowhere.mcap', '-o', tmp_path)
+
+
 def test_evaluate_needs_truth(tmp_path):
     from mvuav_ros.recordings.writing import RecordingWriter
 

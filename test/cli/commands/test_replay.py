@@ -10,7 +10,16 @@ import cv2
 import numpy as np
 import pytest
 from rosbags import rosbag2
-from support.commands import MARKERS, counts, mvuav, mvuav_process, read, stamp, stamps
+from support.commands import (
+    MARKERS,
+    counts,
+    mvuav,
+    mvuav_process,
+    read,
+    stamp,
+    stamps,
+    write_flight,
+)
 from support.recording_samples import (
     IMAGE,
     STORE,
@@ -467,3 +476,46 @@ def test_rosbag2_folders_of_several_recordings_split_by_size(tmp_path: Path) -> 
             assert len(stamps(folder)) == 400
             with rosbag2.Reader(folder) as reader:
                 assert reader.message_count == len(read(folder))
+
+
+def test_json_has_the_recordings_whatever_became_of_them(tmp_path: Path) -> None:
+    write_flight(tmp_path / 'flights' / 'good.mcap', 3)
+    (tmp_path / 'flights' / 'bad.mcap').write_bytes(b'nothing')
+    run = mvuav_process('replay', tmp_path / 'flights', '-o', tmp_path / 'out', *NODE, '--json')
+    assert run.status == 1
+    said = {Path(each['output']).stem: each for each in json.loads(run.out)['recordings']}
+    assert said['good']['processed'] == 3 and said['bad']['failure']
+    images = tmp_path / 'images'
+    images.mkdir()
+    for number in range(3):
+        cv2.imwrite(str(images / f'{number}.png'), np.zeros((48, 64), np.uint8))
+    (images / '1.png').write_bytes(b'torn')
+    out = tmp_path / 'images.mcap'
+    run = mvuav('replay', images, '-o', out, *NODE, '--json', '--strict')
+    assert run.status == 1 and '--strict' in run.error
+    (one,) = json.loads(run.out)['recordings']
+    assert sum(one['rejected'].values()) == 1
+
+
+def test_flights_that_are_simulated_have_names_of_their_own(tmp_path: Path) -> None:
+    flights = ('sim:tanker?frames=2', 'sim:runway?frames=2&width=320&height=240')
+    run = mvuav_process('replay', *flights, '-o', tmp_path / 'out', '--jobs', 1)
+    assert run.status == 0
+    names = {path.name for path in (tmp_path / 'out').glob('*.mcap')}
+    assert names == {'tanker_frames=2.mcap', 'runway_frames=2_width=320_height=240.mcap'}
+
+
+def test_a_refused_output_leaves_nothing_among_the_inputs(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / 'bag', image_samples(3))
+    before = {path.name for path in folder.iterdir()}
+    run = mvuav_process('replay', folder, '-o', folder, *NODE, '--force')
+    assert 'is (in) the input itself' in run.error
+    assert {path.name for path in folder.iterdir()} == before
+
+
+def test_an_empty_folder_may_become_a_rosbag2_folder(tmp_path: Path) -> None:
+    bag, out = write_flight(tmp_path / 'in.mcap', 3), tmp_path / 'out'
+    out.mkdir()
+    assert mvuav('replay', bag, '-o', out, *NODE, '--format', 'rosbag2').status == 0
+    assert (out / 'metadata.yaml').exists()
+    assert 'exists' in mvuav('replay', bag, '-o', out, *NODE, '--format', 'rosbag2').error

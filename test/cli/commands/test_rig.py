@@ -106,6 +106,9 @@ def test_flights_that_do_not_tell_a_rig_leave_no_file(flights, tmp_path):
         '2 lights are too few': {'rig': 'two.yaml'},
         'there is no light left in drone': {'distance': 'left:right=0.6'},
         'as in left:right=0.82': {'distance': '0.6'},
+        'are 0.60.* m apart on the rough rig, not 600: is the distance in m': {
+            'distance': 'left_arm:right_arm=600'
+        },
         'no images and no bag there': {'flight': 'empty'},
         'not a video': {'flight': 'broken.mp4'},
         'is for 320 x 240 px': {'camera-info': flights / 'small.yaml'},
@@ -115,3 +118,27 @@ def test_flights_that_do_not_tell_a_rig_leave_no_file(flights, tmp_path):
         assert run.status == 1
         assert re.search(reason, run.error), run.error
         assert list(tmp_path.iterdir()) == []
+
+
+def test_inputs_are_never_replaced_by_a_rig(flights, tmp_path):
+    flight, camera = tmp_path / 'flight.mcap', tmp_path / 'nose.yaml'
+    flight.write_bytes((flights / 'crossing.mcap').read_bytes())
+    save_calibration(CameraModel(320, 240, (300, 0, 160, 0, 300, 120, 0, 0, 1)), camera)
+    before = flight.read_bytes(), camera.read_bytes()
+    for output in (flight, camera):
+        command = ('rig', 'calibrate', flight, '--rig', flights / 'rough.yaml', '-o', output)
+        run = mvuav(*command, '--camera-info', camera, '--force')
+        assert run.error == f'mvuav: {output} is the input itself; give another output'
+    assert (flight.read_bytes(), camera.read_bytes()) == before
+
+
+@pytest.mark.parametrize('distance', ['0', '-2', 'nan', 'inf'])
+def test_a_distance_that_is_none(distance):
+    run = mvuav('rig', 'check', ROOT / 'config' / 'tanker_747.yaml', f'--distance={distance}')
+    assert run.error.startswith('mvuav: --distance: must be above 0 m')
+
+
+def test_a_rig_too_far_away_to_be_told():
+    run = mvuav('rig', 'check', ROOT / 'config' / 'tanker_747.yaml', '--distance', 1e6)
+    assert (run.status, run.err) == (0, '')
+    assert run.out.splitlines()[-1] == 'too far away: all markers are nearly one point'

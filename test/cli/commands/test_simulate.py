@@ -8,6 +8,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
+from support.commands import mvuav
 from support.node_outputs import messages_of as messages_from
 from support.places import ROOT
 
@@ -133,3 +134,11 @@ def test_the_sample_bags_are_what_make_bags_writes(tmp_path):
             difference = np.abs(decode_image(mine).pixels.astype(int) - decode_image(theirs).pixels)
             # Other versions of NumPy and OpenCV round differently.
             assert difference.mean() < 0.5
+
+
+def test_a_folder_is_no_name_for_a_flight(tmp_path):
+    for force in ((), ('--force',)):
+        run = mvuav('simulate', 'tanker', '-o', tmp_path, *force)
+        assert run.error == (
+            f'mvuav: {tmp_path} is a folder; give the name of a file, such as flight.mcap'
+        )

@@ -147,6 +147,7 @@ def labelled(tmp_path):
 
 def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
     from mvuav_ros.cli.app import application
+    from mvuav_ros.sources.source import SourceError
 
     folder = labelled.parent / 'images'
     arguments = ['evaluate', 'corners', str(labelled)]
@@ -159,8 +160,12 @@ def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
     assert 'failures missing 6' in printed
     names = sorted(path.stem for path in folder.iterdir())
     assert names == ['best', 'failure_missing', 'median', 'worst']
-    status = application()([*arguments, '--minimum', '0.9'], standalone_mode=False)
-    assert status == 1
+    with pytest.raises(SourceError, match=r'found in 0\.0 % of the frames, less than --minimum'):
+        application()([*arguments, '--minimum', '0.9'], standalone_mode=False)
+    few = labelled.parent / 'few.csv'
+    few.write_text('\n'.join(labelled.read_text().splitlines()[:10]))
+    with pytest.raises(SourceError, match='no frame counts, as the first 24 do not'):
+        application()(['evaluate', 'corners', str(few)], standalone_mode=False)
 
 
 def test_a_missing_image_is_a_users_mistake(labelled):
