@@ -56,7 +56,7 @@ class CalibratedRig:
     passes: int
 
 
-_MOST_OFF = 1.5
+_MAX_OFF = 1.5
 """Times the rough rig's: a measured distance beyond is in another unit, or of other lights."""
 
 
@@ -99,7 +99,7 @@ def calibrate_from(
         between = rough.names.index(distance[0]), rough.names.index(distance[1]), distance[2]
         first, second = (rough.positions[index] for index in between[:2])
         roughly = math.dist(first, second)
-        if not 1 / _MOST_OFF < distance[2] / roughly < _MOST_OFF:
+        if not 1 / _MAX_OFF < distance[2] / roughly < _MAX_OFF:
             raise RigCalibrationError(
                 f'{distance[0]} and {distance[1]} are {roughly:g} m apart on the rough rig, not '
                 f'{distance[2]:g}: is the distance in m?'

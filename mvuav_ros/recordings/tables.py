@@ -398,9 +398,9 @@ class Mot(Table):
             side = math.sqrt(max(area, 1.0))
             left, top = x - 0.5 * side + 1.5, y - 0.5 * side + 1.5
             confidence = float(of.get('confidence', math.nan))
-            told = confidence if math.isfinite(confidence) else 1.0
+            known = confidence if math.isfinite(confidence) else 1.0
             box = f'{left:.3f},{top:.3f},{side:.3f},{side:.3f}'
-            self._file.write(f'{self._frame},{int(light)},{box},{told:g},-1,-1,-1\n'.encode())
+            self._file.write(f'{self._frame},{int(light)},{box},{known:g},-1,-1,-1\n'.encode())
             written += 1
         return written
 
