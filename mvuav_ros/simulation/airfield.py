@@ -194,7 +194,7 @@ class Surface:
         self._shape = (ny, nx)
         self._paint = np.zeros(self._shape, np.float32)
         ground = self._grass(land)
-        pavement = self._pavement(length, detail, rng)
+        pavement = self._pavement(width, length, detail, rng)
         cover = np.zeros(self._shape, np.float32)
         self._cover(cover, 0.0, length, -0.5 * width, 0.5 * width)
         ground += cover[:, :, None] * (pavement - ground)
@@ -228,7 +228,9 @@ class Surface:
         )
         return grass.astype(np.float32)
 
-    def _pavement(self, length: float, detail: float, rng: np.random.Generator) -> Plane:
+    def _pavement(
+        self, width: float, length: float, detail: float, rng: np.random.Generator
+    ) -> Plane:
         ny, nx = self._shape
         x = self._centres(0)[None, :]
         y = self._centres(1)[:, None]
