@@ -74,6 +74,7 @@ def test_without_arguments_the_help_is_as_it_is(group):
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     # An older click takes it for a question.
     assert run.returncode in (0, 2)
-    said = (run.stdout + run.stderr).splitlines()
-    assert said[0].startswith('Usage: mvuav') and 'Commands:' in said
-    assert len(said) > 8
+    said = [line.strip() for line in (run.stdout + run.stderr).splitlines() if line.strip()]
+    # An older typer draws boxes.
+    assert said[0].startswith('Usage: mvuav') and 'Commands' in ''.join(said[1:])
+    assert len(said) > 6
