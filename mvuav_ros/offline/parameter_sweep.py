@@ -176,6 +176,11 @@ def in_order(results: Iterable[RunResult]) -> list[RunResult]:
     return sorted(results, key=lambda result: result.run.number)
 
 
+def _shown(name: str) -> str:
+    """A name in a legend, from which matplotlib leaves out those that begin with ``_``."""
+    return f' {name}' if name.startswith('_') else name
+
+
 _MARKS = 'osD^vP*X'
 _MAX_TICKS = 24
 _MAX_COLUMNS = 6
@@ -335,7 +340,7 @@ def _grouped(
                     heights = [found.get(cell, math.nan) for cell in cells]
                     offset = (index - 0.5 * (len(sources) - 1)) * width
                     color, places = COLORS[index % len(COLORS)], np.arange(len(cells)) + offset
-                    panel.bar(places, heights, width, color=color, label=source)
+                    panel.bar(places, heights, width, color=color, label=_shown(source))
                 panel.grid(axis='x', visible=False)
                 label(panel, Column.parse(name).name, '', _unit([name]))
             panels[-1].set_xticks(

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -217,7 +218,8 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
             if f'{node}/{other}' in rows.kinds:
                 wanted[f'{node}/{other}'] = part, other
                 part.curves[other] = Curves(_CURVES[other], messages)
-    first_ns = last_ns = 0
+    first_ns: int | None = None
+    last_ns = 0
     for message in recording.messages(wanted):
         part, kind = wanted[message.topic]
         try:
@@ -230,10 +232,10 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
         if not points:
             continue
         stamp_ns = int(points[0]['stamp_ns'])
-        first_ns = first_ns or stamp_ns
+        first_ns = stamp_ns if first_ns is None else first_ns
         last_ns = stamp_ns
         _take(part, kind, (stamp_ns - first_ns) * 1e-9, points)
-    length = (last_ns - first_ns) * 1e-9
+    length = (last_ns - (first_ns or 0)) * 1e-9
     return FlightPlot(flight, length, [part for part in parts.values() if part.frames])
 
 
@@ -277,6 +279,11 @@ def _take_markers(part: NodePart, seconds: float, points: list[dict[str, Any]]) 
         part.states[-1] = [max(pair) for pair in zip(worst, severities, strict=True)]
 
 
+_AS_WRITTEN: Any = {'text.parse_math': False}
+"""What a user has named is no formula."""
+
+
+@mpl.rc_context(_AS_WRITTEN)
 def page(flight: FlightPlot) -> Figure:
     """One flight's page."""
     panels = [panel for part in flight.parts for panel in _panels(part)]
@@ -386,6 +393,7 @@ def _summarise(flight: FlightPlot) -> None:
         part.curves, part.states, part.times = {}, [], []
 
 
+@mpl.rc_context(_AS_WRITTEN)
 def overview(flights: Sequence[FlightPlot]) -> Figure:
     """All flights on one page: a line for each."""
     kinds = [

@@ -33,6 +33,8 @@ def line_of(number: int) -> dict[str, Any]:
 
 
 _RC: Any = {
+    # What a user has named is no formula.
+    'text.parse_math': False,
     'font.family': 'DejaVu Sans',
     'font.size': 9.5,
     'axes.titlesize': 10.0,

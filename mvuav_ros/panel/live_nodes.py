@@ -33,6 +33,7 @@ _RESULTS = {
 """A node is known by a topic that only its kind publishes: the kind, and the message's type."""
 _MAX_NODES = 20
 _RAW, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
+_CAMERA_INFO, _IMU = 'sensor_msgs/msg/CameraInfo', 'sensor_msgs/msg/Imu'
 _SERVICES = {
     'list_parameters': ListParameters,
     'get_parameters': GetParameters,
@@ -51,13 +52,16 @@ _MIN_INTERVAL = 0.2
 class FoundNode(NamedTuple):
     """A running node: fully qualified name, and kind, however it is called.
 
-    ``image_topic`` is empty where frames are handed over in its process.
+    ``image_topic`` is empty where frames are handed over in its process; so are the topics of the
+    calibration and the attitude where it listens to none.
     """
 
     name: str
     kind: str
     image_topic: str = ''
     compressed: bool = False
+    camera_info_topic: str = ''
+    imu_topic: str = ''
 
 
 class LiveNode:
@@ -92,6 +96,8 @@ class LiveNode:
     @property
     def camera_info_topic(self) -> str:
         """Where their calibration comes from; empty without images."""
+        if self.found.camera_info_topic:
+            return self.found.camera_info_topic
         base = self.image_topic.removesuffix('/compressed').rpartition('/')[0]
         return f'{base}/camera_info' if self.image_topic else ''
 
@@ -182,12 +188,15 @@ def find_nodes(node: Node) -> dict[str, FoundNode]:
     return found
 
 
-def _input(subscribed: list[tuple[str, list[str]]]) -> tuple[str, bool]:
-    """The topic of its images, and whether they are compressed."""
+def _input(subscribed: list[tuple[str, list[str]]]) -> tuple[str, bool, str, str]:
+    """Topics that it listens to, see `FoundNode`, and whether its images are compressed."""
+    topics: dict[str, str] = {}
     for topic, types in subscribed:
-        if (_RAW in types or _COMPRESSED in types) and sanitized.is_ros_name(topic):
-            return topic, _COMPRESSED in types
-    return '', False
+        if sanitized.is_ros_name(topic):
+            topics = {**dict.fromkeys(types, topic), **topics}
+    compressed = _RAW not in topics and _COMPRESSED in topics
+    image = topics.get(_COMPRESSED if compressed else _RAW, '')
+    return image, compressed, topics.get(_CAMERA_INFO, ''), topics.get(_IMU, '')
 
 
 def value_of(message: Any) -> Any:

@@ -120,7 +120,7 @@ class Figures:
     def _wants_pose(self) -> bool:
         values = self._values()
         if self._kind == 'marker_tracker':
-            return bool(values.get('pose')) and values.get('mode') == 'track'
+            return bool(values.get('pose')) and values.get('mode') in ('track', 'detect')
         return (
             self._kind == 'runway_detector'
             and values.get('mode') == 'approach'
@@ -161,7 +161,8 @@ class Figures:
         if self._kind == 'marker_tracker':
             self._place = OPTICAL_FROM_BODY.T @ self._place
             self._turn = OPTICAL_FROM_BODY.T @ self._turn
-            self._deviations[:3] = np.abs(OPTICAL_FROM_BODY.T) @ self._deviations[:3]
+            # The body's axes are the optical z, x and y, the latter two turned round.
+            self._deviations = self._deviations.reshape(2, 3)[:, [2, 0, 1]].ravel()
 
     def _take_charts(self, topic: str, message: Any) -> None:
         """A result that has no figures of its own: those of its curves."""

@@ -127,7 +127,8 @@ class MarkerTrackerParameters(ParameterSet):
     )
     pose: bool = _pose(
         True,
-        'Estimate ~/pose if camera_info holds a calibration and at least three markers are named.',
+        'Estimate ~/pose if camera_info holds a calibration and four markers or more are named; '
+        'three only continue one.',
         thesis='left to others',
     )
     body_frame: str = _pose(

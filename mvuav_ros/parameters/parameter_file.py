@@ -8,11 +8,10 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from mvuav_ros.detectors import DETECTORS, load_class
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, Value
 from mvuav_ros.parameters.video_source import VideoSourceParameters
+from mvuav_ros.parameters.yaml_text import read_yaml
 
 
 def read_parameter_values(path: Path, node: str) -> dict[str, object]:
@@ -69,7 +68,7 @@ def _text(path: Path) -> str:
 def _sections(text: str, name: str) -> Iterator[tuple[str, Mapping[Any, Any]]]:
     """The nodes' keys and parameters in a file's text."""
     try:
-        content = yaml.safe_load(text)
+        content = read_yaml(text)
     except Exception as error:
         # Beside YAMLError whatever its constructors stumble over: ``!!int ""`` is an IndexError.
         problem = ' '.join(str(error).split())
@@ -100,7 +99,7 @@ def parse_assignment(text: str) -> tuple[str, str, object]:
     if not (sign and colon and node and name):
         raise ParameterError(text, 'write node:name:=value, as in marker_tracker:threshold:=0.6')
     try:
-        return node.strip('/'), name, yaml.safe_load(value)
+        return node.strip('/'), name, read_yaml(value)
     except Exception as error:
         raise ParameterError(text, f'the value {value!r} is not YAML') from error
 

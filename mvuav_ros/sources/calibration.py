@@ -10,6 +10,7 @@ from urllib.parse import unquote, urlparse
 
 import yaml
 
+from mvuav_ros.parameters.yaml_text import read_yaml
 from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.camera import CameraModel
@@ -31,7 +32,7 @@ def load_calibration(path: str | Path) -> CameraModel:
         (640, 480, 'plumb_bob')
     """
     try:
-        content = yaml.safe_load(_path(str(path)).read_text())
+        content = read_yaml(_path(str(path)).read_text())
         if not isinstance(content, dict):
             raise ValueError('it is no YAML mapping')
         return CameraModel(

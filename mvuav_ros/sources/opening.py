@@ -10,11 +10,10 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from urllib.parse import parse_qsl
 
-import yaml
-
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.video_source import VideoSourceParameters
+from mvuav_ros.parameters.yaml_text import read_yaml
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file
 from mvuav_ros.recordings.remote import fetch, is_url
@@ -178,11 +177,17 @@ def planned_flight(
     """
     kind, _, query = text.removeprefix(SIMULATED).partition('?')
     given: dict[str, object] = {}
-    for name, value in parse_qsl(query):
+    try:
+        settings = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+    except ValueError as error:
+        raise SourceError(f'{text}: write settings as in sim:tanker?motion=roll&fps=15') from error
+    for name, value in settings:
         try:
-            given[name] = yaml.safe_load(value)
+            given[name] = read_yaml(value)
         except Exception as error:
             raise SourceError(f'{text}: {name}={value} is not YAML') from error
+        if given[name] is None:
+            raise SourceError(f'{text}: {name} has no value')
     return make_flight(kind, {**given, **more})
 
 

@@ -15,6 +15,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mvuav_ros.parameters.yaml_text import Loader
+
 Point = tuple[float, float, float]
 _NUMBERS = (int, float, np.integer)
 
@@ -108,7 +110,7 @@ _KEYS = ('name', 'markers', 'dock', 'boom', 'standard_deviations')
 """Of a rig file; the last one is what `mvuav rig calibrate` says of its result."""
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(Loader):
     """Refuses a key that stands twice, of which YAML would quietly keep the last."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:

@@ -48,6 +48,14 @@ def test_replay_a_bag():
     assert sum('5 of 5' in line for line in out) > 160
 
 
+def test_replay_a_bag_goes_on_after_a_broken_image(tmp_path):
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f'{number}.png'), np.zeros((48, 64), np.uint8))
+    (tmp_path / '1.png').write_bytes(b'torn')
+    out = run('replay_a_bag', str(tmp_path)).splitlines()
+    assert len(out) == 3 and '1.png' in out[1] and '0 of 5' in out[2]
+
+
 def test_own_marker_rig():
     assert '[0.5 0.2 8. ]' in run('own_marker_rig')
 

@@ -239,3 +239,25 @@ def test_other_programs_topics_of_that_name_are_not_drawn(
     with open_recording(path) as recording:
         nodes = {part.node for part in collect(recording, 'flight').parts}
     assert 'marker_tracker' in nodes and 'lidar' not in nodes
+
+
+def test_the_time_begins_at_the_first_frame_whatever_its_stamp(tmp_path: Path) -> None:
+    path = tmp_path / 'video.mcap'
+    result = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
+    with RecordingWriter(path) as writer:
+        for number in range(6):
+            stamp_ns = number * 100_000_000
+            data = encode_markers(result, cdr_header(stamp_ns, 'camera'))
+            writer.write('/marker_tracker/markers', CLOUD, stamp_ns, data)
+    with open_recording(path) as recording:
+        flight = collect(recording, 'video')
+    assert flight.seconds == pytest.approx(0.5)
+    assert flight.parts[0].times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+
+
+def test_names_are_no_formulas(season: Path, tmp_path: Path) -> None:
+    results = tmp_path / 'x${y$_{.mcap'
+    results.write_bytes((season / 'flight_0.mcap').read_bytes())
+    run = mvuav('export', results, '-o', tmp_path / 'out', '--plot')
+    assert run.status == 0
+    assert (tmp_path / 'out' / 'plots' / 'x${y$_{.png').exists()

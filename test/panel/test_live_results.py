@@ -5,16 +5,21 @@ import math
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, PointCloud2
+from support.marker_scenes import draw, tanker_at
 
 from mvuav_ros.messages.cdr import PointLayout, cdr_header
+from mvuav_ros.messages.marker_messages import encode_markers
 from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.panel.live_results import BAD, DOUBTFUL, GOOD, Figures, rotation_of
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import RunwayLevels
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.runway.results import LineFlag
 
 APPROACH = {'mode': 'approach', 'runway_width': 30.0}
@@ -57,6 +62,9 @@ def test_the_tanker_is_ahead_and_to_the_right_in_the_axes_of_the_camera():
     figures, whole = said('marker_tracker', TRACK, (1.5, -2.0, 80.0), AHEAD)
     assert figures['ahead'] == ('80.0 m', '± 3 m') and figures['right'] == ('1.5 m', '± 1 m')
     assert figures['above'] == ('2.0 m', '± 2 m') and figures['roll'][0] == '0.0°'
+    # Turns about the optical x, y and z (0.1, 0.2 and 0.3 rad) are those of pitch, yaw and roll.
+    turned = {name: figures[name][1] for name in ('roll', 'pitch', 'yaw')}
+    assert turned == {'roll': '± 17°', 'pitch': '± 5.7°', 'yaw': '± 11°'}
     place, turn = whole['pose']
     assert place == [80.0, -1.5, 2.0] and np.allclose(turn, np.eye(3), atol=1e-5)
 
@@ -154,3 +162,18 @@ def test_the_view_in_space_is_the_calibrations():
     assert figures.said()['view'] == (0.8, 0.6)
     figures.take('camera_info', CameraInfo(width=640, height=480, k=[1e-300] * 9))
     assert figures.said()['view'] == (0.8, 0.6)
+
+
+@pytest.mark.parametrize('mode', ['track', 'detect'])
+def test_a_pose_in_alert_is_doubtful_in_every_mode_that_has_one(mode):
+    image = Image(draw(tanker_at()), 'mono8')
+    tracker = MarkerTracker(MarkerTrackerParameters(mode='detect'))
+    markers = deserialize_message(
+        encode_markers(tracker.process(image, 0), cdr_header(0, 'camera')), PointCloud2
+    )
+    figures = Figures('marker_tracker', lambda: {'mode': mode, 'pose': True})
+    figures.take('pose', pose_message((1.5, -2.0, 80.0), AHEAD))
+    figures.take('markers', markers)
+    alert = DiagnosticStatus(level=DiagnosticStatus.WARN, message='alert: along')
+    figures.take('integrity', DiagnosticArray(status=[alert]))
+    assert figures.said()['trust'] == (DOUBTFUL, '5 of 5 lights, alert: along')

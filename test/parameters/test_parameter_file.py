@@ -4,6 +4,7 @@ import pytest
 
 from mvuav_ros import load_parameters
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.parameter_file import resolve_parameters
 
 
 def test_a_dump_of_a_running_node_can_be_loaded(tmp_path):
@@ -29,3 +30,23 @@ def test_what_cannot_be_is_refused_with_the_reason(tmp_path, node, line, words):
     file.write_text(f'/**:\n  ros__parameters:\n    {line}\n')
     with pytest.raises(ParameterError, match=words):
         load_parameters(file, node)
+
+
+@pytest.mark.parametrize(
+    ('text', 'value'), [('1e-7', 1e-7), ('2E-6', 2e-6), ('1.5e-6', 1.5e-6), ('.5e-6', 5e-7)]
+)
+def test_numbers_are_those_of_ros(tmp_path, text, value):
+    """PyYAML by itself takes the first two for texts."""
+    file = tmp_path / 'mine.yaml'
+    file.write_text(f'/**:\n  ros__parameters:\n    integrity_risk: {text}\n')
+    assert load_parameters(file, 'marker_tracker').integrity_risk == value
+    given = [f'marker_tracker:integrity_risk:={text}']
+    assert resolve_parameters(['marker_tracker'], None, given) == {
+        'marker_tracker': {'integrity_risk': value}
+    }
+
+
+@pytest.mark.parametrize('text', ['e7', '1e', "'1e-7'", '1e-7m', 'true'])
+def test_what_is_no_number_is_none(tmp_path, text):
+    with pytest.raises(ParameterError, match='takes a number'):
+        resolve_parameters(['marker_tracker'], None, [f'marker_tracker:integrity_risk:={text}'])

@@ -18,7 +18,7 @@ from support.recording_samples import (
 
 from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.sources.files import ImageFolder, VideoFile
-from mvuav_ros.sources.opening import looks_like_bag, open_source
+from mvuav_ros.sources.opening import looks_like_bag, open_source, planned_flight
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.sources.v4l2_camera import Camera
 
@@ -198,3 +198,20 @@ def test_a_folder_that_cannot_be_read_is_a_users_mistake(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, 'iterdir', denied)
     with pytest.raises(SourceError, match=r'cannot be read: Permission denied'):
         open_source(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ('settings', 'words'),
+    [
+        ('motion=&frames=2', 'motion has no value'),
+        ('noise&frames=2', 'write settings as in'),
+        ('frames=2&', 'write settings as in'),
+    ],
+)
+def test_a_setting_without_a_value_is_no_default(settings, words):
+    with pytest.raises(SourceError, match=words):
+        open_source(f'sim:tanker?{settings}')
+
+
+def test_numbers_of_settings_are_those_of_ros():
+    assert planned_flight('sim:tanker?frames=2&noise=1e-3').settings.noise == 1e-3

@@ -177,3 +177,11 @@ def test_the_shipped_layout_is_the_built_in_one():
     shipped = load_rig(config / 'tanker_747.yaml')
     assert shipped.names == TANKER_747.names
     np.testing.assert_array_equal(shipped.positions, TANKER_747.positions)
+
+
+def test_coordinates_may_have_an_exponent(tmp_path):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(
+        'markers: {a: [0, 1e-1, 0], b: [0, -2e-1, 1e-2], c: [0, 0.3, 1], d: [1, 0, 5e-1]}'
+    )
+    assert load_rig(path).positions[:2].tolist() == [[0.0, 0.1, 0.0], [0.0, -0.2, 0.01]]

@@ -98,10 +98,10 @@ def corners(
     except CornersError as error:
         raise SourceError(str(error)) from error
     _report(score)
-    if as_json is not None:
-        as_json.write_text(json.dumps(score.figures(), indent=2) + '\n')
     if not score.counted:
         raise SourceError(f'{labels}: no frame counts, as the first {WARM_UP} do not')
+    if as_json is not None:
+        as_json.write_text(json.dumps(score.figures(), indent=2) + '\n')
     if score.both < minimum:
         found = f'both edges were found in {100 * score.both:.1f} % of the frames'
         raise SourceError(f'{labels}: {found}, less than --minimum')
@@ -187,7 +187,8 @@ def thesis(
 def integrity(
     output: Output = Path('out/integrity'),
     frames: Annotated[
-        int, typer.Option(help='With faults at the stated priors; a tenth as many more often.')
+        int,
+        typer.Option(help='With faults at the stated priors; a tenth as many more often.', min=1),
     ] = 1_000_000,
     factor: Annotated[
         float, typer.Option(help='How much more often, in the second run.', min=1.0)
@@ -251,7 +252,7 @@ def bag(
     """Compare the nodes' results in a bag with the bag's truth.
 
     Truth is /truth/markers, /truth/rpy and /truth/lines, as `mvuav simulate` writes them. Where
-    the bag has no results of a node, the node runs on its images.
+    the bag has no results of any node, the nodes run on its images.
     """
     from mvuav_ros.offline.evaluation import evaluation_run as running
     from mvuav_ros.offline.evaluation.bag_report import bag_report

@@ -312,11 +312,15 @@ class Parameters:
 
     async def undo(self) -> None:
         """Take back the last change."""
-        await self._step(self._history.undo())
+        if await self._set(self._history.undo(), undoable=False):
+            self._history.redo()
+            self._count_edits()
 
     async def redo(self) -> None:
         """Do again what was taken back last."""
-        await self._step(self._history.redo())
+        if await self._set(self._history.redo(), undoable=False):
+            self._history.undo()
+            self._count_edits()
 
     def _toggle_whole(self) -> None:
         self._whole = not self._whole
@@ -399,9 +403,6 @@ class Parameters:
             el.notify(f'{refused} values of {name} were refused; each line says why', bad=True)
         else:
             el.notify(f'{name} is loaded')
-
-    async def _step(self, values: Mapping[str, Value]) -> None:
-        await self._set(values, undoable=False)
 
     def _forget_edits(self) -> None:
         self._edits.clear()

@@ -10,7 +10,7 @@ from typing import Any
 
 from nicegui import ui
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
-from sensor_msgs.msg import CameraInfo, CompressedImage
+from sensor_msgs.msg import CameraInfo, CompressedImage, Imu
 from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.messages.sensors import type_name
@@ -80,6 +80,8 @@ def _topics(node: LiveNode) -> dict[str, type]:
     if node.image_topic:
         found[node.image_topic] = CompressedImage if node.found.compressed else RosImage
         found[node.camera_info_topic] = CameraInfo
+    if node.found.imu_topic:
+        found[node.found.imu_topic] = Imu
     return found
 
 

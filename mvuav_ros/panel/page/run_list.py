@@ -294,7 +294,7 @@ class Runs:
                 kind=node.kind,
                 source=str(self._bags[self._bag.value]),
                 parameters=settable(node.kind, node.own_values),
-                settings=self._page.chosen_set,
+                settings=self._page.set_in_use(node),
             )
             await self._replay(run, folder)
 

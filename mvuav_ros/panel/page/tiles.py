@@ -23,7 +23,7 @@ from mvuav_ros.panel.image_feed import (
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.image import CHANNELS, Image
 
 _SIZES = ('s', 'm', 'l')
 _KEPT = 'tuning_panel_images'
@@ -194,8 +194,7 @@ class Tile:
             return
         image = self._part.page.services.feed.newest(self.stream.key)
         if image is not None and 0 <= x < image.width and 0 <= y < image.height:
-            gray = image.gray()
-            value = float(gray[y, x]) / np.iinfo(gray.dtype).max
+            value = value_at(image, x, y, self._values.get('channel'))
             self._words.set_text(pixel_words(image, x, y, value, self._values.get(THRESHOLD)))
             if action == THRESHOLD:
                 # In thousandths; this pixel and all brighter ones exceed it.
@@ -209,6 +208,12 @@ class Tile:
             return
         name = self.stream.key.strip('/').replace('/', '_').replace(' ', '_')
         ui.download.content(encode_png(image), f'{name}.png', 'image/png')
+
+
+def value_at(image: Image, x: int, y: int, channel: object) -> float:
+    """A pixel as a fraction of full scale, in a channel of the node's, else its intensity."""
+    gray = image.seen_in(str(channel) if channel in CHANNELS else 'intensity').gray()
+    return float(gray[y, x]) / float(np.iinfo(gray.dtype).max)
 
 
 def pixel_words(image: Image, x: int, y: int, value: float, threshold: object) -> str:

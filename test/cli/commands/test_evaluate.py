@@ -2,6 +2,7 @@ import csv
 import json
 import math
 import re
+import shutil
 
 import pytest
 from support.flights import write_bag
@@ -17,6 +18,7 @@ from mvuav_ros.offline.parameter_sweep import (
     sweep,
     sweep_report,
 )
+from mvuav_ros.offline.report import write_report
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import RecordingError
 
@@ -180,3 +182,16 @@ def test_lines_that_were_never_in_view_are_not_said_to_be_missed():
     assert lines is not None and sum(lines.visible) == 0
     (found,) = (m.value for m in metrics_of(replayed) if m.name == 'true lines found')
     assert math.isnan(found)
+
+
+def test_a_sweep_of_inputs_with_odd_names(tmp_path):
+    bag = write_bag(tmp_path / 'flight.mcap', results=False)
+    sources = [str(shutil.copy(bag, tmp_path / name)) for name in ('a${$.mcap', '_b.mcap')]
+    axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
+    results = in_order(sweep(plan_runs(sources, [axis], {'marker_tracker': {}})))
+    page = write_report(sweep_report(results, [axis], {}), tmp_path / 'out')
+    assert page.exists() and len(list((tmp_path / 'out').glob('*.png'))) > 3
+
+
+def test_integrity_of_no_frames_is_refused(tmp_path):
+    assert run('evaluate', 'integrity', '--frames', 0, '-o', tmp_path).exit_code == 2

@@ -1,10 +1,21 @@
-"""Undo and redo."""
+"""Undo and redo, and what else the parts of a page share."""
 
+import asyncio
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
-from mvuav_ros.panel.page.context import History
+from mvuav_ros.messages.sensors import type_name
+from mvuav_ros.panel import live_nodes
+from mvuav_ros.panel.page import recorder
+from mvuav_ros.panel.page.context import History, Page
+from mvuav_ros.panel.page.parameters import Parameters
+from mvuav_ros.panel.page.tiles import value_at
+from mvuav_ros.panel.sets import SetStore
+from mvuav_ros.vision.image import Image
 
 
 def test_the_last_change_is_taken_back_and_done_again():
@@ -35,3 +46,61 @@ def test_a_change_to_the_same_is_none():
     history = History()
     history.record({'a': 1}, {'a': 1})
     assert not history.done
+
+
+def test_what_the_node_refuses_to_take_back_can_be_tried_again():
+    asked, answers = [], [{'a': 'the node is gone'}, {}, {'a': 'no'}, {}]
+
+    async def answer(values, *, undoable):
+        asked.append(dict(values))
+        return answers.pop(0)
+
+    page = SimpleNamespace(_history=History(), _set=answer, _count_edits=lambda: None)
+    page._history.record({'a': 1}, {'a': 2})
+    for step in (Parameters.undo, Parameters.undo, Parameters.redo, Parameters.redo):
+        asyncio.run(step(page))
+    assert asked == [{'a': 1}, {'a': 1}, {'a': 2}, {'a': 2}]
+    assert page._history.done == [({'a': 1}, {'a': 2})] and not page._history.undone
+
+
+def test_a_set_is_in_use_where_the_node_has_all_of_its_values(tmp_path):
+    sets = SetStore(tmp_path)
+    sets.save('night', 'marker_tracker', {'threshold': 0.5})
+    node = SimpleNamespace(kind='marker_tracker', values={'threshold': 0.5, 'min_area': 3})
+    page = Page(SimpleNamespace(sets=sets), {'node': '/eye'}, lambda: None)
+    assert page.set_in_use(node) == ''
+    page.chosen_set = 'night'
+    assert page.set_in_use(node) == 'night'
+    node.values['threshold'] = 0.6
+    assert page.set_in_use(node) == ''
+    page.chosen_set = 'gone'
+    assert page.set_in_use(node) == ''
+
+
+def test_a_pixel_is_seen_in_the_nodes_channel():
+    pixels = np.zeros((2, 3, 3), np.uint8)
+    pixels[1, 2] = 0, 0, 255
+    image = Image(pixels, 'bgr8')
+    seen = {channel: value_at(image, 2, 1, channel) for channel in ('red', 'blue', 'brightest')}
+    assert seen == {'red': 1.0, 'blue': 0.0, 'brightest': 1.0}
+    assert (
+        value_at(image, 2, 1, 'auto')
+        == value_at(image, 2, 1, None)
+        == pytest.approx(0.298, abs=1e-3)
+    )
+
+
+def test_a_recording_has_all_that_the_node_listens_to():
+    kinds = {
+        '/imu/data': 'sensor_msgs/msg/Imu',
+        '/left/info': 'sensor_msgs/msg/CameraInfo',
+        '/left/image': 'sensor_msgs/msg/Image',
+    }
+    topics = live_nodes._input([(topic, [kind]) for topic, kind in kinds.items()])
+    assert topics == ('/left/image', False, '/left/info', '/imu/data')
+    found = live_nodes.FoundNode('/eye', 'runway_detector', *topics)
+    node = live_nodes.LiveNode.__new__(live_nodes.LiveNode)
+    node.found, node.status, node.name, node.kind = found, {}, '/eye', 'runway_detector'
+    recorded = recorder._topics(node)
+    assert {topic: type_name(recorded[topic]) for topic in kinds} == kinds
+    assert live_nodes._input([]) == ('', False, '', '')

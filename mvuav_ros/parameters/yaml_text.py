@@ -1,0 +1,29 @@
+"""YAML as ROS 2 reads it."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import yaml
+
+
+class Loader(yaml.SafeLoader):
+    """Takes ``1e-7`` for a number, as rcl does; for PyYAML that needs a point and is a text."""
+
+
+Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
+    list('-+.0123456789'),
+)
+
+
+def read_yaml(text: str) -> Any:
+    """The content of a text.
+
+    Raises:
+        Exception: it is not YAML; beside YAMLError whatever its constructors stumble over, such as
+            IndexError for ``!!int ""``.
+    """
+    return yaml.load(text, Loader)
