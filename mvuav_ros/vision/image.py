@@ -196,9 +196,13 @@ class Image:
 
         A view where it can be; 16 bits are cut to the upper 8.
         """
+        return np.asarray(self.in_colour(), np.uint8)
+
+    def in_colour(self, *, all_bits: bool = False) -> Pixels:
+        """As `bgr`; an image of 16 bits keeps them where ``all_bits`` are asked for."""
         layout = ENCODINGS[self.encoding]
         pixels = self.pixels
-        if pixels.dtype == np.uint16:
+        if pixels.dtype == np.uint16 and not all_bits:
             pixels = (pixels >> 8).astype(np.uint8)
         if layout.to_bgr is None:
             return pixels
@@ -243,14 +247,16 @@ def as_image(given: Image | Pixels) -> Image:
     return Image(pixels, f'mono{bits}' if pixels.ndim == 2 else f'bgr{bits}')
 
 
-def as_pixels(given: Image | Pixels) -> Pixels:
+def as_pixels(given: Image | Pixels, *, all_bits: bool = False) -> Pixels:
     """As `as_image`, but the pixels, grey or blue first; there may be none.
+
+    Colours of 16 bits are cut to the upper 8, unless ``all_bits`` are asked for.
 
     Raises:
         ImageError: it is something else.
     """
     if isinstance(given, Image):
-        return given.pixels if given.is_gray else given.bgr()
+        return given.pixels if given.is_gray else given.in_colour(all_bits=all_bits)
     if isinstance(given, np.ndarray) and given.dtype in (np.uint8, np.uint16):
         if given.ndim == 3 and given.shape[2] == 1:
             return given[:, :, 0]

@@ -164,7 +164,12 @@ class PoseEstimator:
         Returns:
             The pose, or None where the markers are too few, do not fit or do not determine it well
             enough; `reason` says which.
+
+        Raises:
+            ValueError: the rig has no such label.
         """
+        if not all(0 <= label < len(self._points) for label in labels):
+            raise ValueError(f'labels {list(labels)} of a rig of {len(self._points)}')
         # A float would be seconds, of which a caller would never hear.
         time = operator.index(stamp_ns) * 1e-9
         self._vouched &= frozenset(labels)

@@ -274,6 +274,8 @@ class SelfCalibration:
             frames = [frame.moved(own) for frame, own in zip(frames, steps, strict=True)]
             if abs(float(step[0])) < TUNING.step:
                 break
+        if not covariance[0, 0] > 0:
+            return None
         freedom = sum(2 * len(frame.labels) - 6 for frame in frames) - 1
         misfit = squares / max(freedom, 1)
         deviation = math.sqrt(float(covariance[0, 0])) * max(1.0, math.sqrt(misfit))

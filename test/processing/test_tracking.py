@@ -232,3 +232,8 @@ def test_without_a_calibration_there_is_a_reason_for_no_pose(tmp_path: Path) -> 
     assert frame.pose is None and 'no pose: no calibration' in frame.status
     (frame,) = track(tmp_path, parameters=MarkerTrackerParameters(pose=False))
     assert 'no pose' not in frame.status
+
+
+def test_a_calibration_beyond_belief_is_none_to_be_tracked_with() -> None:
+    bent = CameraModel(640, 480, (1, 0, 0, 0, 1, 0, 0, 0, 1), (-10, 100, 1, 1, -1000))
+    assert len(list(track('sim:tanker?motion=roll&frames=25', camera=bent))) == 25

@@ -302,6 +302,13 @@ def test_the_covariance_is_back_to_normal_after_an_upset():
     assert np.nanmax(deviations[85:]) < 1.3 * usual
 
 
+@pytest.mark.parametrize('label', [-1, 5])
+def test_a_label_that_the_rig_has_not(label):
+    pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))
+    with pytest.raises(ValueError, match='of a rig of 5'):
+        PoseEstimator(TANKER_747).estimate(CAMERA, [0, 1, 2, 3, label], pixels, 0)
+
+
 def test_what_cannot_be_a_pose():
     estimator = PoseEstimator(TANKER_747)
     pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))

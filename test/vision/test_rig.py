@@ -1,6 +1,7 @@
 """Bodies other than the tanker."""
 
 import math
+from itertools import combinations, islice
 
 import numpy as np
 import pytest
@@ -16,9 +17,11 @@ from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.marker_results import MarkerState
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.marker_results import Label, MarkerState
+from mvuav_ros.vision.markers.rig_view import WeakPerspective
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.rig import load_rig
+from mvuav_ros.vision.rig import MarkerRig, load_rig
 
 DRONE = """
 name: drone
@@ -185,3 +188,49 @@ def test_coordinates_may_have_an_exponent(tmp_path):
         'markers: {a: [0, 1e-1, 0], b: [0, -2e-1, 1e-2], c: [0, 0.3, 1], d: [1, 0, 5e-1]}'
     )
     assert load_rig(path).positions[:2].tolist() == [[0.0, 0.1, 0.0], [0.0, -0.2, 0.01]]
+
+
+@pytest.mark.parametrize('given', [{'prediction': 'velocity'}, {'mode': 'detect'}])
+@pytest.mark.parametrize('lights', [4, 5])
+def test_the_thesis_programs_name_the_tanker_alone(given, lights):
+    """They take five lights for its markers by their order: of another body that is wrong."""
+    from mvuav_ros.vision.rig import TANKER_747
+
+    markers = TANKER_747.markers[::-1][:lights]
+    rig = MarkerRig('mirrored', markers, TANKER_747.dock, TANKER_747.boom)
+    tracker = MarkerTracker(MarkerTrackerParameters(**given), rig)
+    flight = TankerFlight(TankerSettings(frames=3, motion='still', noise=0.0))
+    for frame in flight:
+        result = tracker.process(frame.image, frame.stamp_ns)
+        assert {marker.label for marker in result.markers} == {Label.UNLABELLED}
+        assert math.isnan(result.roll) and 'the markers of mirrored have no names' in result.status
+    assert sum(marker.state is MarkerState.DETECTED for marker in result.markers) == 5
+
+
+def test_the_nodes_work_survives_a_rig_of_four_in_a_mode_of_the_thesis(tmp_path):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(DRONE)
+    processor = MarkerTrackerProcessor()
+    processor.configure(MarkerTrackerParameters(layout=str(path), mode='detect'))
+    processor.set_camera(CameraModel(640, 480, (600, 0, 320, 0, 600, 240, 0, 0, 1)))
+    for frame in TankerFlight(TankerSettings(frames=3, motion='still', noise=0.0)):
+        given = Frame(frame.stamp_ns, 'cam', frame.image)
+        outputs = messages_of(processor, processor.process(given))
+        assert math.isnan(outputs['pose'].pose.pose.position.z)
+        assert not any(topic.startswith('marker/') for topic in outputs)
+
+
+@pytest.mark.parametrize('count', [5, 8, 12])
+def test_a_triangle_is_left_however_many_markers_are_hidden(count):
+    places = np.random.default_rng(count).uniform(-1, 1, (count, 3)).tolist()
+    rig = MarkerRig(
+        'body',
+        tuple((f'm{i}', tuple(place)) for i, place in enumerate(places)),
+        (0, 0, 0),
+        (0, 0, 0),
+    )
+    shape = WeakPerspective.of(rig, Lens((640, 480), None))
+    for hidden in range(count - 3):
+        triangles = [set(three) for three in shape.triangles(hidden)]
+        for out in islice(combinations(range(count), hidden), 200):
+            assert any(three.isdisjoint(out) for three in triangles)

@@ -19,7 +19,7 @@ from mvuav_ros.vision.approach.attitude import (
     line_through,
     mount_matrix,
 )
-from mvuav_ros.vision.approach.evidence import as_grey, shrink_levels
+from mvuav_ros.vision.approach.evidence import BitDepth, as_grey, shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.sight import Sight
@@ -115,7 +115,7 @@ class ApproachDetector:
             ImageError: the image has another shape or type.
             ValueError: the stamp is before the last one.
         """
-        image = as_pixels(image)
+        image = as_pixels(image, all_bits=True)
         height, width = image.shape[:2]
         if self._size != (height, width):
             self.reset()
@@ -154,7 +154,10 @@ class ApproachDetector:
             return None
         self._had_attitude = True
         if isinstance(attitude, HorizonLine):
-            return attitude
+            if math.isfinite(attitude.row) and abs(attitude.slope) < 0.5 * math.pi:
+                return attitude
+            self.attitude_problem = "the horizon given is none: the horizon is the image's"
+            return None
         camera = self._checked_camera()
         if camera is None:
             self.attitude_problem = 'attitude is of no use without a calibrated camera_info'
@@ -330,10 +333,11 @@ class Finder:
         self._horizon: HorizonFinder | None = None
         # Frames in which the image has shown a horizon.
         self._seen = 0
+        self._depth = BitDepth()
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
         """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
-        image = as_grey(image)
+        image = as_grey(self._depth.levels(image))
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
         sight = Sight.unknown(height)

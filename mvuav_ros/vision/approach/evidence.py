@@ -94,25 +94,26 @@ CHANNELS = 4
 MIRROR = np.array([-1, -1, -1, 1], np.int8)
 """Of a right edge steps have the other sign, paint has none."""
 
-_BRIGHT_16_BITS = 230.0
-"""Grey level to which the brightest pixels of a 16-bit image are raised: cameras of 10 to 14 bits
-use the lower part of the range."""
+
+class BitDepth:
+    """Of a camera's frames of 16 bits, of which those of 10 to 14 bits use the lower part."""
+
+    def __init__(self) -> None:
+        self._bits = 8
+
+    def levels(self, image: Pixels) -> Pixels:
+        """A frame in 256 grey levels, by the brightest pixel of this camera by now."""
+        if image.dtype == np.uint8 or image.size == 0:
+            return image
+        self._bits = max(self._bits, int(image.max()).bit_length())
+        return np.asarray(image >> (self._bits - 8), np.uint8)
 
 
-def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
-    """A frame, not empty, about `WORKING_WIDTH` px wide, and px of the frame per px of it.
-
-    It is uint8.
-    """
+def shrink_levels(image: Pixels) -> tuple[NDArray[Any], int]:
+    """A frame, not empty, about `WORKING_WIDTH` px wide, and px of the frame per px of it."""
     height, width = image.shape[:2]
     factor = max(1, min(round(width / WORKING_WIDTH), height))
-    image = shrunk_by(image, factor)
-    if image.dtype == np.uint16:
-        levels = image.astype(np.float32)
-        brightest = float(np.percentile(levels[::4, ::4], 99))
-        levels *= _BRIGHT_16_BITS / max(brightest, 256.0)
-        image = np.rint(np.minimum(levels, 255.0)).astype(np.uint8)
-    return image, factor
+    return shrunk_by(image, factor), factor
 
 
 def in_common(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:

@@ -180,6 +180,8 @@ _SAME_STEP = 1e-6  # Part of a step between frames that makes no difference to t
 _SAME_TIME = 1e-9
 """s, by which intervals may differ and still be the same: stamps are whole nanoseconds."""
 
+_ODD = 3
+"""Intervals in a row that are no usual step, nor two or three, after which the rate has changed."""
 _STATE = slice(0, 3)  # Position (px), velocity (px/s) and acceleration (px/s²) by the filter
 _LAST = 3  # Where the light was last measured, px
 _PLACES = slice(4, 7)  # Newest places, px; a straight line where a light was out of sight
@@ -214,6 +216,7 @@ class MotionPredictor:
         self._lights[_VARIANCE] = TUNING.first_deviation**2
         self._mixture, self._vibration = PredictionMixture(PRIOR), Vibration()
         self._step: float | None = None
+        self._odd = 0  # intervals in a row that are no usual step, nor a few
         self._times = (-1.0, -2.0, -3.0)  # s, of the newest places
         self._intervals = (0.0, 0.0, 0.0)
         # From a light's memory to the six predictions, its velocity and its acceleration.
@@ -309,11 +312,16 @@ class MotionPredictor:
     def _count_steps(self, elapsed: float) -> int:
         """How many frames on this one is, by the usual time between two."""
         steps, step = 1, elapsed
-        # Otherwise a first step, or the one before it had frames missing.
-        if self._step is not None and elapsed >= 0.7 * self._step:
+        if self._step is not None:
             steps, step = max(1, round(elapsed / self._step)), self._step
-            if steps <= 3:
+            if elapsed >= 0.7 * step and steps <= 3:
                 step += 0.05 * (elapsed / steps - step)
+                self._odd = 0
+            else:
+                # A late stamp, or a gap; only what goes on is another rate.
+                self._odd += 1
+                if self._odd == _ODD:
+                    steps, step, self._odd = 1, elapsed, 0
         if self._step is None or abs(step - self._step) > _SAME_STEP * step:
             self._step = step
             self._per_frame = np.array([(1.0,), (1.0 / step,), (1.0 / step**2,)])

@@ -71,25 +71,29 @@ class WeakPerspective:
         The largest as seen from behind of those that are left most often.
         """
         flat = self.points[:, 0] + 1j * self.points[:, 1]
-
-        def area(three: tuple[int, int, int]) -> float:
-            a, b, c = (complex(flat[marker]) for marker in three)
-            return abs(((b - a).conjugate() * (c - a)).imag)
-
-        threes = [three for three in combinations(range(len(flat)), 3) if area(three) >= _MIN_AREA]
-        left = dict.fromkeys(combinations(range(len(flat)), hidden), 2 if hidden else 1)
-        chosen = []
-        while left and threes:
-            shown = {three: [out for out in left if not {*three} & {*out}] for three in threes}
-            best = max(threes, key=lambda three: (len(shown[three]), area(three)))
+        threes = np.array([*combinations(range(len(flat)), 3)], np.intp).reshape(-1, 3)
+        a, b, c = flat[threes].T
+        areas = np.abs(((b - a).conjugate() * (c - a)).imag)
+        threes, areas = threes[areas >= _MIN_AREA], areas[areas >= _MIN_AREA]
+        outs = [*combinations(range(len(flat)), hidden)]
+        is_out = np.zeros((len(outs), len(flat)), np.bool_)
+        for row, out in enumerate(outs):
+            is_out[row, list(out)] = True
+        shows: NDArray[np.bool_] = np.logical_not(is_out[:, threes].any(axis=2)).T
+        # How often each way of hiding so many is still to be shown.
+        left = np.full(len(outs), 2 if hidden else 1)
+        chosen: list[tuple[int, int, int]] = []
+        free = np.ones(len(threes), np.bool_)
+        while left.any() and free.any():
+            shown = np.where(free, np.count_nonzero(shows & (left > 0), axis=1), 0)
+            most = np.flatnonzero(shown == shown.max())
+            best = int(most[areas[most].argmax()])
             if not shown[best]:
                 break
-            chosen.append(best)
-            threes.remove(best)
-            for out in shown[best]:
-                left[out] -= 1
-                if not left[out]:
-                    del left[out]
+            first, second, third = threes[best].tolist()
+            chosen.append((first, second, third))
+            free[best] = False
+            left -= shows[best] & (left > 0)
         return chosen
 
     @cached_property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mvuav_ros.parameters.declaration import ParameterError
@@ -10,7 +12,12 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
 from mvuav_ros.vision.markers.detection import detect, detect_any
-from mvuav_ros.vision.markers.marker_results import Label, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import (
+    TANKER_NAMES,
+    Label,
+    MarkerResult,
+    MarkerState,
+)
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
@@ -23,6 +30,10 @@ if TYPE_CHECKING:
 
 AUTO, INTENSITY, BRIGHTEST = 'auto', 'intensity', 'brightest'  # Channels of a colour image
 WITHOUT_MEMORY = ('detect', 'detect_any')  # Modes that take each frame by itself
+
+
+_LONGEST_GAP_NS = 3600 * 10**9
+"""From one frame to the next, after which a flight begins anew."""
 
 
 class MarkerTracker:
@@ -156,15 +167,29 @@ class MarkerTracker:
 
     def _find(self, image: Image, time: float, tracker: Tracker) -> MarkerResult:
         if self.parameters.mode == 'detect':
-            return detect(image, self.parameters)
+            return self._of_rig(detect(image, self.parameters))
         if self.parameters.mode == 'detect_any':
             return detect_any(image, self.parameters)
-        return tracker.track(image, time, self.parameters)
+        found = tracker.track(image, time, self.parameters)
+        return self._of_rig(found) if isinstance(tracker, ThesisTracker) else found
+
+    def _of_rig(self, result: MarkerResult) -> MarkerResult:
+        """What the thesis's programs have found, who name the tanker's markers by their order."""
+        if self.rig.names == TANKER_NAMES:
+            return result
+        markers = tuple(each._replace(label=Label.UNLABELLED) for each in result.markers)
+        remark = f'the markers of {self.rig.name} have no names: mode track with kalman gives them'
+        status = '; '.join(filter(None, (result.status, remark)))
+        return replace(result, markers=markers, roll=math.nan, status=status, has_wings=False)
 
     def _time_of(self, stamp_ns: int) -> float:
         """Seconds since the first frame."""
-        if self._last_stamp_ns is not None and stamp_ns <= self._last_stamp_ns:
+        gap_ns = 1 if self._last_stamp_ns is None else stamp_ns - self._last_stamp_ns
+        if gap_ns <= 0:
             raise ValueError(f'stamp {stamp_ns} ns is not later than {self._last_stamp_ns} ns')
+        if gap_ns > _LONGEST_GAP_NS:
+            # Nothing that was known holds, and seconds since then would be too coarse.
+            self.reset()
         self._last_stamp_ns = stamp_ns
         if self._first_stamp_ns is None:
             self._first_stamp_ns = stamp_ns

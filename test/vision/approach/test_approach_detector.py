@@ -14,6 +14,7 @@ from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.frames import Attitude
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.runway.results import LineRole
 
 APPROACH = RunwayDetectorParameters(mode='approach')
@@ -107,6 +108,21 @@ def test_grey_and_more_bits_show_the_same_runway(images, change):
     colour = run(ApproachDetector(anything), images)[-1]
     other = run(ApproachDetector(anything), [change(image) for image in images])[-1]
     assert np.allclose(colour.corners[:2], other.corners[:2], atol=4.0)
+
+
+@pytest.mark.parametrize('bits', [10, 12, 16])
+def test_the_same_picture_in_more_bits_is_the_same(images, bits):
+    """Of a camera whose brightest pixel shows how many it has, as an array and as an image."""
+    anything = RunwayDetectorParameters(mode='approach', min_confidence=0.0)
+    images = [image.copy() for image in images]
+    images[0][0, 0] = 255
+    deep = [image.astype(np.uint16) << (bits - 8) for image in images]
+    one = run(ApproachDetector(anything), images)
+    for given in (deep, [Image(image, 'bgr16') for image in deep]):
+        for left, right in zip(one, run(ApproachDetector(anything), given), strict=True):
+            assert left.corners == right.corners and left.confidence == right.confidence
+    reds = [Image(image[..., ::-1].copy(), 'rgb16') for image in deep]
+    assert run(ApproachDetector(anything), reds)[-1].corners == one[-1].corners
 
 
 def test_noise_and_plain_land_are_no_runway():
@@ -252,3 +268,14 @@ def test_a_shape_that_became_impossible_is_let_go(images, frames):
     result = pipeline.process(images[frames], frames)
     assert broken not in tracker.tracks
     assert result.corners is None or np.isfinite(result.corners).all()
+
+
+@pytest.mark.parametrize('target', ['runway', 'pipeline'])
+@pytest.mark.parametrize(
+    'horizon', [(math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0), (90.0, math.inf), (90.0, 1.6)]
+)
+def test_a_horizon_that_is_none(images, target, horizon):
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach', target=target))
+    for index, image in enumerate(images[:3]):
+        detector.process(image, index, HorizonLine(*horizon))
+        assert detector.attitude_problem == "the horizon given is none: the horizon is the image's"
