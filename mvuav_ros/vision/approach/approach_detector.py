@@ -26,7 +26,7 @@ from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
-from mvuav_ros.vision.approach.tuning import DETECTOR
+from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image, as_pixels
@@ -356,17 +356,23 @@ class Finder:
                 row = level.row_of(horizon.row)
                 sight = Sight.from_image(row, level.slope, height, self._seen)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
-        above = track is not None and sight.attitude and track.lies_above(sight.row)
-        veto = self._veto(track, above=above)
+        veto = self._veto(track, sight)
         confidence = 0.0 if veto else self.tracker.confidence
         return Found(track, confidence, level, sight.row, veto)
 
-    def _veto(self, track: FollowedStrip | None, *, above: bool) -> str:
-        """Why nothing is reported, if the picture is frozen or the track is in the sky."""
+    def _veto(self, track: FollowedStrip | None, sight: Sight) -> str:
+        """Why nothing is reported: the picture is frozen, or the attitude contradicts the track."""
         unchanged = self.tracker.registration.unchanged
         if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
-        return 'the likeliest lies above the horizon' if above else ''
+        if track is None or not sight.attitude or sight.row is None:
+            return ''
+        if track.lies_above(sight.row):
+            return 'the likeliest lies above the horizon'
+        _, meeting = track.shape.vanishing_point
+        if abs(meeting - sight.row) > DETECTOR.max_off_attitude * SEARCH.attitude_sigma:
+            return "the edges of the likeliest do not meet at the attitude's horizon"
+        return ''
 
 
 def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:

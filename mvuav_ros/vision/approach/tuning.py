@@ -22,6 +22,9 @@ class DetectorTuning:
     # share of the height above the picture up to which they are searched
     range_above: float = -0.4
     min_side: int = 48  # px of the frame's shorter side
+    # standard deviations from the attitude's horizon, beyond which edges that meet are no runway's.
+    # Simulated flights with attitude; right ones are up to 2.5 away
+    max_off_attitude: float = 4.0
 
 
 @dataclass(frozen=True)

@@ -279,3 +279,16 @@ def test_a_horizon_that_is_none(images, target, horizon):
     for index, image in enumerate(images[:3]):
         detector.process(image, index, HorizonLine(*horizon))
         assert detector.attitude_problem == "the horizon given is none: the horizon is the image's"
+
+
+def test_edges_that_do_not_meet_at_the_attitudes_horizon_are_no_runway(images):
+    """What was followed without attitude may be half a runway and paint before it."""
+    detector = ApproachDetector(APPROACH)
+    found = run(detector, images)[-1]
+    assert found.corners is not None and found.vanishing_point is not None
+    _, y = found.vanishing_point
+    px = images[-1].shape[1] / 320
+    for off, is_reported in ((0.0, True), (18.0, True), (-34.0, False), (0.0, True)):
+        again = detector.process(images[-1], 10**9, HorizonLine(y + off * px, 0.0))
+        assert (again.corners is not None) == is_reported, again.status
+        assert ('do not meet' in again.status) != is_reported
