@@ -26,4 +26,4 @@ def read_yaml(text: str) -> Any:
         Exception: it is not YAML; beside YAMLError whatever its constructors stumble over, such as
             IndexError for ``!!int ""``.
     """
-    return yaml.load(text, Loader)
+    return Loader(text).get_single_data()
