@@ -99,7 +99,7 @@ def calibrate_from(
         between = rough.names.index(distance[0]), rough.names.index(distance[1]), distance[2]
         first, second = (rough.positions[index] for index in between[:2])
         roughly = math.dist(first, second)
-        if not 1 / _MAX_OFF < distance[2] / roughly < _MAX_OFF:
+        if not roughly / _MAX_OFF < distance[2] < roughly * _MAX_OFF:
             raise RigCalibrationError(
                 f'{distance[0]} and {distance[1]} are {roughly:g} m apart on the rough rig, not '
                 f'{distance[2]:g}: is the distance in m?'

@@ -157,9 +157,7 @@ def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> I
             yield RunResult(run, error=words or type(one.error).__name__)
 
 
-def _on_cluster(
-    runs: Sequence[SweepRun], address: str
-) -> Iterator[Done[tuple[list[Metric], list[str]]]]:
+def _on_cluster(runs: Sequence[SweepRun], address: str) -> Iterator[Done[_Measured]]:
     client, distributed = connect(address)
     with client:
         futures = {client.submit(do_run, run, pure=False): n for n, run in enumerate(runs)}

@@ -221,10 +221,11 @@ class PoseEstimator:
         if solution is None or solution.squares > count * usual:
             reason = self.reason
             rest = self._without_one(camera, markers, image, time, usual)
-            # What the fits of fewer markers said is no reason.
-            self.reason = '' if rest is not None else reason
             if rest is not None:
+                self.reason = ''
                 return rest
+            # Not what the fits of fewer markers have said.
+            self.reason = reason
         if solution is not None:
             self._residuals.learn(solution.squares, count - 6)
         return markers, solution

@@ -159,6 +159,9 @@ def check(
         pose_error,
     )
 
+    for value in distance or ():
+        if not 0 < value < math.inf:
+            raise ParameterError('--distance', f'must be above 0 m, not {value:g}')
     try:
         body = load_rig(file)
     except RigError as error:
@@ -168,9 +171,6 @@ def check(
     if len(body.names) >= 3 and is_flat(body):
         words += ', all in one plane: the tilt is ambiguous'
     say(words)
-    for value in distance or ():
-        if not 0 < value < math.inf:
-            raise ParameterError('--distance', f'must be above 0 m, not {value:g}')
     doubts = examine(body)
     for doubt in doubts:
         say(f'refused: {doubt}')
