@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
@@ -158,13 +159,11 @@ def resolve_parameters(
 
     Raises:
         ParameterError: a parameter is unknown, its value not valid, its node not among ``nodes``,
-            or the file none of parameters, or one of other nodes: a name may be misspelt.
+            or the file none of parameters. So it is if the file names none of this package's
+            nodes, or one that is spelt nearly like them; those of other nodes are not looked at.
     """
-    for key in read_node_keys(path) if path else ():
-        if not any(names_node(key, node) for node in NODE_PARAMETERS):
-            raise ParameterError(
-                str(path), f'no such node: {key}; there are {", ".join(NODE_PARAMETERS)}'
-            )
+    if path is not None:
+        _check_node_keys(path)
     given: dict[str, dict[str, object]] = {
         node: read_parameter_values(path, node) if path else {} for node in nodes
     }
@@ -173,6 +172,20 @@ def resolve_parameters(
             raise ParameterError(f'{node}:{name}', f'{node} is not among {", ".join(nodes)}')
         given[node][name] = value
     return {node: _valid(node, values) for node, values in given.items()}
+
+
+def _check_node_keys(path: Path) -> None:
+    keys = read_node_keys(path)
+    others = [key for key in keys if not any(names_node(key, node) for node in NODE_PARAMETERS)]
+    for key in others:
+        # A whole robot's file names its other nodes as well. From 0.55 on "runway" is one of ours
+        # misspelt, "camera_driver" is not.
+        node = key.rsplit('/', 1)[-1]
+        alike = '*' in node or difflib.get_close_matches(node, NODE_PARAMETERS, cutoff=0.55)
+        if alike or len(others) == len(keys):
+            raise ParameterError(
+                str(path), f'no such node: {key}; there are {", ".join(NODE_PARAMETERS)}'
+            )
 
 
 def complete(parameters: NodeParameters) -> NodeParameters:
@@ -200,8 +213,9 @@ def load_parameters(path: str | Path, node: str) -> ParameterSet:
         `MarkerTrackerParameters`, `RunwayDetectorParameters` or `VideoSourceParameters`.
 
     Raises:
-        ParameterError: no such node, the file cannot be read, or it holds an unknown node, an
-            unknown parameter or a value that the parameter cannot take.
+        ParameterError: no such node, the file cannot be read or has none of this package's nodes,
+            or it holds a misspelt node, an unknown parameter or a value that the parameter cannot
+            take.
 
     Examples:
         >>> from pathlib import Path

@@ -70,3 +70,18 @@ def test_a_misspelt_node_in_a_file_is_refused(tmp_path: Path, key: str) -> None:
         load_parameters(path, 'marker_tracker')
     run = mvuav('replay', BAG, '-o', tmp_path / 'out.mcap', '--params-file', path)
     assert 'no such node' in run.error and not (tmp_path / 'out.mcap').exists()
+
+
+def test_a_file_of_a_whole_robot_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    other = (
+        '/camera_driver: {ros__parameters: {gain: 3}}\n'
+        'ekf_filter_node: {ros__parameters: {frequency: 30.0}}\n'
+    )
+    path.write_text(other + '/uav/marker_tracker: {ros__parameters: {threshold: 0.5}}\n')
+    assert resolve_parameters(['marker_tracker'], path) == {'marker_tracker': {'threshold': 0.5}}
+    path.write_text(other)
+    with pytest.raises(
+        ParameterError, match='no such node: /camera_driver; there are video_source'
+    ):
+        resolve_parameters(['marker_tracker'], path)

@@ -59,7 +59,8 @@ them. `config/default.yaml` holds every default, `config/thesis.yaml` the values
     threshold: 0.6
 ```
 
-A value outside of its range is an error. So is an unknown name or node, but a ROS node only warns of it.
+A value outside of its range is an error, as is an unknown name or a misspelt node. A ROS node only warns of the last two.
+Sections of other nodes may stand in the file.
 """
 _CALIBRATION = """\
 ## Calibration
