@@ -6,17 +6,20 @@ reported edges and that from the labels' edges, both by the same flat-ground for
 are whole pixels. Each row: how often the error is within the deviations that a Gaussian leaves
 with 50, 90, 95 and 99 %; the same with the deviations inflated by the one factor that makes 95 %
 of the OTHER flights' errors right; then, for a risk per frame, the share of frames with levels
-and how many of these were exceeded.
+and how many of these were exceeded. With seeds, the same of random simulated flights.
 
-Usage: evaluate_runway_levels.py [FOOTAGE] (the folder with runway/approach_run*/corners.csv).
+Usage: evaluate_runway_levels.py [FOOTAGE] [--seeds A B] (FOOTAGE: the folder with
+runway/approach_run*/corners.csv; B is not flown).
 """
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
+import random
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,12 +33,13 @@ from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, quaternion
 from mvuav_ros.vision.integrity import runway_levels
 
 Array = NDArray[np.float64]
 WIDTH = 30.0
 """m, of the runways."""
-SIMULATED = {
+SIMULATED: dict[str, dict[str, Any]] = {
     'approach': {},
     'from the right': {'seed': 103, 'lateral_offset': -12.0},
     'low pass': {'seed': 105, 'motion': 'low_pass'},
@@ -50,23 +54,52 @@ RISKS = (0.02, 0.05, 0.2)
 LABELLED_CAMERA = CameraModel(320, 240, k=(400, 0, 159.5, 0, 400, 119.5, 0, 0, 1))
 
 
-def detector(camera: CameraModel) -> ApproachDetector:
+def detector(camera: CameraModel, width: float = WIDTH) -> ApproachDetector:
     """Mode approach with guidance."""
-    made = ApproachDetector(RunwayDetectorParameters(mode='approach', runway_width=WIDTH))
+    made = ApproachDetector(RunwayDetectorParameters(mode='approach', runway_width=width))
     made.set_camera(camera)
     return made
 
 
-def simulated(given: dict[str, float | int | str]) -> Iterator[tuple[ApproachResult, Array]]:
+def random_settings(seed: int) -> tuple[dict[str, Any], bool]:
+    """Settings of a flight drawn at random, and whether there is attitude."""
+    draw = random.Random(seed * 7919)
+    given: dict[str, Any] = {
+        'frames': 110,
+        'seed': seed,
+        'motion': draw.choice(['approach', 'approach', 'low_pass', 's_turn']),
+        'fps': draw.choice([15, 30]),
+        'start_distance': draw.choice([2000, 1200, 700, 400, 200, 0, -150]),
+        'lateral_offset': draw.choice([0, 5, -10, 25, -40]),
+        'runway_width': draw.choice([10, 15, 23, 30, 45, 60]),
+        'runway_length': draw.choice([600, 1200, 2500]),
+        'visibility': draw.choice([3000, 9000, 30000]),
+        'camera_pitch_deg': draw.choice([0, 4, 8, 8, 14, 20, 30]),
+        'shake': draw.choice([0, 1, 2]),
+        'noise': draw.choice([1, 2, 4]),
+        'gain_steps': draw.choice([0, 0, 0.1]),
+        'width': draw.choice([320, 640, 640]),
+        'speed': draw.choice([25, 40, 60]),
+    }
+    given['height'] = given['width'] * 3 // 4
+    return given, draw.random() < 0.5
+
+
+def simulated(
+    given: dict[str, Any], step: int = STEP, has_attitude: bool = False
+) -> Iterator[tuple[ApproachResult, Array]]:
     """Results with the error of offset, height and heading."""
-    flight = RunwayFlight(RunwaySettings(frames=240, **{'seed': 101, **given}))  # type: ignore[arg-type]
+    flight = RunwayFlight(RunwaySettings(**{'frames': 240, 'seed': 101, **given}))
     camera = flight.camera
     model = CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel()))
-    made = detector(model)
+    made = detector(model, flight.settings.runway_width)
     for index, frame in enumerate(flight):
-        if index % STEP:
+        if index % step:
             continue
-        result = made.process(frame.image.bgr(), frame.stamp_ns)
+        attitude = None
+        if has_attitude:
+            attitude = Attitude(*quaternion(frame.truth.pose.rotation @ OPTICAL_FROM_BODY))
+        result = made.process(frame.image.bgr(), frame.stamp_ns, attitude)
         guidance, pose = result.guidance, flight.frame(index).truth.pose
         if index >= WARM_UP and guidance is not None and guidance.known:
             yield (
@@ -134,9 +167,24 @@ def flat(rows: list[tuple[float, float, float]], roll: float) -> Array:
 
 def main() -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('footage', type=Path, nargs='?')
+    parser.add_argument('--seeds', type=int, nargs=2, default=(0, 0), metavar=('A', 'B'))
+    asked = parser.parse_args()
+    for_random = [random_settings(seed) for seed in range(*asked.seeds)]
+    drawn = [list(simulated(given, 1, has_attitude)) for given, has_attitude in for_random]
+    for name, has_attitude in (('without attitude', False), ('with attitude', True)):
+        some = [
+            found
+            for found, (_, has) in zip(drawn, for_random, strict=True)
+            if found and has is has_attitude
+        ]
+        every = [frame for found in some for frame in found]
+        if every:
+            print(f'{len(some)} random flights {name} | {len(every)} frames | {levels(every)}')
     flights = {name: list(simulated(given)) for name, given in SIMULATED.items()}
-    if len(sys.argv) > 1:
-        folder = Path(sys.argv[1]) / 'runway'
+    if asked.footage is not None:
+        folder = asked.footage / 'runway'
         flights |= {name: list(labelled(folder / name)) for name in RUNS}
     errors = {name: normalized(found) for name, found in flights.items()}
     print('flight | frames | coverage at 50 90 95 99 % | inflated | risk: available, exceeded')

@@ -60,9 +60,12 @@ MAX_TAIL = 1e-3
 """The largest probability that a bound is exceeded under its hypothesis, however improbable that
 is: a margin for priors that are too small."""
 RUNWAY_INFLATION = 6.0
-"""By which the deviations of a runway's guidance are multiplied: the factor that makes 95 % of the
-errors of real approaches right is 5.1 to 6.6 (three flights, two of them for the third; labels of
-whole pixels included), that of simulated ones 2.9 to 3.8. See tools/evaluate_runway_levels.py."""
+"""By which the deviations of a runway's guidance are multiplied. The factor that makes 95 % of the
+errors of real approaches right is 2.0 to 2.3 (three flights, two of them for the third; labels of
+whole pixels included), that of random simulated ones 1.5: the rest is a margin for other flights.
+See tools/evaluate_runway_levels.py."""
+MAX_ROLL_SIGMA = math.radians(9.0)
+"""rad, of the roll, above which nothing is promised of offset and heading: no horizon shows it."""
 _COORDINATES = 6
 _RIDGE = 1e-12
 """Of the information's scale: makes that of a degenerate set of lights invertible, and its
@@ -200,13 +203,15 @@ def runway_levels(covariance: Array, confidence: float, risk: float) -> RunwayLe
         'a confidence of 0.900 cannot bear a risk of 1e-07'
     """
     variances = [float(covariance[axis, axis]) for axis in (1, 2, 5)]
+    if not all(0.0 <= variance < UNKNOWN_VARIANCE for variance in variances):
+        return RunwayLevels(reason='the edges do not tell offset, height and heading')
+    if covariance[3, 3] > MAX_ROLL_SIGMA**2:
+        return RunwayLevels(reason='no horizon tells the roll: give attitude')
     left = risk - (1.0 - confidence)
     if not left >= (1.0 - MAX_UNMONITORED) * risk:
         return RunwayLevels(
             reason=f'a confidence of {confidence:.3f} cannot bear a risk of {risk:g}'
         )
-    if not all(0.0 <= variance < UNKNOWN_VARIANCE for variance in variances):
-        return RunwayLevels(reason='the edges do not tell offset, height and heading')
     factor = -RUNWAY_INFLATION * _GAUSSIAN.inv_cdf(left / (2.0 * len(variances)))
     offset, height, heading = (factor * math.sqrt(variance) for variance in variances)
     return RunwayLevels(offset, height, heading)

@@ -163,6 +163,23 @@ def test_integrity_bounds_the_guidance_where_the_confidence_bears_it():
     assert thesis.message == 'not available: only mode approach has levels'
 
 
+def test_without_a_horizon_the_roll_is_not_known():
+    steep = RunwayFlight(RunwaySettings(frames=12, camera_pitch_deg=30.0, start_distance=60.0))
+    processor = RunwayDetectorProcessor(
+        RunwayDetectorParameters(mode='approach', runway_width=30.0)
+    )
+    processor.set_camera(camera())
+    for simulated in steep:
+        seen = Frame(simulated.stamp_ns, 'camera', simulated.image)
+        said = messages_of(processor, processor.process(seen))
+    assert said['integrity'].status[0].message == (
+        'not available: no horizon tells the roll: give attitude'
+    )
+    pose = said['pose'].pose
+    assert math.isfinite(pose.pose.position.y)
+    assert pose.covariance[21] == pytest.approx(math.radians(10.0) ** 2, rel=0.1)
+
+
 def test_an_uncalibrated_camera_gives_no_pose():
     processor, _ = flown(runway_width=30.0)
     processor.set_camera(CameraModel(640, 480, (0.0,) * 9))

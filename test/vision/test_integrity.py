@@ -232,3 +232,9 @@ def test_edges_that_tell_no_place_give_no_level() -> None:
         unknown = COVARIANCE.copy()
         unknown[2, 2] = variance
         assert 'do not tell' in runway_levels(unknown, 1.0, 0.05).reason
+
+
+def test_a_roll_that_no_horizon_tells_gives_no_level() -> None:
+    unknown = COVARIANCE.copy()
+    unknown[3, 3] = math.radians(10.0) ** 2
+    assert 'give attitude' in runway_levels(unknown, 1.0, 0.05).reason

@@ -26,7 +26,7 @@ from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
-from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH
+from mvuav_ros.vision.approach.tuning import DETECTOR, GUIDANCE, SEARCH
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image, as_pixels
@@ -229,7 +229,7 @@ class ApproachDetector:
             lines,
             _point(level, x, y),
             corners=(near_left, near_right, far_right, far_left),
-            guidance=self._guidance(track, level),
+            guidance=self._guidance(track, found),
             status='' if track.points else f'{self._parameters.target} not seen: predicted',
             image=image,
         )
@@ -275,18 +275,29 @@ class ApproachDetector:
             return None
         return self._camera
 
-    def _guidance(self, track: FollowedStrip, level: Derotation) -> Guidance | None:
+    def _guidance(self, track: FollowedStrip, found: Found) -> Guidance | None:
         camera = self._usable_camera()
         if camera is None:
             return None
         if track.points is None:
             return Guidance()
+        level = found.level
         left, right = (fit_edge(points, level.factor) for points in track.points)
         if left is None or right is None:
             return Guidance()
         _, y = track.shape.vanishing_point
         near_row = None if track.open_end else y + track.near_seen
-        return locate(left, right, near_row, level, camera, self._parameters.runway_width)
+        width = self._parameters.runway_width
+        return locate(left, right, near_row, level, _slope_sigma(y, found), camera, width)
+
+
+def _slope_sigma(meeting: float, found: Found) -> float:
+    """How well the horizon's slope is known, rad, by how far from it the edges meet."""
+    if found.horizon_row is None:
+        return GUIDANCE.bank_sigma
+    away = abs(meeting - found.horizon_row) / (0.5 * found.level.width)
+    wrong = GUIDANCE.slope_share * max(0.0, away - GUIDANCE.max_usual_away)
+    return min(math.hypot(GUIDANCE.slope_sigma, wrong), GUIDANCE.bank_sigma)
 
 
 def _point(level: Derotation, x: float, y: float) -> Point:

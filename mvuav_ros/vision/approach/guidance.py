@@ -66,6 +66,7 @@ def locate(
     right: EdgeFit,
     near_row: float | None,
     level: Derotation,
+    slope_sigma: float,
     camera: CameraModel,
     runway_width: float,
 ) -> Guidance:
@@ -76,6 +77,7 @@ def locate(
         right: edge.
         near_row: row of the near end on the levelled working image, if it is in sight.
         level: of the frame.
+        slope_sigma: rad, of its slope.
         camera: calibrated for frames of that size.
         runway_width: from edge to edge, m.
     """
@@ -87,7 +89,7 @@ def locate(
     noise[:2, :2], noise[2:4, 2:4] = left.covariance, right.covariance
     inwards = np.kron([1.0, -1.0], np.eye(2))
     noise[:4, :4] += (GUIDANCE.width_bias / level.factor) ** 2 * (inwards.T @ inwards)
-    noise[4, 4] = GUIDANCE.slope_sigma**2
+    noise[4, 4] = slope_sigma**2
     noise[5, 5] = 0.0 if near_row is None else GUIDANCE.near_sigma**2
 
     def pose(values: Vector) -> Vector:

@@ -411,6 +411,12 @@ class GuidanceTuning:
     beginning_sigma: float = 10.0  # m: markings and overruns blur where the pavement begins
     correlated_rows: float = 3.0  # that err alike
     slope_sigma: float = math.radians(0.06)  # rad, of the horizon's slope
+    bank_sigma: float = math.radians(10.0)  # rad, of a slope of 0 where no horizon is known
+    # Half widths of the image by which edges meet off a horizon that has the right slope. Of 82
+    # simulated flights, 1004 to 1123, slopes were off by 0.1 deg there, and by as much as edges
+    # met farther off elsewhere: haze, clouds.
+    max_usual_away: float = 0.015
+    slope_share: float = 0.2  # of what is farther, in the slope, rad: a fifth, as levels inflate it
     jacobian_step: float = 0.0001  # px, or rad
 
 
