@@ -91,8 +91,9 @@ class ConfidenceTuning:
     first: float = 5.0  # log odds of a name that is given to the whole body
     min_odds: float = 2.0  # log odds, below which a name is withheld (probability 0.88)
     # Probability that another light is close to a marker's place: where one has been out of sight
-    # and lights are about that are no markers, where none are, and where it was seen a frame ago.
-    beside: tuple[float, float, float] = (0.5, 0.08, 0.01)
+    # and lights are about that are no markers, where none are, where it was seen a frame ago, and
+    # where it was as one of those that stay when the others go (seeds 27580 to 27595).
+    beside: tuple[float, float, float, float] = (0.5, 0.08, 0.01, 0.15)
     # Of lights that are no markers, per px²: where some are about, and where none are.
     density: tuple[float, float] = (1e-5, 1e-6)
     # Of what a frame's place says, as the errors of following frames are alike; times the
@@ -149,14 +150,19 @@ class KnownMarker:
         # Conditions, as min and max take several times as long.
         self.odds = least if odds < least else most if odds > most else odds
 
-    def give(self, own: float, other: float, others: bool, followed: bool) -> None:
+    def give(
+        self, own: float, other: float, others: bool, followed: bool, left: bool = False
+    ) -> None:
         """Bayes's rule for a light that has been given the name by its place.
 
         The logarithms of its densities are its own and that of another light close by, per px²;
-        others are about or not; it was followed to this frame, in no doubt, or not.
+        others are about or not; it was followed to this frame, in no doubt, or not; it is left of
+        those that were followed, or not.
         """
-        among_others, alone, usual = CONFIDENCE.beside
-        beside = usual if followed else among_others if others else alone
+        among_others, alone, usual, staying = CONFIDENCE.beside
+        beside = among_others if others else alone
+        if followed:
+            beside = staying if left else usual
         anywhere = CONFIDENCE.density[0 if others else 1]
         odds = own - math.log(beside * math.exp(other) + anywhere)
         odds = min(odds, CONFIDENCE.first if self.unseen else self.odds)
@@ -349,8 +355,8 @@ class MarkerMemory:
                 # What could not be checked before is not like the frames before.
                 is_new = checked and marker.odds < CONFIDENCE.min_odds
                 marker.weigh((1.0 if is_new else usual) * (own - other))
-            # Those that were on probation when the others went have nothing to check them.
-            left = among_others and marker.untrusted and self._was_checked and few
+            # When the others go, the light of one that stays may be another one as well.
+            left = among_others and self._was_checked and few
             if index in again:
                 odds = min(max(again[index], CONFIDENCE.least), CONFIDENCE.first)
                 if index in given:
@@ -361,7 +367,7 @@ class MarkerMemory:
                 followed = not (marker.untrusted or marker.unseen)
                 # By fewer than two others hardly anything is known of its place.
                 known = followed or not among_others or len(firm - {index}) >= 2
-                marker.give(own if known else other, other, among_others, followed)
+                marker.give(own if known else other, other, among_others, followed, left)
         self._was_checked = not few
 
 

@@ -89,6 +89,9 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
 MIN_AGAIN = (2, 3)
 """Lights of a body that is found again, where all others are known to be no markers, and where some
 may be none: two of those nearly always look like some two markers."""
+MIN_ODDS = 1.0
+"""Log odds of a name of a body that is found again. Below it another way of naming the same lights
+is about as good: four markers in one plane are seen alike from its other side."""
 MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by an older filter
 JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
 """rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
@@ -125,7 +128,7 @@ def reacquire(
         return None
     best = max(likely, key=lambda guess: guess.evidence)
     odds = log_odds_of(best, ways)
-    named = {marker: lights[i] for marker, i in best.way if odds[marker] > 0.0}
+    named = {marker: lights[i] for marker, i in best.way if odds[marker] > MIN_ODDS}
     if len(named) < fewest:
         return None
     return Again(best.view, named, {marker: odds[marker] for marker in named})

@@ -131,3 +131,15 @@ def test_what_is_found_again_is_trusted_where_a_wrong_light_could_show(redundant
         memory.markers[0].untrusted = 9
         trust(memory)
         assert memory.untrusted == (set() if redundant else {0})
+
+
+@pytest.mark.parametrize(('away', 'is_told'), [(0.0, True), (1.0, True), (12.0, False)])
+def test_a_lone_light_that_stays_when_the_others_go_may_be_another(away, is_told):
+    """As where all lights go out at once and another one stands within a window."""
+    lights = [Light(100.0 * i, 100.0, Detection(100.0 * i, 100.0, 30, 1.0)) for i in range(5)]
+    memory = MarkerMemory(0.0, lights)
+    calm = Evidence({i: densities(2.0) for i in range(5)}, 0.5)
+    for _ in range(4):
+        memory.weigh(range(5), calm, others=True)
+    memory.weigh({4}, Evidence({4: densities(2.0, away)}, 0.0), others=True)
+    assert (4 not in memory.doubtful) is is_told

@@ -77,6 +77,25 @@ def test_two_lights_have_names_only_while_the_view_is_known(two):
     assert later is None or min(later.odds.values()) < CONFIDENCE.min_odds
 
 
+def test_four_markers_in_one_plane_may_be_seen_from_its_other_side():
+    """After long the body may be upside down, and only the rudder tells."""
+    level = VIEW.copy()
+    level[4:6] = 0.0
+    spots = [light(x, y) for x, y in SHAPE.project(level).tolist()]
+    wide = Prior(level, np.array((1.5, 0.2, 60.0, 60.0, 0.6, 0.5, 0.003, 1e-4)), 0.5)
+    four = [spot for marker, spot in enumerate(spots) if marker != 2]
+
+    def named(lights, prior):
+        again = reacquire(SHAPE, prior, lights, lambda marker, spot: 0.0)
+        return None if again is None else dict(again.lights)
+
+    assert named(spots, wide) == dict(enumerate(spots))
+    known = Prior(level, wide.deviations * (0.1, *[1.0] * 7), 0.5)
+    assert named(four, known) == {marker: spots[marker] for marker in (0, 1, 3, 4)}
+    turned = Prior(level + (0.5 * math.pi, *[0.0] * 7), wide.deviations, 0.5)
+    assert named(four, turned) is None
+
+
 @pytest.mark.parametrize('changed', [(0.5, 0.0), (-0.4, 0.3), (0.3, -0.3)])
 def test_two_lights_of_a_body_that_has_turned_and_come_nearer(changed):
     """Rolled by rad, and its size in the image changed by a factor's logarithm."""
