@@ -26,7 +26,6 @@ class Profile:
     Attributes:
         strips: (n, 6), with the ends that were found.
         rows: of the map.
-        depth: rows below the vanishing point.
         edges: (2, n, rows) columns of the left and of the right edge.
         visible: both edges are in the image.
         parts: (n, rows, 4) what both edges have in common, in textures, with the strip's sign.
@@ -38,7 +37,6 @@ class Profile:
 
     strips: Strips
     rows: NDArray[np.intp]
-    depth: Numbers
     edges: Numbers
     visible: NDArray[np.bool_]
     parts: Numbers
@@ -112,7 +110,7 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     strips = strips.copy()
     strips[:, 4], strips[:, 5] = depth[number, first], depth[number, last] + 0.5
     inside = used & (first[:, None] <= _INDEX) & (last[:, None] >= _INDEX)
-    return Profile(strips, rows, depth, edges, visible, parts, total, inside, run, last)
+    return Profile(strips, rows, edges, visible, parts, total, inside, run, last)
 
 
 _BELOW = np.geomspace(1.12, 2.6, 12)

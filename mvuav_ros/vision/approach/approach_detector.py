@@ -365,7 +365,7 @@ class Finder:
         unchanged = self.tracker.registration.unchanged
         if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
-        if track is None or not sight.attitude or sight.row is None:
+        if track is None or sight.row is None or sight.meeting is None:
             return ''
         if track.lies_above(sight.row):
             return 'the likeliest lies above the horizon'
