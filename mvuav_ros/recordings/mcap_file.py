@@ -88,7 +88,6 @@ class McapFile(RecordingFile):
     """One mcap file, or several that were joined."""
 
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
-        """See `RecordingFile`."""
         super().__init__(path, account, limit)
         self._schemas: dict[int, tuple[str, Schema | None]] = {}
         self._schema_bytes = 0

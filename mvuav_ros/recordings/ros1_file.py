@@ -121,7 +121,6 @@ class Ros1File(RecordingFile):
     """One ROS 1 bag."""
 
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
-        """See `RecordingFile`."""
         super().__init__(path, account, limit)
         self._raw: dict[int, tuple[str, bytes]] = {}
         self._definitions: set[tuple[str, str]] = set()
