@@ -126,14 +126,8 @@ class Ros1Type:
             raise SerdeError(str(error)) from error
 
 
-@lru_cache(maxsize=_TYPES_KEPT)
-def ros1_type(name: str, definition: str) -> Ros1Type:
-    """The type, made once however many publishers a topic has.
-
-    Raises:
-        UnknownTypeError: the definition cannot be understood.
-    """
-    return Ros1Type(name, definition)
+ros1_type = lru_cache(maxsize=_TYPES_KEPT)(Ros1Type)
+"""Makes a type once, however many publishers a topic has; raises UnknownTypeError."""
 
 
 class _Sizes:

@@ -122,7 +122,7 @@ def decode_image_file(data: NDArray[np.uint8]) -> Image:
 
 def check_size(width: int, height: int) -> None:
     """Raise ImageError of a size (px) that no camera has."""
-    if width == 0 or height == 0:
+    if width <= 0 or height <= 0:
         raise ImageError(f'the image is empty ({width} x {height})')
     if width * height > MAX_PIXELS:
         raise ImageError(f'{width} x {height} is more than {MAX_PIXELS >> 20} megapixels')

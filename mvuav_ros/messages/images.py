@@ -159,10 +159,7 @@ def decode_image(message: ImageMessage) -> Image:
     layout = ENCODINGS.get(message.encoding)
     if layout is None:
         raise ImageError(_unknown_encoding(message.encoding))
-    if height <= 0 or width <= 0:
-        raise ImageError(f'the image is empty ({width} x {height})')
-    if height * width > MAX_PIXELS:
-        raise ImageError(f'{width} x {height} is more than {MAX_PIXELS >> 20} megapixels')
+    check_size(width, height)
     if step < width * layout.pixel_bytes:
         raise ImageError(
             f'step {step} is too short for {width} px of {message.encoding} '

@@ -487,7 +487,6 @@ class ImageInput(FrameInput):
     ) -> None:
         """Subscribe; images may wait for their synchronized, which are closed with this."""
         super().__init__(node, on_image, synchronized)
-        self._passes_skipped = topic.may_be_video
         self._topic = topic
         self._lost_before = 0
         self.better: ReliabilityPolicy | None = None
@@ -582,10 +581,9 @@ class ImageInput(FrameInput):
         ]
 
     def _arrived(self, ready: Sequence[int]) -> list[ReceivedImage]:
-        return self._take_images() if self._subscription.handle.pointer in ready else []
-
-    def _take_images(self) -> list[ReceivedImage]:
-        images = []
+        images: list[ReceivedImage] = []
+        if self._subscription.handle.pointer not in ready:
+            return images
         take, kind = self._subscription.handle.take_message, self._subscription.msg_type
         # Bounded, as a publisher could be as fast as we are.
         for _ in range(self._subscription.qos_profile.depth or _MAX_AT_ONCE):
@@ -614,4 +612,4 @@ class ImageInput(FrameInput):
         *older, newest = images
         self._events.skipped += len(older)
         skipped = [image._replace(is_skipped=True) for image in older]
-        return [*skipped, newest] if self._passes_skipped else [newest]
+        return [*skipped, newest] if self._topic.may_be_video else [newest]

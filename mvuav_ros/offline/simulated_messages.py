@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
-from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.messages.images import OPTICAL_FRAME, serialize_image
 from mvuav_ros.messages.marker_messages import POINT
 from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.messages.sensors import encode_camera_info, encode_imu, make_header, type_name
@@ -29,26 +29,26 @@ _POINTS, _LINES = PointLayout(POINT), PointLayout(LINE)
 
 
 def simulated_messages(
-    frame: SimulatedFrame[Any], camera: CameraModel, frame_id: str, seed: int = 0
+    frame: SimulatedFrame[Any], camera: CameraModel, seed: int
 ) -> Iterator[Message]:
     """All messages of one frame; the seed is the flight's, for its attitude sensor's errors.
 
     The frame of the camera is that of the body as well.
     """
-    header = make_header(frame.stamp_ns, frame_id)
+    header = make_header(frame.stamp_ns, OPTICAL_FRAME)
     info = encode_camera_info(camera, header)
     yield '/camera_info', type_name(CameraInfo), serialize_message(info)
     if isinstance(frame.truth, RunwayTruth):
         attitude = measured_attitude(frame.truth.pose, seed, frame.stamp_ns)
         yield '/imu', type_name(Imu), serialize_message(encode_imu(attitude, header))
-    image = serialize_image(frame.image, cdr_header(frame.stamp_ns, frame_id))
+    image = serialize_image(frame.image, cdr_header(frame.stamp_ns, OPTICAL_FRAME))
     yield '/image_raw', type_name(Image), image
-    yield from truth_messages(frame, frame_id)
+    yield from truth_messages(frame)
 
 
-def truth_messages(frame: SimulatedFrame[Any], frame_id: str) -> Iterator[Message]:
+def truth_messages(frame: SimulatedFrame[Any]) -> Iterator[Message]:
     """What is true of one frame, in the form of the nodes' own results."""
-    header, truth = cdr_header(frame.stamp_ns, frame_id), frame.truth
+    header, truth = cdr_header(frame.stamp_ns, OPTICAL_FRAME), frame.truth
     if isinstance(truth, TankerTruth):
         position, rotation = truth.translation, truth.rotation
         yield '/truth/pose', type_name(PoseStamped), _encode_pose(position, rotation, header)

@@ -19,7 +19,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import Trigger
 
-from mvuav_ros.messages.sensors import type_name
+from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE
+from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, type_name
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import Control, controls_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
@@ -32,8 +33,6 @@ _RESULTS = {
 }
 """A node is known by a topic that only its kind publishes: the kind, and the message's type."""
 _MAX_NODES = 20
-_RAW, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
-_CAMERA_INFO, _IMU = 'sensor_msgs/msg/CameraInfo', 'sensor_msgs/msg/Imu'
 _SERVICES = {
     'list_parameters': ListParameters,
     'get_parameters': GetParameters,
@@ -194,9 +193,9 @@ def _input(subscribed: list[tuple[str, list[str]]]) -> tuple[str, bool, str, str
     for topic, types in subscribed:
         if sanitized.is_ros_name(topic):
             topics = {**dict.fromkeys(types, topic), **topics}
-    compressed = _RAW not in topics and _COMPRESSED in topics
-    image = topics.get(_COMPRESSED if compressed else _RAW, '')
-    return image, compressed, topics.get(_CAMERA_INFO, ''), topics.get(_IMU, '')
+    compressed = IMAGE not in topics and COMPRESSED_IMAGE in topics
+    image = topics.get(COMPRESSED_IMAGE if compressed else IMAGE, '')
+    return image, compressed, topics.get(CAMERA_INFO, ''), topics.get(IMU, '')
 
 
 def value_of(message: Any) -> Any:

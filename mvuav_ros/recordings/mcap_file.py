@@ -27,6 +27,7 @@ from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, unpack
+from mvuav_ros.recordings.layout import MCAP_START as MAGIC
 from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
     Channels,
@@ -36,7 +37,6 @@ from mvuav_ros.recordings.stored_file import (
     TopicInfo,
 )
 
-MAGIC = b'\x89MCAP0\r\n'
 HEADER = struct.Struct('<BQ')
 CHUNK_HEADER = struct.Struct('<QQQII')
 MESSAGE_HEADER = struct.Struct('<HIQQ')
@@ -88,7 +88,6 @@ class McapFile(RecordingFile):
     """One mcap file, or several that were joined."""
 
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
-        """See `RecordingFile`."""
         super().__init__(path, account, limit)
         self._schemas: dict[int, tuple[str, Schema | None]] = {}
         self._schema_bytes = 0

@@ -4,28 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from mvuav_ros.messages.untrusted import words
-from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.rosbag2_folder import open_writer
 
 _PROGRESS_STEP = 100
-
-
-@dataclass
-class RepairReport:
-    """What a repair wrote.
-
-    Attributes:
-        messages: number written, by topic.
-        account: what could not be read or not be copied as it is.
-    """
-
-    messages: dict[str, int]
-    account: Account
 
 
 def repair(
@@ -35,8 +21,10 @@ def repair(
     overwrite: bool = False,
     split_bytes: int | None = None,
     progress: Callable[[int, int | None], None] = lambda *_: None,
-) -> RepairReport:
+) -> Counter[str]:
     """Copy every readable message, with its definition, QoS, times and number.
+
+    What could not be read, or not be copied as it is, goes to the recording's account.
 
     Args:
         source: the recording, in whatever condition.
@@ -44,6 +32,9 @@ def repair(
         overwrite: whether what exists may be replaced.
         split_bytes: the size at which the folder's next file begins; 0 never.
         progress: called now and then with the number of messages, and of all as far as known.
+
+    Returns:
+        The number of messages written, by topic.
 
     Raises:
         RecordingError: nothing can be read, or the output not be written.
@@ -69,4 +60,4 @@ def repair(
         account.lose('', 'skipped', f'{account.skipped} messages skipped', account.skipped)
     if writer.moved:
         account.alter('moved', f'{writer.moved} times before 1970 became 0', writer.moved)
-    return RepairReport(messages, account)
+    return messages

@@ -19,6 +19,7 @@ from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, Unpacked, unpack
+from mvuav_ros.recordings.layout import ROS1_START as MAGIC
 from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
     START_OF_TIME,
@@ -30,7 +31,6 @@ from mvuav_ros.recordings.stored_file import (
     TopicInfo,
 )
 
-MAGIC = b'#ROSBAG V'
 VERSION_LINE = MAGIC + b'2.0\n'
 PARSE_ERRORS = (ReaderError, struct.error, UnicodeDecodeError, ValueError)
 _MAX_HEADER = 1 << 20
@@ -121,7 +121,6 @@ class Ros1File(RecordingFile):
     """One ROS 1 bag."""
 
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
-        """See `RecordingFile`."""
         super().__init__(path, account, limit)
         self._raw: dict[int, tuple[str, bytes]] = {}
         self._definitions: set[tuple[str, str]] = set()

@@ -105,8 +105,7 @@ class SqliteFile(RecordingFile):
                 return
             except _ERRORS as error:
                 self._lose('error', f'the database is damaged ({error})')
-        for found in pages.messages(position):
-            yield found.topic_id, found.stamp_ns, found.data
+        yield from pages.messages(position)
         if pages.incomplete_rows:
             incomplete = pages.incomplete_rows
             self._lose('rows', f'{counted(incomplete, "message")} incomplete', incomplete)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from mvuav_ros.recordings.compression import SIZE_LIMIT
 
@@ -22,13 +22,8 @@ _MAX_LOCAL_FRACTION = 35
 _MAX_PASSES = 8
 
 
-class MessageRow(NamedTuple):
-    """A row of the table ``messages``."""
-
-    rowid: int
-    topic_id: int
-    stamp_ns: int
-    data: bytes
+MessageRow = tuple[int, int, bytes]
+"""A row of the table ``messages``: number of the topic, log time (ns), and data."""
 
 
 class PageFile:
@@ -93,7 +88,7 @@ class PageFile:
         if len(data) != (kinds[3] - _MIN_BLOB) // 2:
             self.incomplete_rows += 1
             return None
-        return MessageRow(rowid, topic_id, stamp_ns, data)
+        return topic_id, stamp_ns, data
 
     def _local_size(self, size: int) -> int:
         if size <= self._usable - _MAX_LOCAL_FRACTION:

@@ -350,7 +350,6 @@ class Tum(Table):
     """Time (s), position (m) and quaternion of every pose that is known, as evo reads it."""
 
     def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
-        """See `Table`."""
         super().__init__(path, columns)
         self._places = [columns.index(name) for name in ('stamp_ns', *POSE_COLUMNS)]
 
@@ -378,7 +377,6 @@ class Mot(Table):
     needs = frozenset(('label', 'state', 'x', 'y', 'area'))
 
     def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
-        """See `Table`."""
         super().__init__(path, columns)
         self._frame = 0
 

@@ -9,8 +9,9 @@ import threading
 import time
 import zlib
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -37,7 +38,8 @@ from mcap.records import Schema as SchemaRecord
 from mvuav_ros.messages.definitions import Schema, schema_of, type_hash
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import RecordingError
-from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MAGIC, MESSAGE_HEADER
+from mvuav_ros.recordings.layout import MCAP_START as MAGIC
+from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MESSAGE_HEADER
 
 
 class OutputFile:
@@ -256,14 +258,14 @@ class Summary:
         statistics = self.statistics
         statistics.chunk_count += 1
         counts = statistics.channel_message_counts
-        for key, count in chunk.counts.items():
+        for key, added in chunk.counts.items():
             first = statistics.message_count == 0
             statistics.message_start_time = (
                 chunk.start_ns if first else min(statistics.message_start_time, chunk.start_ns)
             )
             statistics.message_end_time = max(statistics.message_end_time, chunk.end_ns)
-            statistics.message_count += count
-            counts[key] = counts.get(key, 0) + count
+            statistics.message_count += added
+            counts[key] = counts.get(key, 0) + added
 
     def add_extra(self, record: Attachment | Metadata, offset: int) -> bytes:
         """An attachment or metadata as it is to be written at ``offset``."""
@@ -372,7 +374,8 @@ class RecordingWriter:
         self._file = OutputFile(self.path, overwrite)
         self._summary = Summary()
         self._schemas: dict[tuple[str, Schema | None], int] = {}
-        self._channels: dict[tuple[str, str, Schema | None], _Channel] = {}
+        # A channel's number, and those of its messages.
+        self._channels: dict[tuple[str, str, Schema | None], tuple[int, Iterator[int]]] = {}
         # The last one is being filled; appending an empty one hands it over in a single step,
         # so that Ctrl-C at any moment loses and doubles nothing.
         self._chunks = deque([Chunk()])
@@ -463,9 +466,10 @@ class RecordingWriter:
             if chunk.message_count == 0:
                 self._since = time.monotonic()
                 self._changed.notify_all()
-            channel.sequence += 1
-            number = channel.sequence if sequence is None else sequence
-            size = chunk.add(channel.id, number, (stamp_ns, publish_ns), cdr)
+            channel_id, numbers = channel
+            number = next(numbers)
+            times_ns = stamp_ns, publish_ns
+            size = chunk.add(channel_id, number if sequence is None else sequence, times_ns, cdr)
             if size >= _CHUNK_BYTES:
                 self._hand_over()
 
@@ -498,7 +502,9 @@ class RecordingWriter:
             self._error = self._error or error
         self._raise_error()
 
-    def _new_channel(self, topic: str, type: str, schema: Schema | None, qos: str) -> _Channel:
+    def _new_channel(
+        self, topic: str, type: str, schema: Schema | None, qos: str
+    ) -> tuple[int, Iterator[int]]:
         kind = normalised_type(type)
         text = schema or schema_of(kind)
         schema_id = self._schemas.get((kind, text))
@@ -524,8 +530,7 @@ class RecordingWriter:
         )
         self._chunks[-1].define(channel)
         self._summary.define(channel)
-        self._channels[topic, type, schema] = _Channel(channel.id)
-        return self._channels[topic, type, schema]
+        return self._channels.setdefault((topic, type, schema), (channel.id, count(1)))
 
     def _hand_over(self) -> None:
         """Begin a new chunk, once the thread keeps up; the lock is held."""
@@ -568,13 +573,3 @@ class RecordingWriter:
     def _raise_error(self) -> None:
         if self._error is not None:
             raise self._file.failure(self._error)
-
-
-class _Channel:
-    """A channel's number, and that of its last message."""
-
-    __slots__ = ('id', 'sequence')
-
-    def __init__(self, channel_id: int) -> None:
-        self.id = channel_id
-        self.sequence = 0

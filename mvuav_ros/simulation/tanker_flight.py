@@ -149,7 +149,11 @@ OffsetByTime = Callable[[float], BodyOffset]
 
 
 class TankerMotion:
-    """The body's pose as a function of time, for a camera that does not shake."""
+    """The body's pose as a function of time, for a camera that does not shake.
+
+    Attributes:
+        steady_frame: (3, 3), steady optical frame from level axes (x ahead, y left, z up).
+    """
 
     def __init__(
         self, settings: TankerSettings, rig: MarkerRig, duration: float, rng: np.random.Generator
@@ -159,18 +163,15 @@ class TankerMotion:
         self._roll = math.radians(settings.roll_deg)
         self._reach = rig.reach
         lab = settings.actual_view == 'lab'
-        self._elevation = LAB_ELEVATION if lab else RECEIVER_ELEVATION
+        elevation = LAB_ELEVATION if lab else RECEIVER_ELEVATION
+        self.steady_frame: Matrix = OPTICAL_FROM_BODY @ about_y(-elevation).T
+        self._look = np.array((math.cos(elevation), 0.0, math.sin(elevation)))
         docking = settings.motion == 'docking'
         # Seen from right behind, a turn about the origin stays in the middle of the frame.
-        aim = rig.dock if docking or not lab else (0.0, 0.0, 0.0)
-        self._aim = np.array(aim)
+        self._aim = np.array(rig.dock if docking or not lab else (0.0, 0.0, 0.0))
         usual = rig.reach * (LAB_DISTANCE if lab else RECEIVER_DISTANCE)
         self._start = settings.start_distance if docking else usual
         self._end = settings.end_distance if docking else usual
-
-    def steady_frame(self) -> Matrix:
-        """Steady optical frame from level axes (x ahead, y left, z up), (3, 3)."""
-        return np.asarray(OPTICAL_FROM_BODY @ about_y(-self._elevation).T)
 
     def pose(self, time: float) -> BodyPose:
         """The body in the steady camera's optical frame at a time (s)."""
@@ -178,12 +179,10 @@ class TankerMotion:
         distance = self._start + (self._end - self._start) * placed.closeness
         # Wander that takes the same angle at any distance: a pilot steers closer when closer.
         scale = self._reach * min(1.0, distance / self._start)
-        look = (math.cos(self._elevation), 0.0, math.sin(self._elevation))
-        camera = self._aim - distance * np.array(look)
+        camera = self._aim - distance * self._look
         offset = scale * np.array((placed.x, placed.y, placed.z))
-        optical = self.steady_frame()
         body = from_rpy(placed.roll + self._roll, placed.pitch, placed.yaw)
-        return BodyPose(optical @ body, optical @ (offset - camera))
+        return BodyPose(self.steady_frame @ body, self.steady_frame @ (offset - camera))
 
 
 def _sine(amplitude: float, period: float, time: float) -> float:
@@ -336,7 +335,7 @@ class TankerFlight(Flight[TankerTruth]):
         if self.settings.airframe and self.rig.name == TANKER_747.name:
             lighting = IN_LAB if lab else IN_SKY
             # The light stands still while the body turns under it.
-            light = self._motion.steady_frame() @ np.array(lighting.towards)
+            light = self._motion.steady_frame @ np.array(lighting.towards)
             lighting = replace(lighting, towards=tuple(light.tolist()))
             paint_mesh(image, tanker_mesh(), self.camera, pose, lighting)
         mean_x, mean_y = np.nanmean([(m.vx, m.vy) for m in truth.markers], axis=0)

@@ -137,9 +137,6 @@ def _images(text: str, files: list[Path], rate: float | None) -> ImageFolder:
     return folder
 
 
-FRAME_ID = OPTICAL_FRAME
-
-
 class SimulatedFlight(FrameSource):
     """The images of a synthetic flight; its calibration comes along."""
 
@@ -164,7 +161,7 @@ class SimulatedFlight(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Fly it from the start."""
         for frame in self._flight:
-            yield Frame(frame.stamp_ns, FRAME_ID, frame.image, self._camera)
+            yield Frame(frame.stamp_ns, OPTICAL_FRAME, frame.image, self._camera)
 
 
 def planned_flight(

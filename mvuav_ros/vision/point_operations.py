@@ -51,25 +51,20 @@ def intensity(bgr: Pixels) -> Pixels:
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
 
 
-def threshold(gray: Pixels, level: float, *, strict: bool = True) -> Mask:
+def threshold(gray: Pixels, level: float) -> Mask:
     """Separate bright pixels (255) from the rest (0).
+
+    It compares ``>`` as the thesis's programs do (im2bw); eq. 3.4 is written with ``>=``, which
+    differs only where level x full scale is a whole number.
 
     Args:
         gray: (height, width), uint8 or uint16.
         level: fraction of full scale, 0 to 1.
-        strict: True compares ``>`` as the thesis's programs do (im2bw), False ``>=`` as eq. 3.4
-            is written. They differ only where level x full scale is a whole number; at 0.7 on
-            8 bits both begin at 179.
 
     Returns:
         (height, width) uint8 mask.
     """
     limit = level * full_scale(gray)
-    if not strict:
-        # Pixels are whole numbers, so >= limit is > the greatest whole number below it.
-        limit = math.ceil(limit) - 1
-    if limit < 0:
-        return np.full(gray.shape, 255, np.uint8)
     if gray.size == 0:
         return np.zeros(gray.shape, np.uint8)
     if gray.itemsize == 1:

@@ -74,10 +74,6 @@ class LightSightings:
     markers: Indices
     pixels: Array
 
-    def only(self, which: NDArray[np.bool_]) -> LightSightings:
-        """Some of them."""
-        return LightSightings(self.frames[which], self.markers[which], self.pixels[which])
-
 
 @dataclass(frozen=True, eq=False)
 class RigCalibration:

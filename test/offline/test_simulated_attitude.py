@@ -22,7 +22,7 @@ def bag(tmp_path_factory):
     camera = camera_model(flight.camera)
     with RecordingWriter(path) as writer:
         for frame in flight:
-            for topic, kind, data in simulated_messages(frame, camera, 'camera', seed=1):
+            for topic, kind, data in simulated_messages(frame, camera, seed=1):
                 writer.write(topic, kind, frame.stamp_ns, data)
     return path
 

@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from rosbags import rosbag2
 from support.recording_samples import Sample, image_samples, string_sample, write_mcap, write_ros1
 
-from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.account import RecordingError, collecting
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.repairing import repair
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -30,19 +30,22 @@ def read(path: Path) -> list[Sample]:
 def test_all_topics_of_a_file_that_was_cut_off(tmp_path: Path) -> None:
     damaged = write_mcap(tmp_path / 'a.mcap', SAMPLES)
     damaged.write_bytes(damaged.read_bytes()[:-40_000])
-    report = repair(damaged, tmp_path / 'out.mcap')
+    with collecting() as accounts:
+        messages = repair(damaged, tmp_path / 'out.mcap')
     whole = read(tmp_path / 'out.mcap')
     assert whole == SAMPLES[: len(whole)]
-    assert 20 < len(whole) == sum(report.messages.values())
-    assert set(report.messages) == {'/camera/image_raw', '/note'}
-    assert any('cut off' in error for error in report.account.errors)
+    assert 20 < len(whole) == messages.total()
+    assert set(messages) == {'/camera/image_raw', '/note'}
+    assert any('cut off' in error for error in accounts[0].errors)
     with (tmp_path / 'out.mcap').open('rb') as stream:
         assert len(list(make_reader(stream, validate_crcs=True).iter_messages())) == len(whole)
 
 
 def test_what_is_skipped_is_said(tmp_path: Path) -> None:
     source = write_mcap(tmp_path / 'a.mcap', SAMPLES, encodings={'/note': 'json'})
-    account = repair(source, tmp_path / 'out.mcap').account
+    with collecting() as accounts:
+        repair(source, tmp_path / 'out.mcap')
+    (account,) = accounts
     assert account.errors == ['skipped: /note is json, not CDR', '40 messages skipped']
     assert (account.kept, account.lost, account.is_exact) == (40, 40, True)
 

@@ -32,14 +32,12 @@ def test_intensity_is_eq_3_3():
 
 def test_threshold_of_the_thesis_begins_at_179():
     levels = np.arange(256, dtype=np.uint8)[None]
-    for strict in (True, False):
-        assert np.flatnonzero(threshold(levels, 0.7, strict=strict))[0] == 179
+    assert np.flatnonzero(threshold(levels, 0.7))[0] == 179
 
 
-def test_strict_and_equal_differ_on_whole_limits():
+def test_a_pixel_at_a_whole_limit_is_not_bright():
     levels = np.arange(256, dtype=np.uint8)[None]
     assert np.flatnonzero(threshold(levels, 0.2))[0] == 52
-    assert np.flatnonzero(threshold(levels, 0.2, strict=False))[0] == 51
 
 
 @pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
@@ -47,9 +45,7 @@ def test_ends_of_the_range(dtype):
     scale = np.iinfo(dtype).max
     levels = np.array([[0, 1, scale - 1, scale]], dtype)
     np.testing.assert_array_equal(threshold(levels, 0.0), [[0, 255, 255, 255]])
-    np.testing.assert_array_equal(threshold(levels, 0.0, strict=False), [[255] * 4])
     np.testing.assert_array_equal(threshold(levels, 1.0), [[0] * 4])
-    np.testing.assert_array_equal(threshold(levels, 1.0, strict=False), [[0, 0, 0, 255]])
 
 
 def test_16_bits_use_their_full_scale():

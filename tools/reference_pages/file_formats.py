@@ -151,7 +151,7 @@ def _flight_topics() -> dict[str, str]:
     topics: dict[str, str] = {}
     for kind in ('tanker', 'runway'):
         flight = make_flight(kind, {'frames': 1, 'width': 64, 'height': 64, 'detail': 0.0})
-        messages = simulated_messages(next(iter(flight)), camera_model(flight.camera), 'camera')
+        messages = simulated_messages(next(iter(flight)), camera_model(flight.camera), seed=0)
         topics |= {name: type_name for name, type_name, _ in messages}
     return topics
 

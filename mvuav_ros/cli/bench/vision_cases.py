@@ -21,6 +21,7 @@ from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
+from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import Image
@@ -330,11 +331,7 @@ def _approach(width: int, height: int, rate: int) -> Case:
 
 def _opencv_lines(frame: NDArray[np.uint8]) -> object:
     """What OpenCV takes for the lines alone: Canny and HoughLinesP, on 320 px of width."""
-    gray = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-    factor = max(1, round(gray.shape[1] / 320))
-    if factor > 1:
-        size = (gray.shape[1] // factor, gray.shape[0] // factor)
-        gray = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
+    gray, _ = shrink_levels(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
     edges = cv2.Canny(gray, 60, 150)
     return cv2.HoughLinesP(edges, 1, np.pi / 180, 40, minLineLength=20, maxLineGap=5)
 

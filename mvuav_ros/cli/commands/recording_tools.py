@@ -153,19 +153,19 @@ def repair(
     refuse_to_overwrite(output, force)
     with local_copy(source) as path, local_output(output) as target, frame_progress() as bar:
         task = bar.add_task(visible(path.name), total=None)
-        report = write(
+        messages = write(
             path,
             target,
             overwrite=force,
             split_bytes=storage.split_bytes(split_mb),
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
-    say(f'{output}: {sum(report.messages.values())} messages')
-    for topic, count in list(report.messages.items())[:_MAX_ROWS]:
+    say(f'{output}: {messages.total()} messages')
+    for topic, count in list(messages.items())[:_MAX_ROWS]:
         say(f'  {topic}: {count}')
-    if len(report.messages) > _MAX_ROWS:
-        say(f'  and {len(report.messages) - _MAX_ROWS} more topics')
-    return {'output': output, 'messages': report.messages}
+    if len(messages) > _MAX_ROWS:
+        say(f'  and {len(messages) - _MAX_ROWS} more topics')
+    return {'output': output, 'messages': messages}
 
 
 class Form(StrEnum):

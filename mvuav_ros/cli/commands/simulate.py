@@ -64,7 +64,7 @@ def _parse_size(text: str) -> tuple[int, int]:
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
     from mvuav_ros.offline.simulated_messages import simulated_messages
     from mvuav_ros.recordings.writing import RecordingWriter
-    from mvuav_ros.sources.opening import FRAME_ID, camera_model, make_flight
+    from mvuav_ros.sources.opening import camera_model, make_flight
 
     flight = make_flight(kind, given)
     if output.is_dir():
@@ -79,7 +79,7 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     ):
         frames: Iterable[SimulatedFrame[Any]] = flight
         for frame in progress.track(frames, total=len(flight), description=f'sim:{kind}'):
-            for topic, type_name, data in simulated_messages(frame, camera, FRAME_ID, seed):
+            for topic, type_name, data in simulated_messages(frame, camera, seed):
                 writer.write(topic, type_name, frame.stamp_ns, data)
             if stop:
                 break

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.images import BadFrame, Frame
+from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.offline.replay import job as replay_job
@@ -24,13 +24,7 @@ from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.tables import marker_names
-from mvuav_ros.sources.opening import (
-    FRAME_ID,
-    camera_model,
-    looks_like_bag,
-    open_source,
-    planned_flight,
-)
+from mvuav_ros.sources.opening import camera_model, looks_like_bag, open_source, planned_flight
 from mvuav_ros.sources.source import SourceError
 
 MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
@@ -199,10 +193,10 @@ def _flown(text: str, truth: Observations) -> Iterator[Frame]:
     flight = planned_flight(text)
     camera = camera_model(flight.camera)
     for frame in flight:
-        for topic, _, data in truth_messages(frame, FRAME_ID):
+        for topic, _, data in truth_messages(frame):
             if topic in TRUTH_TOPICS:
                 truth.add(TRUTH_TOPICS[topic], data)
-        yield Frame(frame.stamp_ns, FRAME_ID, frame.image, camera)
+        yield Frame(frame.stamp_ns, OPTICAL_FRAME, frame.image, camera)
 
 
 def nodes_for(text: str) -> list[str]:

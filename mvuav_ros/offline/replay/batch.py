@@ -9,11 +9,11 @@ import logging
 import time
 import uuid
 from collections import Counter
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 import mvuav_ros
@@ -176,7 +176,8 @@ def run_on_cluster(
                 asked = time.monotonic()
                 stop.set()
             time.sleep(_POLL)
-            yield from _drained(progress)
+            while not progress.empty():
+                yield progress.get()
             for future in [future for future in waiting if future.done()]:
                 waiting.discard(future)
                 number = numbers[future]
@@ -201,14 +202,6 @@ def _work(job: ReplayJob, number: int, run: str) -> ReplayOutcome:
 
     keep_freed_memory()
     return attempt(job, report, stop)
-
-
-def _drained(queue: SimpleQueue[tuple[int, JobProgress]]) -> Iterator[Event]:
-    try:
-        while True:
-            yield queue.get_nowait()
-    except Empty:
-        return
 
 
 def _outcome(future: Any, job: ReplayJob) -> ReplayOutcome:

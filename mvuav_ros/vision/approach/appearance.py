@@ -26,7 +26,6 @@ class Profile:
     Attributes:
         strips: (n, 6), with the ends that were found.
         rows: of the map.
-        depth: rows below the vanishing point.
         edges: (2, n, rows) columns of the left and of the right edge.
         visible: both edges are in the image.
         parts: (n, rows, 4) what both edges have in common, in textures, with the strip's sign.
@@ -38,7 +37,6 @@ class Profile:
 
     strips: Strips
     rows: NDArray[np.intp]
-    depth: Numbers
     edges: Numbers
     visible: NDArray[np.bool_]
     parts: Numbers
@@ -50,8 +48,7 @@ class Profile:
     def mean(self, values: Any) -> Numbers:
         """(n,) mean over the strip's rows."""
         count = np.maximum(self.inside.sum(axis=1), 1)
-        result: Numbers = (values * self.inside).sum(axis=1) / count
-        return result
+        return np.asarray((values * self.inside).sum(axis=1) / count)
 
 
 def best_run(
@@ -112,7 +109,7 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     strips = strips.copy()
     strips[:, 4], strips[:, 5] = depth[number, first], depth[number, last] + 0.5
     inside = used & (first[:, None] <= _INDEX) & (last[:, None] >= _INDEX)
-    return Profile(strips, rows, depth, edges, visible, parts, total, inside, run, last)
+    return Profile(strips, rows, edges, visible, parts, total, inside, run, last)
 
 
 _BELOW = np.geomspace(1.12, 2.6, 12)
@@ -223,8 +220,7 @@ def _wider_on_one_side(image: EvidenceMap, of: Profile) -> Numbers:
     left, right, far, near = (of.strips[:, column : column + 1] for column in (2, 3, 4, 5))
     slopes = np.stack([left, right]) + (right - left) * (_WIDER * [[-1], [1]])[:, None]
     found = _sampled(image, of, slopes, far + (near - far) * _ALONG)[0]
-    most: Numbers = found.mean(axis=2).max(axis=1)
-    return most
+    return np.asarray(found.mean(axis=2).max(axis=1))
 
 
 def _above(image: EvidenceMap, strips: Strips) -> Numbers:
@@ -334,11 +330,9 @@ def _of_the_sky(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
 def _texture(image: EvidenceMap, rows: Any, columns: Any) -> Numbers:
     row = np.clip(rows, 0, image.height - 1)
     column = np.clip(np.rint(columns).astype(np.intp), 0, image.width - 1)
-    result: Numbers = image.texture[row, column] + 1.5
-    return result
+    return np.asarray(image.texture[row, column] + 1.5)
 
 
 def _length(values: Numbers) -> Numbers:
     """Of vectors of channels, which come first."""
-    result: Numbers = np.sqrt((values**2).sum(axis=0))
-    return result
+    return np.asarray(np.sqrt((values**2).sum(axis=0)))

@@ -376,7 +376,7 @@ class Finder:
         unchanged = self.tracker.registration.unchanged
         if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
-        if track is None or not sight.attitude or sight.row is None:
+        if track is None or sight.row is None or sight.meeting is None:
             return ''
         if track.lies_above(sight.row):
             return 'the likeliest lies above the horizon'
@@ -388,12 +388,10 @@ class Finder:
 
 def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:
     """The part of a line that lies beside a segment and on the frame, upper end first."""
-    x, y, x2, y2 = segment_ends(line, *size)
-    if math.isnan(x):
-        return x, y, x2, y2
+    ends = x, y, x2, y2 = segment_ends(line, *size)
     length = math.hypot(x2 - x, y2 - y)
-    if length == 0.0:
-        return x, y, x2, y2
+    if not length > 0.0:
+        return ends
     across, down = (x2 - x) / length, (y2 - y) / length
     along = sorted((px - x) * across + (py - y) * down for px, py in segment)
     first, last = max(0.0, along[0]), min(length, along[1])

@@ -93,11 +93,6 @@ class Derotation:
     slope: float
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Height and width, px."""
-        return self.height, self.width
-
-    @property
     def centre(self) -> tuple[float, float]:
         """About which it is turned, px of the working image."""
         return 0.5 * (self.width - 1), 0.5 * (self.height - 1)

@@ -98,7 +98,7 @@ def locate(
     solution = pose(measured)
     if not np.isfinite(solution[1:]).all():
         return Guidance()
-    jacobian = _jacobian(pose, measured, near_row is not None)
+    jacobian = _jacobian(pose, measured)
     covariance = jacobian @ noise @ jacobian.T
     if near_row is None:
         covariance[0, :] = covariance[:, 0] = 0.0
@@ -109,11 +109,10 @@ def locate(
     return Guidance(x, y, z, roll, pitch, yaw, covariance)
 
 
-def _jacobian(
-    function: Callable[[Vector], Vector], at: Vector, near_known: bool
-) -> NDArray[np.float64]:
+def _jacobian(function: Callable[[Vector], Vector], at: Vector) -> NDArray[np.float64]:
+    """(6, n) slopes of a pose at n measurements; 0 where one of them is not known."""
     jacobian = np.zeros((6, at.size))
-    for index in range(at.size if near_known else at.size - 1):
+    for index in np.flatnonzero(np.isfinite(at)):
         step = np.zeros(at.size)
         step[index] = GUIDANCE.jacobian_step
         change = (function(at + step) - function(at - step)) / (2 * GUIDANCE.jacobian_step)

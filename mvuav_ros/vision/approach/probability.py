@@ -55,8 +55,7 @@ class EvidenceWeights:
         """
         values = standardised(features, self.mean, self.deviation)
         hidden = np.tanh(values @ self.inward + self.bias)
-        result: NDArray[np.float64] = values @ self.slopes + hidden @ self.outward + self.offset
-        return result
+        return values @ self.slopes + hidden @ self.outward + self.offset
 
 
 def standardised(

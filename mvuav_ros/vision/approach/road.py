@@ -184,7 +184,6 @@ class RoadTrack(FollowedStrip):
     max_misses = 10
 
     def __init__(self, target: Target, strip: Strip) -> None:
-        """Begin with a candidate."""
         super().__init__(strip, math.log(target.start_score))
         self.target = target
         self.quality = self.evidence = 0.0

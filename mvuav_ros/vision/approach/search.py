@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.appearance import FEATURES, Scene, describe, profile
+from mvuav_ros.vision.approach.appearance import FEATURES, WEIGHTS, Scene, describe, profile
 from mvuav_ros.vision.approach.attitude import Box, Derotation
 from mvuav_ros.vision.approach.evidence import (
     CHANNELS,
@@ -28,8 +28,7 @@ from mvuav_ros.vision.approach.strip_edges import Strip, Strips
 from mvuav_ros.vision.approach.strips import surrounding_box
 from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
 
-_WEIGHTS = np.array(SEARCH.weights, np.float32)
-_ROUGH_WEIGHTS = np.rint(5 * _WEIGHTS).astype(np.int16)
+_ROUGH_WEIGHTS = np.rint(5 * WEIGHTS).astype(np.int16)
 _FIRST, _SECOND = np.triu_indices(SEARCH.edges_kept, 1)
 
 
@@ -106,7 +105,7 @@ class Fan:
         rights = mirrored.reshape(edges.shape).take(_SECOND, axis=1)
         common = in_common(lefts.view(np.int8), rights.view(np.int8))
         total = np.abs(_added(common.view(np.int32))).reshape(-1, CHANNELS)
-        score = (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / self.rows.size)
+        score = (total.astype(np.float32) @ WEIGHTS) * (COARSE / UNIT / self.rows.size)
         return np.ascontiguousarray(score.reshape(-1, self.points.size).T)
 
     def _best(
@@ -131,8 +130,7 @@ class Fan:
 def _added(packed: NDArray[np.int32]) -> NDArray[np.int8]:
     """Sum over the rows of all channels; eight of the coarse numbers fit into a byte."""
     values = packed.view(np.int8).reshape(packed.shape[0], -1)
-    total: NDArray[np.int8] = np.add.reduce(values, axis=0, dtype=np.int8)
-    return total
+    return np.asarray(np.add.reduce(values, axis=0, dtype=np.int8))
 
 
 _fan = lru_cache(maxsize=64)(Fan)
@@ -231,8 +229,7 @@ def around(image: EvidenceMap, strip: NDArray[np.float64], most: int, widest: fl
 def _rows(y: Any, near: Any) -> NDArray[np.intp]:
     """Rows of the map in which strips are compared."""
     share = np.linspace(SEARCH.first_row, 1.0, SEARCH.align_rows)
-    rows: NDArray[np.intp] = np.rint(y + share * near).astype(np.intp)
-    return rows
+    return np.asarray(np.rint(y + share * near).astype(np.intp))
 
 
 def _signed(image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any]) -> NDArray[np.int8]:
@@ -248,8 +245,7 @@ def _signed(image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any]) -
 def _agreement(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.float64]:
     """What edges (rows, ..., 4) have in common over all rows."""
     total = np.add.reduce(in_common(one, other), axis=0, dtype=np.int16)
-    score: NDArray[np.float64] = np.abs(total) @ _ALIGN_WEIGHTS
-    return score
+    return np.asarray(np.abs(total) @ _ALIGN_WEIGHTS)
 
 
 def _choose(edges: NDArray[np.int8]) -> list[NDArray[np.intp]]:
@@ -294,8 +290,7 @@ def _moved(strips: Strips, chosen: list[NDArray[np.intp]]) -> tuple[Strips, NDAr
 
 def _widest(y: Any) -> NDArray[np.float64]:
     """Width over camera height of what is searched, by the rows of vanishing points."""
-    widest: NDArray[np.float64] = np.where(y >= 0, SEARCH.widest, SEARCH.widest_above)
-    return widest
+    return np.where(y >= 0, SEARCH.widest, SEARCH.widest_above)
 
 
 class Candidates(NamedTuple):
@@ -487,8 +482,7 @@ def ends_of(working: LevelledImage, strip: Strip) -> NDArray[np.float64] | None:
     part = working.part_around(strip[None])
     if part is None:
         return None
-    ends: NDArray[np.float64] = profile(part.map, part.strips).strips[0, 4:6] * 2**part.level
-    return ends
+    return np.asarray(profile(part.map, part.strips).strips[0, 4:6] * 2**part.level)
 
 
 def _scaled(strips: Strips, factor: float) -> Strips:

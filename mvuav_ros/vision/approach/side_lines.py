@@ -79,8 +79,7 @@ def choose(
 def _clear(clearness: Numbers) -> Numbers:
     """From 0 to 1, whether each line is as clear as the clearest."""
     ahead: Numbers = clearness / max(float(clearness.max()), 1e-6) - LINES.clear_share
-    share: Numbers = 1.0 / (1.0 + np.exp(-ahead / LINES.clear_doubt))
-    return share
+    return np.asarray(1.0 / (1.0 + np.exp(-ahead / LINES.clear_doubt)))
 
 
 _ALONG = (np.arange(LINES.rows) + 0.5) / LINES.rows
@@ -200,5 +199,4 @@ def _clearness(brightness: NDArray[np.float32], fan: _LineFan) -> Numbers:
     np.minimum(ridges, LINES.max_ridge * usual + 1.0, out=ridges)
     votes = ridges.take(fan.at, axis=1).sum(axis=1)
     usual = ridges.mean(axis=1, keepdims=True) + LINES.noise
-    clearness: Numbers = votes * fan.worth / (usual * LINES.rows)
-    return clearness
+    return np.asarray(votes * fan.worth / (usual * LINES.rows))

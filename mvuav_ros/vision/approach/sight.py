@@ -23,15 +23,13 @@ class Sight(NamedTuple):
         row: of the horizon, px, if it is known.
         ranges: hypotheses of where it is; the first has the frame's slope, as have all without
             a horizon.
-        meeting: row of the vanishing point and its standard deviation, if known, px.
-        attitude: whether that comes from an attitude sensor.
+        meeting: row of the vanishing point and its standard deviation, px; known with an attitude.
         seen: frames in which a horizon was seen.
     """
 
     row: float | None
     ranges: list[SearchRange]
     meeting: tuple[float, float] | None = None
-    attitude: bool = False
     seen: float = 0.0
 
     @classmethod
@@ -46,7 +44,7 @@ class Sight(NamedTuple):
         """A sensor has given the horizon's row and slope."""
         reach = SEARCH.attitude_reach
         ranges = [SearchRange(slope, row - reach, row + reach)]
-        return cls(row, ranges, (row, SEARCH.attitude_sigma), True, math.inf)
+        return cls(row, ranges, (row, SEARCH.attitude_sigma), math.inf)
 
     @classmethod
     def from_image(cls, row: float, slope: float, height: int, seen: int) -> Sight:

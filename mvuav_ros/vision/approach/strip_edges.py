@@ -328,8 +328,7 @@ def _steps(
     """(2, places) median over the rows of the rise towards outside."""
     smooth = cv2.blur(channel, (window, 1))
     rise = (smooth[:, window:] - smooth[:, :-window]).reshape(2, SHOULDERS.rows, -1)
-    median: NDArray[np.floating[Any]] = np.median(rise[:, seen], axis=1)
-    return median
+    return np.asarray(np.median(rise[:, seen], axis=1))
 
 
 def _clearness(size: NDArray[np.floating[Any]], place: NDArray[np.float64], first: float) -> float:

@@ -16,8 +16,7 @@ from mvuav_ros.vision.approach.tuning import STRIP
 def columns_at(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 2, 2) columns of the left and the right edge at two rows, px."""
     depth = (rows - strips[:, 1:2])[:, None]
-    columns: NDArray[np.float64] = strips[:, 0, None, None] + strips[:, 2:4, None] * depth
-    return columns
+    return strips[:, 0, None, None] + strips[:, 2:4, None] * depth
 
 
 def strips_through(
@@ -82,8 +81,7 @@ def strip_along(edges: Edges, strip: Strip) -> Strip:
     lines = [np.polyfit(edge.rows, edge.columns, 1, w=edge.weights + 1e-3) for edge in edges]
     ends = strip[1] + strip[4:6]
     corners = np.array([np.polyval(line, ends) for line in lines])
-    through: Strip = strips_through(corners[None], ends, ends[None])[0]
-    return through
+    return np.asarray(strips_through(corners[None], ends, ends[None])[0])
 
 
 def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:

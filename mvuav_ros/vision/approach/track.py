@@ -90,8 +90,7 @@ def _distinct(
     for place in range(len(order)):
         if differ[place, kept].all():
             kept.append(place)
-    first: NDArray[np.intp] = order[kept[: TRACK.max_strips]]
-    return first
+    return np.asarray(order[kept[: TRACK.max_strips]])
 
 
 class View(NamedTuple):
@@ -179,7 +178,6 @@ class RunwayTrack(FollowedStrip):
     max_misses = 4
 
     def __init__(self, strip: Strip, log_odds: float) -> None:
-        """Begin with a candidate."""
         super().__init__(strip, log_odds)
         self.moved = 0
         self.distinct = self.shoulders = 0.0

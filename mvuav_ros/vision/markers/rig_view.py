@@ -38,14 +38,12 @@ class WeakPerspective:
     Attributes:
         points: (n, 3), x right, y down, z ahead; the middle of the markers is the origin and the
             farthest marker is at 1.
-        size: m.
         lens: of the camera.
         offsets: (n,), by how much the markers of a body that is not what its rig says are seen
             beside it: x + iy in units of the scale, turned with the roll.
     """
 
     points: Array
-    size: float
     lens: Lens
     offsets: Complex | None = None
 
@@ -56,7 +54,7 @@ class WeakPerspective:
         points = np.column_stack((-y, -z, x))
         points = points - points.mean(axis=0)
         size = float(np.hypot(np.hypot(*points.T[:2]), points.T[2]).max()) or 1.0
-        return cls(points / size, size, lens)
+        return cls(points / size, lens)
 
     def with_offsets(self, view: ViewState, measured: Array) -> WeakPerspective:
         """The shape that shows the markers where they are (n, 2), px, in a view."""
@@ -257,7 +255,7 @@ def views_of_three(
     markers: NDArray[np.intp],
     places: Complex,
     focal: float,
-    may_be: Callable[[Array], NDArray[np.bool_]] | None = None,
+    may_be: Callable[[Array], NDArray[np.bool_]],
 ) -> Array:
     """Views in which three markers are seen at given places.
 
@@ -277,11 +275,10 @@ def views_of_three(
     seen = (places - shape.middle).T / focal
     depths, rows = _orthographic_depths(points, seen)
     points, seen = points[..., rows], seen[:, rows]
-    if may_be is not None:
-        kept = may_be(_views_at(shape, points, seen, depths, focal))
-        if not kept.any():
-            return np.empty((0, COUNT))
-        points, seen, depths = points[..., kept], seen[:, kept], depths[:, kept]
+    kept = may_be(_views_at(shape, points, seen, depths, focal))
+    if not kept.any():
+        return np.empty((0, COUNT))
+    points, seen, depths = points[..., kept], seen[:, kept], depths[:, kept]
     return _views_at(shape, points, seen, _perspective_depths(points, seen, depths), focal)
 
 

@@ -122,7 +122,11 @@ class ThesisTracker:
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the five markers in the next frame, of a later time (s) than the last one."""
         if self._whole_frames < WHOLE_FRAMES:
-            return self._search_whole_frame(image, time, parameters)
+            found = detect(image, parameters)
+            if found.markers is LOST_TANKER:
+                self._start_again()
+                return found
+            return self._follow(found, time)
         result = self._search_windows(image, time, parameters)
         if not any(self._lost):
             return result
@@ -130,15 +134,6 @@ class ThesisTracker:
         if found.markers is LOST_TANKER:
             return result
         self._start_again()
-        return self._follow(found, time)
-
-    def _search_whole_frame(
-        self, image: Image, time: float, parameters: MarkerTrackerParameters
-    ) -> MarkerResult:
-        found = detect(image, parameters)
-        if found.markers is LOST_TANKER:
-            self._start_again()
-            return found
         return self._follow(found, time)
 
     def _follow(self, found: MarkerResult, time: float) -> MarkerResult:
