@@ -92,7 +92,9 @@ def test_four_markers_in_one_plane_may_be_seen_from_its_other_side():
     assert named(spots, wide) == dict(enumerate(spots))
     known = Prior(level, wide.deviations * (0.1, *[1.0] * 7), 0.5)
     assert named(four, known) == {marker: spots[marker] for marker in (0, 1, 3, 4)}
-    turned = Prior(level + (0.5 * math.pi, *[0.0] * 7), wide.deviations, 0.5)
+    aside = level.copy()
+    aside[0] += 0.5 * math.pi
+    turned = Prior(aside, wide.deviations, 0.5)
     assert named(four, turned) is None
 
 
