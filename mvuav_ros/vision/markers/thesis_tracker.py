@@ -107,10 +107,12 @@ class ThesisTracker:
     Where the thesis's program stops, this one goes on: a window that leaves the image is
     clipped; a marker that is not in its window is ``predicted``, and ``lost`` once it has not
     been seen for ``lost_timeout``. While any marker is lost every frame is searched whole as
-    well, and as soon as all five are found there the tracker starts again from them.
+    well, and as soon as all five are found there the tracker starts again from them. A frame of
+    another size starts afresh.
     """
 
     def __init__(self) -> None:
+        self._size = (0, 0)
         self._start_again()
 
     def _start_again(self) -> None:
@@ -121,6 +123,9 @@ class ThesisTracker:
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the five markers in the next frame, of a later time (s) than the last one."""
+        if self._size != (image.width, image.height):
+            self._size = image.width, image.height
+            self._start_again()
         if self._whole_frames < WHOLE_FRAMES:
             return self._search_whole_frame(image, time, parameters)
         result = self._search_windows(image, time, parameters)

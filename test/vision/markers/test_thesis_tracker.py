@@ -190,13 +190,17 @@ def test_tiny_frames_give_a_result(mode, shape, value):
         assert bool(result.markers) == bool(value)
 
 
-def test_a_smaller_frame_while_tracking():
-    flight = Flight()
+@pytest.mark.parametrize(
+    ('parameters', 'count'),
+    [({}, 5), ({'prediction': 'velocity'}, 5), ({'mode': 'track_any'}, 0)],
+)
+def test_a_smaller_frame_while_tracking(parameters, count):
+    flight = Flight(**parameters)
     for _ in range(4):
         flight.see(tanker_at())
     result = flight.see([], size=(64, 48))
     # Nothing that was known holds on a frame of another size.
-    assert states(result) == [LOST] * 5
+    assert states(result) == [LOST] * count
 
 
 def test_stamps_must_grow():
