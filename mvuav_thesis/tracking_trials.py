@@ -57,7 +57,7 @@ def table_5_1(frames: int) -> Table:
         'comparison | thesis | here',
         (
             ('frame time (Figure 5.1)', 'trials 1 to 4', flown),
-            ('profiler (Table 5.2)', 'trial 1', f'trial 1, {frames} frames'),
+            ('profiler (Table 5.2)', 'trials 1 to 4, numbers of 1', f'trial 1, {frames} frames'),
             ('RMS position error (Table 5.3)', 'trials 1 to 4', flown),
             ('roll angle (Figure 5.8)', 'trials 1 to 4', flown),
             ('vibration (Table 5.5)', rolls, rolls),
