@@ -108,7 +108,8 @@ class ThesisTracker:
     clipped; a marker that is not in its window is ``predicted``, and ``lost`` once it has not
     been seen for ``lost_timeout``. While any marker is lost every frame is searched whole as
     well, and as soon as all five are found there the tracker starts again from them. A frame of
-    another size starts afresh.
+    another size starts afresh. Two markers whose windows meet may go on with one light, as in the
+    program; the status says so.
     """
 
     def __init__(self) -> None:
@@ -160,8 +161,12 @@ class ThesisTracker:
     ) -> MarkerResult:
         rows = [self._look_for(label, image, time, parameters) for label in TANKER_LABELS]
         markers, windows, predictions = zip(*rows, strict=True)
-        complete = all(marker.state is MarkerState.DETECTED for marker in markers)
-        status = '' if complete else counts_of(markers)
+        lights = [marker[2:4] for marker in markers if marker.state is MarkerState.DETECTED]
+        status = '' if len(lights) == len(markers) else counts_of(markers)
+        if shared := len(lights) - len(set(lights)):
+            # The program does not distinguish names whose windows have met.
+            twice = f"{shared} of the names are on another one's light"
+            status = f'{status}; {twice}' if status else twice
         return MarkerResult(markers, roll_of(markers[0], markers[-1]), status, windows, predictions)
 
     def _look_for(
