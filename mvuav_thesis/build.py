@@ -105,9 +105,10 @@ def build_report(
     report = Report(
         "The thesis's experiments, with truth",
         (
-            'Tables and figures of chapter 5 of Larry W. Rowe, machine vision for UAVs, West '
-            'Virginia University 2006, and the results of its Fig. 4.30, made again on synthetic '
-            'flights of mvuav_ros, whose markers, roll and lines are known exactly, under the '
+            'Tables and figures of chapter 5 of Larry W. Rowe II, Machine Vision Applications in '
+            'UAVs for Autonomous Aerial Refueling and Runway Detection, West Virginia University '
+            '2006, and the results of its Fig. 4.30, made again on synthetic flights of mvuav_ros, '
+            'whose markers, roll and lines are known exactly, under the '
             "thesis's conditions. Its cells stand beside ours, and each of ours says whether it "
             'is better, equal or worse. Equal is what differs by at most '
             f'{100 * EQUAL_SHARE:g} %, or holds the number of the thesis in its 95 % confidence '

@@ -108,8 +108,8 @@ class Plan:
 
 
 def tracker(**values: Value) -> MarkerTrackerParameters:
-    """The marker tracker's parameters with the thesis's centroid and channel."""
-    given = {'centroid': 'binary', 'channel': 'intensity', **values}
+    """The marker tracker's parameters with the thesis's groups, centroid and channel."""
+    given = {'grouping': 'distance', 'centroid': 'binary', 'channel': 'intensity', **values}
     return MarkerTrackerParameters.from_mapping(given)
 
 

@@ -343,7 +343,8 @@ def figure_4_30(flight: FlownRunway) -> Table:
         rows,
         f'Scene "{FIGURE_SCENE}": another flight than the one in the thesis, which is not to '
         'be had, so that better and worse say as much of the flight as of the scheme. Fewer '
-        'flags and smaller deviations are better; a mean is neither. Rho in px, theta in rad. '
+        'flags and smaller deviations are better; a mean is neither. Rho in px, in the thesis of '
+        'the line in the slice, here on the whole frame; theta in rad. '
         'A flag counts once for a frame, whichever of its lines raised it.',
         f'The theta flag is up where a line turns by more than '
         f'{thesis_detector().theta_error_threshold_deg:g}° from one frame to the '

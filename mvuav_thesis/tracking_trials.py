@@ -28,8 +28,9 @@ def tracking_section(plan: Plan, flown: Sequence[FlownMarkers]) -> tuple[Section
         (
             f'Four trials of {plan.trial_frames} frames at {known.TRIAL_FPS:g} frames/s with a '
             'simulated tanker in the lab view (640x480, field of view 60°), each flown '
-            f'{plan.trial_repeats} times with seeds of its own. The thesis gives the trials '
-            'their names and no paths; the paths here are those of the simulator.',
+            f'{plan.trial_repeats} times with seeds of its own. The thesis numbers its trials, and '
+            'says of their motion that the second is erratic and that the tanker turns back in the '
+            'first; names and paths here are those of the simulator.',
             'The RMS of prediction is the root mean square distance between where a marker was '
             'predicted and where it was then found: all that the thesis could measure. Truth '
             'adds how far both were from where the light really was.',
@@ -57,7 +58,7 @@ def table_5_1(frames: int) -> Table:
         'comparison | thesis | here',
         (
             ('frame time (Figure 5.1)', 'trials 1 to 4', flown),
-            ('profiler (Table 5.2)', 'trial 1', f'trial 1, {frames} frames'),
+            ('profiler (Table 5.2)', 'trials 1 to 4, numbers of 1', f'trial 1, {frames} frames'),
             ('RMS position error (Table 5.3)', 'trials 1 to 4', flown),
             ('roll angle (Figure 5.8)', 'trials 1 to 4', flown),
             ('vibration (Table 5.5)', rolls, rolls),

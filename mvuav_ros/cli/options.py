@@ -119,3 +119,12 @@ def refuse_to_overwrite(
         return
     if output.exists() if isinstance(output, Path) else size_at(output) is not None:
         raise RecordingError(f'{output} exists; --force overwrites it')
+
+
+def take_folder(folder: Path, page: str, force: bool) -> None:
+    """Make the folder of a report; one that holds such a page already is taken by force only.
+
+    Before the work: what took an hour must not be lost to a folder that cannot be made.
+    """
+    refuse_to_overwrite(folder / page, force)
+    folder.mkdir(parents=True, exist_ok=True)

@@ -71,6 +71,7 @@ class MarkerTrackerParameters(ParameterSet):
         'prediction kalman, else distance). track with kalman always uses components.',
         choices=('auto', 'distance', 'components'),
         thesis='distance',
+        counts=(*_GROUPED, {'mode': ('track_any',)}),
     )
     grouping_distance: int = _detection(
         15,
@@ -81,7 +82,10 @@ class MarkerTrackerParameters(ParameterSet):
         unit='px',
         thesis='T',
         usual=(0, 60),
-        counts=_GROUPED,
+        counts=(
+            *({**grouped, 'grouping': ('auto', 'distance')} for grouped in _GROUPED),
+            {'mode': ('track_any',), 'grouping': ('distance',)},
+        ),
     )
     search_radius: int = _tracking(
         10,
@@ -103,7 +107,7 @@ class MarkerTrackerParameters(ParameterSet):
         'opposite sign and half the size of eq. 3.16).',
         choices=PREDICTIONS,
         thesis='eqs 4.1, 4.2',
-        counts=({'mode': ('track',)},),
+        counts=_FOLLOWED,
     )
     centroid: str = _detection(
         'auto',

@@ -72,6 +72,7 @@ class RunwayDetectorParameters(ParameterSet):
         'Below this probability mode approach reports no runway; its rows are then NaN.',
         limits=(0.0, 1.0),
         usual=(0, 1),
+        counts=({'mode': ('approach',), 'target': ('runway',)},),
     )
     horizon_source: str = _approach(
         'auto',
@@ -232,6 +233,7 @@ class RunwayDetectorParameters(ParameterSet):
         unit='frames',
         thesis='N-Sample Switch; 2',
         usual=(0, 30),
+        counts=_THESIS,
     )
     max_hold: int = _correction(
         15,
@@ -241,6 +243,7 @@ class RunwayDetectorParameters(ParameterSet):
         unit='frames',
         thesis='section 4.3.2.4; never',
         usual=(0, 100),
+        counts=_THESIS,
     )
     association: str = _correction(
         'nearest',

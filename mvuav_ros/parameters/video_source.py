@@ -57,7 +57,10 @@ class VideoSourceParameters(ParameterSet):
         choices=('source', 'mono8', 'bgr8', 'rgb8'),
     )
     gamma: float = parameter(
-        1.0, 'out = in ** gamma on the range 0 to 1; 1: off.', (0.01, 100.0), thesis='eq. 3.2'
+        1.0,
+        'out = in ** gamma on the range 0 to 1: above 1 darkens, below 1 brightens; 1: off.',
+        (0.01, 100.0),
+        thesis='eq. 3.2',
     )
     frame_id: str = parameter(
         '', "Frame of the published headers; empty: the source's own, or camera_optical_frame."

@@ -64,7 +64,7 @@ TANKER_MOTIONS = (
     'docking',
 )
 TRIALS = ('translation', 'erratic', 'roll', 'roll_translation')
-"""The thesis's four trials, in its order."""
+"""The motions of the thesis's four trials, in its order; it has no names for them."""
 BACKGROUNDS = ('auto', 'foam', 'sky', 'plain')
 RUNWAY_MOTIONS = ('approach', 'low_pass', 's_turn')
 RUNWAY_FOV_DEG = 60.0
@@ -148,9 +148,9 @@ class TankerSettings(FlightSettings):
 
     motion: str = parameter(
         'roll_translation',
-        "How the tanker moves. translation, erratic, roll and roll_translation are the thesis's "
-        'trials 1 to 4; roll_360 rolls through 360 degrees; crossing yaws until a stabilizer '
-        'passes a wing at about 5 px; docking closes in from behind and below.',
+        'How the tanker moves. translation, erratic, roll and roll_translation stand for the '
+        "thesis's trials 1 to 4; roll_360 rolls through 360 degrees; crossing yaws until a "
+        'stabilizer passes a wing at about 5 px; docking closes in from behind and below.',
         choices=TANKER_MOTIONS,
         thesis='chapter 5.1',
     )

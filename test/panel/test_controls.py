@@ -73,13 +73,16 @@ def test_places_end_where_the_image_does():
 
 def test_what_has_an_effect_depends_on_the_other_values():
     grouping = control_of(MarkerTrackerParameters, 'grouping_distance')
-    assert not grouping.has_effect({'mode': 'track', 'prediction': 'kalman'})
-    assert grouping.has_effect({'mode': 'track', 'prediction': 'velocity'})
-    assert grouping.has_effect({'mode': 'detect', 'prediction': 'kalman'})
-    assert not grouping.has_effect({'mode': 'track_any', 'prediction': 'none'})
+    markers, runway = MarkerTrackerParameters().as_dict(), RunwayDetectorParameters().as_dict()
+    assert not grouping.has_effect({**markers, 'mode': 'track', 'prediction': 'kalman'})
+    assert grouping.has_effect({**markers, 'mode': 'track', 'prediction': 'velocity'})
+    assert grouping.has_effect({**markers, 'mode': 'detect', 'prediction': 'kalman'})
+    assert not grouping.has_effect({**markers, 'mode': 'track_any', 'prediction': 'none'})
     for name in RunwayDetectorParameters.names():
         control = control_of(RunwayDetectorParameters, name)
-        modes = [mode for mode in ('thesis', 'approach') if control.has_effect({'mode': mode})]
+        modes = [
+            mode for mode in ('thesis', 'approach') if control.has_effect({**runway, 'mode': mode})
+        ]
         assert modes, name
 
 

@@ -183,3 +183,31 @@ def test_assignments(text, parts):
 def test_bad_assignments_are_refused(text):
     with pytest.raises(ParameterError):
         parse_assignment(text)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'useless'),
+    [
+        (MarkerTrackerParameters(mode='track_any', prediction='velocity'), set()),
+        (
+            MarkerTrackerParameters(mode='track_any', grouping='distance', grouping_distance=4),
+            set(),
+        ),
+        (MarkerTrackerParameters(mode='track_any', grouping_distance=4), {'grouping_distance'}),
+        (
+            MarkerTrackerParameters(mode='detect', grouping='components', grouping_distance=4),
+            {'grouping_distance'},
+        ),
+        (MarkerTrackerParameters(grouping='distance'), {'grouping'}),
+        (
+            RunwayDetectorParameters(mode='approach', max_hold=0, correction_warmup=0),
+            {'max_hold', 'correction_warmup'},
+        ),
+        (
+            RunwayDetectorParameters(mode='approach', target='road', min_confidence=0.9),
+            {'min_confidence'},
+        ),
+    ],
+)
+def test_which_parameters_are_said_to_have_no_effect(parameters, useless):
+    assert {*parameters.without_effect()} == useless

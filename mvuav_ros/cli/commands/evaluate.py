@@ -17,7 +17,7 @@ from mvuav_ros.cli.options import (
     Json,
     Param,
     ParamsFile,
-    refuse_to_overwrite,
+    take_folder,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.recordings.account import RecordingError
@@ -172,7 +172,7 @@ def thesis(
     from mvuav_thesis.build import build_report, steps_of
     from mvuav_thesis.plan import Plan
 
-    refuse_to_overwrite(output / PAGE, force)
+    take_folder(output, PAGE, force)
     plan = Plan.quick(seed, jobs) if quick else Plan(seed=seed, jobs=jobs)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=steps_of(plan))
@@ -206,7 +206,7 @@ def integrity(
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.vision.integrity import IntegrityBudget
 
-    refuse_to_overwrite(output / PAGE, force)
+    take_folder(output, PAGE, force)
     budget, more = IntegrityBudget(), max(frames // 10, 1)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=flights_of(frames) + flights_of(more))
@@ -260,7 +260,7 @@ def bag(
 
     if not (source.startswith('sim:') or Path(source).expanduser().exists()):
         raise RecordingError(f'{source} does not exist')
-    refuse_to_overwrite(output / PAGE, force)
+    take_folder(output, PAGE, force)
     run = None
     again = replayed or param or params_file is not None
     if not again and not source.startswith('sim:'):

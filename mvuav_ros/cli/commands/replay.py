@@ -217,7 +217,8 @@ def replay(
     gamma: Annotated[
         float,
         typer.Option(
-            help='out = in ** gamma on every image (eq. 3.2), as video_source does; 1: off.',
+            help='out = in ** gamma on every image (eq. 3.2), as video_source does: above 1 '
+            'darkens, below 1 brightens; 1: off.',
             min=0.01,
             max=100.0,
         ),

@@ -12,7 +12,7 @@ from mvuav_ros.cli.options import (
     Force,
     ImageTopic,
     ParamsFile,
-    refuse_to_overwrite,
+    take_folder,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.detectors import DETECTORS
@@ -70,7 +70,7 @@ def sweep(
     chosen = node_names(nodes, swept or DETECTORS)
     base = resolve_parameters(chosen, params_file)
     runs = plan_runs(sources, axes, base, image_topic)
-    refuse_to_overwrite(output / CSV, force)
+    take_folder(output, CSV, force)
     with frame_progress() as progress:
         made = run_sweep(runs, jobs, dask)
         results = in_order(progress.track(made, total=len(runs), description='sweep'))
@@ -82,7 +82,6 @@ def sweep(
         'other parameters': ', '.join(f'{n}: {g or "defaults"}' for n, g in base.items()),
         'jobs': dask or jobs,
     }
-    output.mkdir(parents=True, exist_ok=True)
     write_csv(sweep_table(results, axes), output / CSV)
     page = write_report(sweep_report(results, axes, described), output)
     _report(results, page)

@@ -171,12 +171,19 @@ class MultiObjectTracker:
     """
 
     def __init__(self) -> None:
+        self._newest_id = 0
+        self._begin((0, 0))
+
+    def _begin(self, size: tuple[int, int]) -> None:
+        """Begin with images of a size, px; no number is given again."""
+        self._size = size
         self._motion = MotionPredictor(0)
         self._lights: NDArray[Any] = np.empty(0, _LIGHT)
-        self._newest_id = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the lights of the next frame, of a later time (s) than the last one."""
+        if self._size != (image.width, image.height):
+            self._begin((image.width, image.height))
         predicted = np.array(self._motion.predict(time, parameters.prediction)).reshape(-1, 2)
         status = ''
         try:

@@ -107,10 +107,13 @@ class ThesisTracker:
     Where the thesis's program stops, this one goes on: a window that leaves the image is
     clipped; a marker that is not in its window is ``predicted``, and ``lost`` once it has not
     been seen for ``lost_timeout``. While any marker is lost every frame is searched whole as
-    well, and as soon as all five are found there the tracker starts again from them.
+    well, and as soon as all five are found there the tracker starts again from them. A frame of
+    another size starts afresh. Two markers whose windows meet may go on with one light, as in the
+    program; the status says so.
     """
 
     def __init__(self) -> None:
+        self._size = (0, 0)
         self._start_again()
 
     def _start_again(self) -> None:
@@ -121,6 +124,9 @@ class ThesisTracker:
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the five markers in the next frame, of a later time (s) than the last one."""
+        if self._size != (image.width, image.height):
+            self._size = image.width, image.height
+            self._start_again()
         if self._whole_frames < WHOLE_FRAMES:
             found = detect(image, parameters)
             if found.markers is LOST_TANKER:
@@ -150,8 +156,12 @@ class ThesisTracker:
     ) -> MarkerResult:
         rows = [self._look_for(label, image, time, parameters) for label in TANKER_LABELS]
         markers, windows, predictions = zip(*rows, strict=True)
-        complete = all(marker.state is MarkerState.DETECTED for marker in markers)
-        status = '' if complete else counts_of(markers)
+        lights = [marker[2:4] for marker in markers if marker.state is MarkerState.DETECTED]
+        status = '' if len(lights) == len(markers) else counts_of(markers)
+        if shared := len(lights) - len(set(lights)):
+            # The program does not distinguish names whose windows have met.
+            twice = f"{shared} of the names are on another one's light"
+            status = f'{status}; {twice}' if status else twice
         return MarkerResult(markers, roll_of(markers[0], markers[-1]), status, windows, predictions)
 
     def _look_for(

@@ -17,6 +17,9 @@ from mvuav_ros.vision.runway.normal_form import NormalForm
 # A pair beyond the limits costs more than any pair within them, so that one wild measurement
 # cannot pull the good ones apart.
 _BEYOND_LIMITS = 2.0
+_ROUNDING = 1e-9
+"""px and rad by which a change of whole Hough cells may seem more than it is: one of exactly a
+limit is within it, whichever way its angles were rounded."""
 _MAX_TRIED = 4
 """Lines of which every assignment is tried: importing SciPy takes longer than all of the rest."""
 
@@ -74,7 +77,7 @@ def _cost(known: NormalForm, measured: NormalForm, rho_limit: float, theta_limit
     rho = abs(new.rho - known.rho) / rho_limit
     theta = abs(new.theta - known.theta) / theta_limit
     distance = math.hypot(rho, theta) / math.sqrt(2)
-    if rho <= 1 and theta <= 1:
+    if max(rho, theta) <= 1 + _ROUNDING:
         return distance
     return _BEYOND_LIMITS + distance / (1 + distance)
 
@@ -99,9 +102,10 @@ def jumps(
 ) -> tuple[bool, bool]:
     """Whether rho and theta have changed by more than their thresholds."""
     new = line.facing(last.theta)
+    theta_limit = math.radians(parameters.theta_error_threshold_deg)
     return (
-        abs(new.rho - last.rho) > parameters.rho_error_threshold,
-        abs(new.theta - last.theta) > math.radians(parameters.theta_error_threshold_deg),
+        abs(new.rho - last.rho) > parameters.rho_error_threshold + _ROUNDING,
+        abs(new.theta - last.theta) > theta_limit + _ROUNDING,
     )
 
 

@@ -155,6 +155,27 @@ def test_a_mistyped_input_is_not_taken_for_a_report_in_the_way(tmp_path):
         run('evaluate', 'nowhere.mcap', '-o', tmp_path)
 
 
+@pytest.mark.parametrize(
+    ('work', 'command'),
+    [
+        ('mvuav_thesis.build.build_report', ('evaluate', 'thesis', '--quick')),
+        ('mvuav_ros.offline.evaluation.protection.run', ('evaluate', 'integrity')),
+        ('mvuav_ros.offline.evaluation.evaluation_run.replay', ('evaluate', FLIGHT)),
+        (
+            'mvuav_ros.offline.parameter_sweep.sweep',
+            ('sweep', FLIGHT, '--param', 'marker_tracker:threshold:=0.5,0.6'),
+        ),
+    ],
+)
+def test_an_output_that_is_no_folder_is_refused_before_the_work(
+    tmp_path, monkeypatch, work, command
+):
+    (tmp_path / 'file').touch()
+    monkeypatch.setattr(work, lambda *_, **__: pytest.fail('it has begun to work'))
+    with pytest.raises(FileExistsError):
+        run(*command, '-o', tmp_path / 'file')
+
+
 def test_evaluate_needs_truth(tmp_path):
     from mvuav_ros.recordings.writing import RecordingWriter
 

@@ -120,6 +120,19 @@ def test_a_window_that_leaves_the_image_is_clipped():
     assert result.markers[Label.RIGHT_WING].state is DETECTED
 
 
+def test_names_that_go_on_with_one_light_are_said_to():
+    flight = Flight(prediction='velocity')
+    places = tanker_at()
+    towards = (places[Label.LEFT_STABILIZER] - places[Label.RUDDER]) / 10
+    for _ in range(11):
+        flight.see(places)
+        places[Label.RUDDER] += towards
+    for _ in range(5):
+        result = flight.see(np.delete(tanker_at(), Label.RUDDER, axis=0))
+    assert states(result) == [DETECTED] * 5
+    assert result.status == "1 of the names are on another one's light"
+
+
 def test_windows_are_rounded_and_clipped():
     assert Window.around(100.5, 99.49, 10, (640, 480)) == (91, 111, 89, 109)
     assert Window.around(3, 478, 10, (640, 480)) == (0, 13, 468, 479)
@@ -190,13 +203,17 @@ def test_tiny_frames_give_a_result(mode, shape, value):
         assert bool(result.markers) == bool(value)
 
 
-def test_a_smaller_frame_while_tracking():
-    flight = Flight()
+@pytest.mark.parametrize(
+    ('parameters', 'count'),
+    [({}, 5), ({'prediction': 'velocity'}, 5), ({'mode': 'track_any'}, 0)],
+)
+def test_a_smaller_frame_while_tracking(parameters, count):
+    flight = Flight(**parameters)
     for _ in range(4):
         flight.see(tanker_at())
     result = flight.see([], size=(64, 48))
     # Nothing that was known holds on a frame of another size.
-    assert states(result) == [LOST] * 5
+    assert states(result) == [LOST] * count
 
 
 def test_stamps_must_grow():

@@ -6,6 +6,7 @@ import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.runway.correction import CorrectedLine, RhoThetaCorrection
+from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.normal_form import NormalForm
 
 
@@ -79,6 +80,13 @@ def test_a_change_equal_to_the_threshold_is_no_jump():
     corrector = correction(rho_error_threshold=30.0, theta_error_threshold_deg=2.0)
     run(corrector, [line(100, 0)], [line(100, 0)])
     assert flags(corrector.correct([NormalForm(130.0, math.radians(2.0))])) == [(False, False)]
+
+
+def test_a_change_of_just_as_many_cells_as_the_threshold_is_no_jump_at_any_angle():
+    grid = HoughGrid(80, 320, 2.0, 1.0)
+    lines = [NormalForm(100.0, float(theta)).moved_down(50) for theta in grid.theta]
+    for last, new in zip(lines, lines[2:], strict=False):
+        assert flags(run(correction(), [last], [last], [new])) == [(False, False)]
 
 
 def test_comparison_is_with_the_last_corrected_values():

@@ -42,5 +42,5 @@ def test_thesis_mode_is_unchanged():
 
 
 def test_another_result_has_another_fingerprint():
-    other = RunwayDetectorParameters(rho_error_threshold=29.0, theta_error_threshold_deg=1.0)
+    other = RunwayDetectorParameters(rho_error_threshold=29.0, theta_error_threshold_deg=0.9)
     assert fingerprint(RunwayDetector(other)) != BEFORE
