@@ -253,7 +253,7 @@ def calibrate_rig(
     given = resolve_parameters(['marker_tracker'], params_file, param or [])
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
     report = report or output.with_name(f'{output.stem}_report')
-    refuse_to_overwrite(output, force, inputs=[source, camera_info])
+    refuse_to_overwrite(output, force, inputs=[source, camera_info, rig, params_file])
     camera = load_calibration(camera_info) if camera_info else None
     with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)

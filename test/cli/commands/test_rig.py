@@ -124,12 +124,14 @@ def test_inputs_are_never_replaced_by_a_rig(flights, tmp_path):
     flight, camera = tmp_path / 'flight.mcap', tmp_path / 'nose.yaml'
     flight.write_bytes((flights / 'crossing.mcap').read_bytes())
     save_calibration(CameraModel(320, 240, (300, 0, 160, 0, 300, 120, 0, 0, 1)), camera)
-    before = flight.read_bytes(), camera.read_bytes()
-    for output in (flight, camera):
-        command = ('rig', 'calibrate', flight, '--rig', flights / 'rough.yaml', '-o', output)
+    rough = tmp_path / 'rig.yaml'
+    rough.write_bytes((flights / 'rough.yaml').read_bytes())
+    before = flight.read_bytes(), camera.read_bytes(), rough.read_bytes()
+    for output in (flight, camera, rough):
+        command = ('rig', 'calibrate', flight, '--rig', rough, '-o', output)
         run = mvuav(*command, '--camera-info', camera, '--force')
         assert run.error == f'mvuav: {output} is the input itself; give another output'
-    assert (flight.read_bytes(), camera.read_bytes()) == before
+    assert (flight.read_bytes(), camera.read_bytes(), rough.read_bytes()) == before
 
 
 @pytest.mark.parametrize('distance', ['0', '-2', 'nan', 'inf'])
