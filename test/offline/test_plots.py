@@ -213,6 +213,14 @@ def test_what_cannot_be_drawn_is_one_line_and_nothing_is_overwritten(
     assert not (tmp_path / 'o').exists()
 
 
+def test_tables_and_pictures_may_lie_beside_the_results(season: Path, tmp_path: Path) -> None:
+    for flight in ('flight_0.mcap', 'flight_1.mcap'):
+        (tmp_path / flight).write_bytes((season / flight).read_bytes())
+    for _ in range(2):
+        assert mvuav('export', tmp_path, '-o', tmp_path, '--plot', '--force').status == 0
+    assert len(list((tmp_path / 'plots').iterdir())) == 3
+
+
 def test_a_flight_may_be_called_overview(season: Path, tmp_path: Path) -> None:
     results = tmp_path / 'overview.mcap'
     results.write_bytes((season / 'flight_0.mcap').read_bytes())
