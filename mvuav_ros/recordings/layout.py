@@ -273,9 +273,8 @@ def by_flight(sources: Sequence[str]) -> dict[str, str]:
 def _entries(folder: Path) -> list[Path]:
     """In their natural order; of a file that is also there compressed only one."""
     entries = [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
-    names = {entry.name for entry in entries}
-    plain = [e for e in entries if e.name.removesuffix('.zstd') not in names - {e.name}]
-    return sorted(plain, key=natural_key)
+    twins = {f'{entry.name}.zstd' for entry in entries}
+    return sorted((e for e in entries if e.name not in twins), key=natural_key)
 
 
 def _is_recording(entry: Path) -> bool:
