@@ -185,7 +185,7 @@ def report_of(
     parameters = Table.of(
         'camera',
         'Camera',
-        'parameter | value .4 | standard deviation .4 | unit',
+        'parameter | value .6 | standard deviation .6 | unit',
         [(what, value, deviation, unit) for what, value, deviation, unit in describe(found)],
         'Standard deviations are of the noise of the corners alone: noise² (JᵀJ)⁻¹.',
     )
