@@ -149,6 +149,7 @@ def check(
 
     The exit status is 1 if marker_tracker refuses the rig unless allow_ambiguous is set.
     """
+    from mvuav_ros.processing.marker_processor import refused_names
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.rig import RigError, load_rig
     from mvuav_ros.vision.rig_examination import (
@@ -171,7 +172,7 @@ def check(
     if len(body.names) >= 3 and is_flat(body):
         words += ', all in one plane: the tilt is ambiguous'
     say(words)
-    doubts = examine(body)
+    doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
     if len(body.names) >= 3 and not is_straight(body):

@@ -28,6 +28,13 @@ def test_a_doubtful_rig_is_named_as_such(tmp_path):
     assert 'refused: the shape is symmetric: a -> b -> c -> d' in run.out
 
 
+def test_a_name_that_no_topic_can_have_is_refused_as_by_the_tracker(tmp_path):
+    path = write_rig(tmp_path / 'drone.yaml', {**TRUE, 'left arm': (0.1, 0.2, 0.25)})
+    run = mvuav('rig', 'check', path)
+    assert run.status == 1
+    assert "refused: 'left arm' cannot be part of a topic" in run.out.splitlines()
+
+
 def test_a_line_has_no_table(tmp_path):
     path = tmp_path / 'line.yaml'
     path.write_text('markers: {a: [0, 1, 0], b: [0, 2, 0], c: [0, 4, 0]}')
