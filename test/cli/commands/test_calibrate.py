@@ -61,6 +61,9 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
     assert 'model ' in run.out
     assert 'fx ' in run.out
     assert sorted(path.name for path in output.parent.iterdir()) == ['nose.yaml', 'nose_report']
+    in_folder = mvuav(*command[:-1], output.parent, '--force')
+    assert in_folder.error == f'mvuav: {output.parent} is a folder; give the name of a file'
+    assert not (tmp_path / 'new_report').exists()
     # Nothing is overwritten unasked.
     assert 'exists' in mvuav(*command).error
 
