@@ -115,6 +115,8 @@ def refuse_to_overwrite(
         local = Path(given or '').expanduser()
         if given and local.exists() and Path(output).exists() and local.samefile(output):
             raise RecordingError(f'{output} is the input itself; give another output')
+    if isinstance(output, Path) and output.is_dir():
+        raise RecordingError(f'{output} is a folder; give the name of a file')
     if force or (isinstance(output, str) and not is_url(output)):
         return
     if output.exists() if isinstance(output, Path) else size_at(output) is not None:

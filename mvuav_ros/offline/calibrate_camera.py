@@ -14,7 +14,7 @@ from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.offline.report import Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import COLORS, INK, drawing, label
 from mvuav_ros.sources.source import FrameSource, SourceError
-from mvuav_ros.vision.board import Board, BoardView, different_views, sharpness
+from mvuav_ros.vision.board import Board, BoardView, different_views, in_eight_bits, sharpness
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.camera_calibration import (
     MIN_VIEWS,
@@ -88,9 +88,7 @@ def search_board(
             search.stamps.append(stamp)
             scale = _THUMBNAIL / gray.shape[1]
             small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            search.thumbnails.append(
-                cv2.convertScaleAbs(small, alpha=1 if gray.dtype == np.uint8 else 1 / 256)
-            )
+            search.thumbnails.append(in_eight_bits(small))
         if source.live and (
             len(search.different(most)) >= most or time.monotonic() > start + seconds
         ):
@@ -187,7 +185,7 @@ def report_of(
     parameters = Table.of(
         'camera',
         'Camera',
-        'parameter | value .4 | standard deviation .4 | unit',
+        'parameter | value .6 | standard deviation .6 | unit',
         [(what, value, deviation, unit) for what, value, deviation, unit in describe(found)],
         'Standard deviations are of the noise of the corners alone: noise² (JᵀJ)⁻¹.',
     )

@@ -143,10 +143,12 @@ def name_lights(
             topic = source.topic if isinstance(source, BagImages) else ''
             if parameters.image_is_rectified or is_rectified_topic(topic):
                 camera = camera.rectified()
-            try:
-                camera.check(frame.image.width, frame.image.height)
-            except CalibrationError as error:
-                raise SourceError(f'{source.name}: {error}') from error
+        assert camera is not None
+        try:
+            camera.check(frame.image.width, frame.image.height)
+        except CalibrationError as error:
+            raise SourceError(f'{source.name}: {error}') from error
+        if count == 1:
             tracker.set_camera(camera)
         advance(count)
         try:

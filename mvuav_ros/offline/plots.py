@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 OVERVIEW, OTHER_OVERVIEW = 'overview.png', 'overview_of_all.png'
 _MAX_POINTS = 3000
 """Along the time axis: a page has fewer px."""
+_MAX_STATES = 600
+"""Likewise: the page has more px, as a bar narrower than one may not be drawn at all."""
 _SIGMAS = 2.0
 """Standard deviations of the bounds that are drawn, 95 %."""
 _STATES = ('seen', 'predicted', 'withheld or lost')
@@ -213,7 +215,7 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
         messages = sizes[topic]
         if messages is None:
             messages = sum(1 for _ in recording.messages({topic}))
-        part.at_once = max(1, math.ceil(messages / _MAX_POINTS))
+        part.at_once = max(1, math.ceil(messages / _MAX_STATES))
         for other in (kind, 'rpy', 'pose', 'integrity'):
             if f'{node}/{other}' in rows.kinds:
                 wanted[f'{node}/{other}'] = part, other

@@ -267,8 +267,12 @@ def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, str]:
 
 def _rig_of_topics(parameters: MarkerTrackerParameters) -> MarkerRig:
     rig = rig_of(parameters)
-    for name in rig.names:
-        if not _TOPIC_WORD.fullmatch(name):
-            reason = f'{parameters.layout}: {name!r} cannot be part of a topic'
-            raise ParameterError('layout', reason)
+    for reason in refused_names(rig):
+        raise ParameterError('layout', f'{parameters.layout}: {reason}')
     return rig
+
+
+def refused_names(rig: MarkerRig) -> list[str]:
+    """Why markers cannot have the topics of their names: a line for each such name."""
+    refused = [name for name in rig.names if not _TOPIC_WORD.fullmatch(name)]
+    return [f'{name!r} cannot be part of a topic' for name in refused]

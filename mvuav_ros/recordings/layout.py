@@ -273,9 +273,8 @@ def by_flight(sources: Sequence[str]) -> dict[str, str]:
 def _entries(folder: Path) -> list[Path]:
     """In their natural order; of a file that is also there compressed only one."""
     entries = [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
-    names = {entry.name for entry in entries}
-    plain = [e for e in entries if e.name.removesuffix('.zstd') not in names - {e.name}]
-    return sorted(plain, key=natural_key)
+    twins = {f'{entry.name}.zstd' for entry in entries}
+    return sorted((e for e in entries if e.name not in twins), key=natural_key)
 
 
 def _is_recording(entry: Path) -> bool:
@@ -293,15 +292,17 @@ def _is_one(folder: Path) -> bool:
     if any(entry.name == METADATA for entry in entries):
         return True
     files = [entry for entry in entries if entry.is_file()]
-    if not any(map(_is_recording, files)):
+    found = [file for file in files if _is_recording(file)]
+    if not found:
         return any(entry.suffix.lower() in IMAGE_SUFFIXES for entry in files)
-    return _are_parts(folder.absolute().name, [file.name for file in files if is_bag_file(file)])
+    bags = [file.name for file in found if is_bag_file(file)]
+    if len(bags) == 1:
+        return len(found) == 1 and not any((entry / METADATA).exists() for entry in entries)
+    return _are_parts(folder.absolute().name, bags)
 
 
 def _are_parts(folder: str, names: Iterable[str]) -> bool:
     found = [_PART.fullmatch(plain_name(name)) for name in names]
-    if len(found) == 1:
-        return True
     # ROS 1 gives each part the date at which it begins.
     stems = {_DATE.sub('DATE', match[1]) if match else '' for match in found}
     return stems == {_DATE.sub('DATE', folder.lower())} or (

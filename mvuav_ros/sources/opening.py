@@ -74,7 +74,7 @@ def open_source(
     if looks_like_bag(path):
         return _bag(path, topic)
     if path.is_dir():
-        return _images(text, list(path.iterdir()), rate)
+        return _images(text, _visible(path), rate)
     if not path.is_file():
         raise SourceError(f'{text} is neither a file nor a folder')
     if path.stat().st_size == 0:
@@ -105,7 +105,7 @@ def looks_like_bag(path: Path) -> bool:
     """
     if path.is_dir():
         try:
-            entries = [*path.iterdir()]
+            entries = _visible(path)
         except OSError as error:
             raise SourceError(f'{path} cannot be read: {error.strerror or error}') from error
         return any(
@@ -114,6 +114,11 @@ def looks_like_bag(path: Path) -> bool:
             for entry in entries
         )
     return path.name == 'metadata.yaml' or is_bag_file(path)
+
+
+def _visible(folder: Path) -> list[Path]:
+    """What is in a folder, without what macOS leaves beside each file (``._1.png``)."""
+    return [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
 
 
 def _bag(path: Path, topic: str | None) -> FrameSource:

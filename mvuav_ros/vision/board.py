@@ -86,9 +86,7 @@ class Board:
 
     def find(self, gray: Pixels) -> BoardView | None:
         """The board in an image (height, width), uint8 or uint16; None where it is not seen."""
-        if gray.dtype == np.uint16:
-            gray = cv2.normalize(gray, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)  # type: ignore[call-overload]
-        gray = np.ascontiguousarray(gray)
+        gray = np.ascontiguousarray(in_eight_bits(gray))
         scale = min(1.0, SEARCH_SIDE / max(gray.shape))
         small = gray
         if scale < 1.0:
@@ -179,6 +177,14 @@ def _nearest(pixels: Array) -> float:
     apart = np.linalg.norm(pixels[:, None] - pixels, axis=2)
     np.fill_diagonal(apart, np.inf)
     return float(apart.min())
+
+
+def in_eight_bits(gray: Pixels) -> Pixels:
+    """A grey image in uint8; of uint16 from its darkest to its brightest: a camera may use 12."""
+    if gray.dtype == np.uint8:
+        return gray
+    normalize: Any = cv2.normalize
+    return np.asarray(normalize(gray, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U))
 
 
 def sharpness(gray: Pixels) -> float:

@@ -56,7 +56,7 @@ _LENSES = {
 }
 """The simpler one first."""
 _FISHEYE_FOCALS = (0.3, 0.5, 0.9)
-"""Of the image's width: focal lengths from which an equidistant lens is fitted."""
+"""Of the image's longer side: focal lengths from which an equidistant lens is fitted."""
 _MAX_STEPS = 30
 
 
@@ -181,6 +181,8 @@ class _Fit:
         pose = np.concatenate([np.asarray(part, np.float64).ravel() for part in start[1:]])
         for _ in range(5):
             seen, slopes, _ = self.project(view.points, pose)
+            if not np.isfinite(slopes).all():
+                return np.full(6, np.nan)
             step = np.linalg.lstsq(slopes, (view.pixels - seen).ravel(), rcond=None)[0]
             pose = pose + step
         return pose
@@ -273,12 +275,14 @@ def _fit_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> _Fit:
     """
     lens, best, least = _LENSES['equidistant'], None, math.inf
     for share in _FISHEYE_FOCALS:
-        focal = share * size[0]
+        focal = share * max(size)
         matrix = np.diag((focal, focal, 1.0))
         matrix[:2, 2] = 0.5 * (size[0] - 1), 0.5 * (size[1] - 1)
         fit = _Fit(lens, matrix, np.zeros(4), [])
         fit = replace(fit, poses=[fit.pose(view) for view in views])
         squares = fit.squares(views)
+        if math.isinf(squares):  # A view that no board's pose explains with this focal length
+            continue
         for _ in range(_MAX_STEPS):
             before = squares
             for damping in (1.0, 0.3, 0.1):

@@ -213,6 +213,14 @@ def test_what_cannot_be_drawn_is_one_line_and_nothing_is_overwritten(
     assert not (tmp_path / 'o').exists()
 
 
+def test_tables_and_pictures_may_lie_beside_the_results(season: Path, tmp_path: Path) -> None:
+    for flight in ('flight_0.mcap', 'flight_1.mcap'):
+        (tmp_path / flight).write_bytes((season / flight).read_bytes())
+    for _ in range(2):
+        assert mvuav('export', tmp_path, '-o', tmp_path, '--plot', '--force').status == 0
+    assert len(list((tmp_path / 'plots').iterdir())) == 3
+
+
 def test_a_flight_may_be_called_overview(season: Path, tmp_path: Path) -> None:
     results = tmp_path / 'overview.mcap'
     results.write_bytes((season / 'flight_0.mcap').read_bytes())
@@ -253,6 +261,26 @@ def test_the_time_begins_at_the_first_frame_whatever_its_stamp(tmp_path: Path) -
         flight = collect(recording, 'video')
     assert flight.seconds == pytest.approx(0.5)
     assert flight.parts[0].times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+
+
+def test_every_loss_of_one_frame_is_seen_on_the_page_of_a_long_flight(tmp_path: Path) -> None:
+    path = tmp_path / 'flight.mcap'
+    result = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
+    seen = [m._replace(x=9.0, y=9.0, state=MarkerState.DETECTED) for m in result.markers]
+    with RecordingWriter(path) as writer:
+        for number in range(2900):
+            markers = result.markers if number % 401 == 300 else seen
+            frame = dataclasses.replace(result, markers=markers)
+            data = encode_markers(frame, cdr_header(number * 33_000_000, 'camera'))
+            writer.write('/marker_tracker/markers', CLOUD, number, data)
+    with open_recording(path) as recording:
+        flight = collect(recording, 'flight')
+    figure = page(flight)
+    figure.savefig(tmp_path / 'page.png')
+    left, low, right, _ = figure.axes[-1].get_window_extent().extents.round().astype(int)
+    row = cv2.imread(str(tmp_path / 'page.png'))[-low - 9, left + 2 : right - 2]
+    is_grey = row[:, 0].astype(int) > 190
+    assert np.count_nonzero(np.diff(is_grey.astype(int)) == 1) == 7
 
 
 def test_names_are_no_formulas(season: Path, tmp_path: Path) -> None:

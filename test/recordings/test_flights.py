@@ -26,6 +26,7 @@ def touch(folder: Path, *names: str) -> Path:
         (['flight_2.mcap', 'flight_10.mcap', 'notes.txt', 'map.png'], 2),
         (['a.mcap', 'b.bag', 'c.db3', 'd.mp4', '.hidden.mcap'], 4),
         (['a.mcap', 'a.mcap.zstd', 'b.mcap.zstd'], 2),
+        (['a.mcap', 'b.mp4'], 2),
         # One recording.
         (['season_0.mcap', 'season_1.mcap'], 0),
         (['rosbag2_2026_01_02-03_04_05_0.db3', 'rosbag2_2026_01_02-03_04_05_1.db3'], 0),
@@ -53,6 +54,8 @@ def test_folders_of_images_and_rosbag2_folders_are_recordings_of_a_folder(tmp_pa
     touch(tmp_path / 'season' / 'notes', 'a.txt')
     names = [Path(found).name for found in recordings_in(str(tmp_path / 'season'))]
     assert names == ['bag', 'images']
+    (tmp_path / 'season' / 'last.mcap').touch()
+    assert len(recordings_in(str(tmp_path / 'season'))) == 3
 
 
 def test_two_flights_of_one_name_are_refused() -> None:

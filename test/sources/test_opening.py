@@ -47,6 +47,15 @@ def test_images_come_in_the_order_of_their_numbers(tmp_path):
     assert source.rate == 30.0
 
 
+def test_hidden_files_are_no_images(tmp_path):
+    folder = write_images(tmp_path / 'images', 3)
+    for index in range(3):
+        (folder / f'._image_{index}.png').write_bytes(b'\0\5\x16\7' * 30)
+    (folder / '._flight.mcap').touch()
+    frames = list(open_source(str(folder)).frames())
+    assert [int(f.image.pixels[0, 0]) for f in frames] == [0, 1, 2]
+
+
 def test_a_rate_for_images(tmp_path):
     source = open_source(str(write_images(tmp_path / 'images')), rate=10.0)
     assert [f.stamp_ns for f in source.frames()][:3] == [0, 100_000_000, 200_000_000]

@@ -5,7 +5,7 @@ import pytest
 from support.boards import LENSES, SIZE, view_of, views_of
 
 from mvuav_ros.vision.board import BoardView
-from mvuav_ros.vision.camera import CalibrationError
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.camera_calibration import calibrate_camera
 
 
@@ -22,6 +22,18 @@ def test_the_camera_is_found_and_its_model(model):
         # Within what it says of itself: four deviations hold 99.99 %.
         error = np.abs(k[[0, 4, 2, 5]] - wanted[[0, 4, 2, 5]])
         assert (error < 4 * np.array(found.deviations[:4])).all()
+
+
+def test_a_wide_camera_held_upright_is_found():
+    size, k = (360, 640), (210, 0, 178, 0, 210, 322, 0, 0, 1)
+    camera = CameraModel(*size, k, (0.05, -0.01, 0, 0), 'equidistant')
+    rng = np.random.default_rng(2)
+    turns = [(0.6, 0.2, 0.1), (-0.6, 0.1, 0), (0.1, 0.6, -0.2), (0, -0.6, 0.3)]
+    heights = [-0.5, -0.25, 0.25, 0.5]
+    views = [view_of(camera, t, (0, y, 0.3), 0.1, rng) for t in turns for y in heights]
+    found = calibrate_camera(views, size).camera
+    assert found.distortion_model == 'equidistant'
+    assert found.k == pytest.approx(k, rel=0.01)
 
 
 def test_the_deviations_are_those_of_repeated_calibrations():

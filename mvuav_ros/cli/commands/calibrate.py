@@ -149,6 +149,7 @@ def check(
 
     The exit status is 1 if marker_tracker refuses the rig unless allow_ambiguous is set.
     """
+    from mvuav_ros.processing.marker_processor import refused_names
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.rig import RigError, load_rig
     from mvuav_ros.vision.rig_examination import (
@@ -171,7 +172,7 @@ def check(
     if len(body.names) >= 3 and is_flat(body):
         words += ', all in one plane: the tilt is ambiguous'
     say(words)
-    doubts = examine(body)
+    doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
     if len(body.names) >= 3 and not is_straight(body):
@@ -253,7 +254,7 @@ def calibrate_rig(
     given = resolve_parameters(['marker_tracker'], params_file, param or [])
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
     report = report or output.with_name(f'{output.stem}_report')
-    refuse_to_overwrite(output, force, inputs=[source, camera_info])
+    refuse_to_overwrite(output, force, inputs=[source, camera_info, rig, params_file])
     camera = load_calibration(camera_info) if camera_info else None
     with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)

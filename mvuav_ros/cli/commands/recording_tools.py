@@ -7,6 +7,7 @@ from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -202,8 +203,12 @@ def export(
     """Write markers, roll, poses and lines of all flights, one file for each topic."""
     from mvuav_ros.recordings.layout import by_flight, recordings_in
     from mvuav_ros.recordings.tables import export as write
+    from mvuav_ros.sources.opening import looks_like_bag
 
-    named = by_flight([each for source in sources for each in recordings_in(source)])
+    found = [each for source in sources for each in recordings_in(source)]
+    # Beside bags of results there may be the pictures of an earlier export or of a report.
+    bags = [each for each in found if each in sources or looks_like_bag(Path(each).expanduser())]
+    named = by_flight(bags or found)
     refuse_to_overwrite(output, force)
     with local_output(output) as folder, ExitStack() as copies:
         flights = {name: copies.enter_context(local_copy(each)) for name, each in named.items()}

@@ -1,5 +1,7 @@
 """`mvuav calibrate`, and what it refuses without leaving a file."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -53,9 +55,15 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
     assert yaml.safe_load(output.read_text())['camera_name'] == 'nose'
     page = (tmp_path / 'new' / 'nose_report' / 'index.html').read_text()
     assert 'Where corners were seen' in page
+    # Of a coefficient that was fitted the page says how well.
+    (shown,) = re.findall(r'>p1</td><td>[^<]*</td><td>([^<]*)</td>', page)
+    assert float(shown) == pytest.approx(float(re.findall(r'p1 .* ± (.*)', run.out)[0]), rel=0.1)
     assert 'model ' in run.out
     assert 'fx ' in run.out
     assert sorted(path.name for path in output.parent.iterdir()) == ['nose.yaml', 'nose_report']
+    in_folder = mvuav(*command[:-1], output.parent, '--force')
+    assert in_folder.error == f'mvuav: {output.parent} is a folder; give the name of a file'
+    assert not (tmp_path / 'new_report').exists()
     # Nothing is overwritten unasked.
     assert 'exists' in mvuav(*command).error
 

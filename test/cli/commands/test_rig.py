@@ -28,6 +28,13 @@ def test_a_doubtful_rig_is_named_as_such(tmp_path):
     assert 'refused: the shape is symmetric: a -> b -> c -> d' in run.out
 
 
+def test_a_name_that_no_topic_can_have_is_refused_as_by_the_tracker(tmp_path):
+    path = write_rig(tmp_path / 'drone.yaml', {**TRUE, 'left arm': (0.1, 0.2, 0.25)})
+    run = mvuav('rig', 'check', path)
+    assert run.status == 1
+    assert "refused: 'left arm' cannot be part of a topic" in run.out.splitlines()
+
+
 def test_a_line_has_no_table(tmp_path):
     path = tmp_path / 'line.yaml'
     path.write_text('markers: {a: [0, 1, 0], b: [0, 2, 0], c: [0, 4, 0]}')
@@ -124,12 +131,14 @@ def test_inputs_are_never_replaced_by_a_rig(flights, tmp_path):
     flight, camera = tmp_path / 'flight.mcap', tmp_path / 'nose.yaml'
     flight.write_bytes((flights / 'crossing.mcap').read_bytes())
     save_calibration(CameraModel(320, 240, (300, 0, 160, 0, 300, 120, 0, 0, 1)), camera)
-    before = flight.read_bytes(), camera.read_bytes()
-    for output in (flight, camera):
-        command = ('rig', 'calibrate', flight, '--rig', flights / 'rough.yaml', '-o', output)
+    rough = tmp_path / 'rig.yaml'
+    rough.write_bytes((flights / 'rough.yaml').read_bytes())
+    before = flight.read_bytes(), camera.read_bytes(), rough.read_bytes()
+    for output in (flight, camera, rough):
+        command = ('rig', 'calibrate', flight, '--rig', rough, '-o', output)
         run = mvuav(*command, '--camera-info', camera, '--force')
         assert run.error == f'mvuav: {output} is the input itself; give another output'
-    assert (flight.read_bytes(), camera.read_bytes()) == before
+    assert (flight.read_bytes(), camera.read_bytes(), rough.read_bytes()) == before
 
 
 @pytest.mark.parametrize('distance', ['0', '-2', 'nan', 'inf'])
