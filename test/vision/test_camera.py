@@ -77,6 +77,14 @@ def test_undistort_undoes_project(model):
     assert np.abs(camera.undistort(pixels) - rays).max() < 2e-4 * np.tan(turns[-1])
 
 
+def test_the_corners_of_a_wide_lens_go_there_and_back():
+    # 80 degrees across, with strong barrel distortion.
+    camera = CameraModel(640, 480, (458, 0, 320, 0, 458, 240, 0, 0, 1), (-0.32, 0.14, 0, 0, -0.033))
+    corners = np.array([(0.0, 0.0), (639.0, 479.0), (0.0, 479.0), (20.0, 240.0)])
+    rays = np.column_stack((camera.undistort(corners), np.ones(4)))
+    assert camera.project(rays) == pytest.approx(corners, abs=1e-4)
+
+
 def test_a_fisheye_projects_as_opencv_has_it():
     camera = camera_with('equidistant')
     points, turn, place = TANKER_747.positions, (0.1, 1.2, -1.1), (1.0, -2.0, 60.0)
