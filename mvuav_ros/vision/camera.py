@@ -27,6 +27,8 @@ _WIDEST_TURN = math.radians(89.0)
 """Rad off the axis: what a fisheye sees farther out has no place on an image plane."""
 _WIDEST_POLYNOMIAL = 1.5
 """Tangent of the angle off the axis: far outside of the frame the polynomials turn back."""
+_MAX_SKEW = 0.5
+"""px: what OpenCV leaves out then moves a light by less than a principal point is known to."""
 _undistort: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
 """OpenCV 4 has another name for the one that goes on after five steps."""
 _SETTLED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-6)
@@ -142,8 +144,8 @@ class CameraModel:
         """Make sure that images of that size (px) can be measured with this calibration.
 
         Raises:
-            CalibrationError: it is all zeros (uncalibrated), of another size, or of a lens model
-                that is not known.
+            CalibrationError: it is all zeros (uncalibrated), of another size, with skew or
+                transposed, or of a lens model that is not known.
         """
         if self.distortion_model not in COEFFICIENTS:
             raise CalibrationError(
@@ -158,6 +160,11 @@ class CameraModel:
             )
         if self.matrix[0, 0] <= 0 or self.matrix[1, 1] <= 0:
             raise CalibrationError('camera_info is all zeros: the camera is not calibrated')
+        if np.abs(self.matrix[(0, 1, 2, 2), (1, 0, 0, 1)]).max() > _MAX_SKEW:
+            raise CalibrationError(
+                'the camera matrix must be fx, 0, cx, 0, fy, cy, 0, 0, 1, without skew; '
+                'MATLAB has it transposed'
+            )
         if len(self.d) not in COEFFICIENTS[self.distortion_model]:
             *few, most = map(str, COEFFICIENTS[self.distortion_model])
             raise CalibrationError(

@@ -58,6 +58,8 @@ def test_what_is_no_matrix_is_refused_at_once(change, reason):
         ({'distortion_model': 'equidistant', 'd': (0.1,) * 5}, '0 or 4 distortion .*not 5'),
         ({'d': (0.1,) * 3}, 'not 3'),
         ({'is_rectified': True}, 'no projection matrix'),
+        ({'k': K.T}, 'transposed'),
+        ({'k': K + np.diag([4.0, 0.0], 1)}, 'without skew'),
     ],
 )
 def test_calibrations_that_are_refused(change, reason):
