@@ -98,7 +98,7 @@ def locate(
         return Guidance()
     jacobian = _jacobian(pose, measured, near_row is not None)
     covariance = jacobian @ noise @ jacobian.T
-    if near_row is None:
+    if not math.isfinite(solution[0]):
         covariance[0, :] = covariance[:, 0] = 0.0
         covariance[0, 0] = UNKNOWN_VARIANCE
     else:
