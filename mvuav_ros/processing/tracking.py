@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.images import BadFrame, Frame
+from mvuav_ros.messages.sensors import is_rectified_topic
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.sources.bag import BagImages
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource
@@ -106,6 +108,8 @@ def track(
     body = load_rig(rig) if isinstance(rig, (str, Path)) else rig
     tracker = MarkerTracker(parameters, body)
     opened = open_source(str(source)) if isinstance(source, (str, Path)) else source
+    if given is not None and isinstance(opened, BagImages) and is_rectified_topic(opened.topic):
+        given = given.rectified()
     return _tracked(opened, given, tracker)
 
 
