@@ -26,7 +26,8 @@ _NOWHERE = (0.0, 0.0, 0.0)
 _WIDEST_TURN = math.radians(89.0)
 """Rad off the axis: what a fisheye sees farther out has no place on an image plane."""
 _WIDEST_POLYNOMIAL = 1.5
-"""Tangent of the angle off the axis: far outside of the frame the polynomials turn back."""
+"""Tangent of the angle off the axis, for frames that do not show as much: far outside of them the
+polynomials turn back."""
 _MAX_SKEW = 0.5
 """px: what OpenCV leaves out then moves a light by less than a principal point is known to."""
 _undistort: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
@@ -235,10 +236,17 @@ class CameraModel:
         seen, slopes = project(given, turn, place, self.matrix, self.distortion)
         return seen.reshape(-1, 2), slopes[:, first : first + 6]
 
-    @property
+    @cached_property
     def widest(self) -> float:
         """Greatest x / z and y / z for `project`: beyond, a lens model may turn back."""
-        return math.tan(_WIDEST_TURN) if self.is_fisheye else _WIDEST_POLYNOMIAL
+        if self.is_fisheye:
+            return math.tan(_WIDEST_TURN)
+        right, bottom = self.width - 1.0, self.height - 1.0
+        corners = np.array([(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)])
+        rays = self.undistort(corners)
+        # Where a model has turned back before them, that says nothing.
+        off = np.abs(self.project(np.column_stack((rays, np.ones(4)))) - corners).max()
+        return max(_WIDEST_POLYNOMIAL, float(np.abs(rays).max()) if off < 1.0 else 0.0)
 
 
 def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = ()) -> Any:

@@ -124,6 +124,16 @@ def test_the_markers_lens_goes_there_and_back_in_the_corners_of_a_fisheye():
     assert lens.to_image(lens.to_ideal(corners)) == pytest.approx(corners, abs=1e-6)
 
 
+def test_the_markers_lens_goes_there_and_back_in_a_frame_of_125_degrees():
+    d = (0.7329, 0.08956, 0, 0, 0.00092, 1.06594, 0.24645, 0.00922)
+    k = (293.4, 0, 319.5, 0, 293.4, 239.5, 0, 0, 1)
+    lens = Lens((640, 480), CameraModel(640, 480, k, d, 'rational_polynomial'))
+    sides = np.array([(0.0, 240.0), (639.0, 479.0), (20.0, 100.0)])
+    assert lens.to_image(lens.to_ideal(sides)) == pytest.approx(sides, abs=1e-3)
+    # One that turns back within the frame is not followed there.
+    assert CameraModel(640, 480, k, (-0.4, 0.2, 0, 0, -0.05)).widest == 1.5
+
+
 def test_a_rigs_errors_are_predicted_through_a_fisheye():
     # On the axis a fisheye without coefficients is a pinhole camera.
     plain = pose_error(TANKER_747, CameraModel(640, 480, K), 2000.0, 0.1)
