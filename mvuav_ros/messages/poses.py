@@ -32,7 +32,13 @@ from mvuav_ros.messages.cdr import (
     without_encapsulation,
 )
 from mvuav_ros.vision.approach.approach_results import Guidance
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_quaternion, from_rpy, quaternion
+from mvuav_ros.vision.frames import (
+    OPTICAL_FROM_BODY,
+    about_z,
+    from_quaternion,
+    from_rpy,
+    quaternion,
+)
 from mvuav_ros.vision.integrity import (
     IntegrityState,
     ProtectionLevels,
@@ -148,7 +154,10 @@ def camera_in_runway(guidance: Guidance) -> Placement:
     """The camera's body axes in the runway's frame; NaN where guidance is."""
     position = np.array([guidance.x, guidance.y, guidance.z])
     rotation = from_rpy(guidance.roll, guidance.pitch, guidance.yaw)
-    return Placement(rotation, position, guidance.covariance)
+    jacobian = np.eye(6)
+    # Roll and pitch turn about axes that the later angles have turned, not about the runway's.
+    jacobian[3:, 3], jacobian[3:, 4] = rotation[:, 0], about_z(guidance.yaw)[:, 1]
+    return Placement(rotation, position, jacobian @ guidance.covariance @ jacobian.T)
 
 
 def runway_in_camera(guidance: Guidance) -> Placement:

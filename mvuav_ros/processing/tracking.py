@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.images import BadFrame, Frame
+from mvuav_ros.messages.sensors import is_rectified_topic
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.sources.bag import BagImages
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource
@@ -20,6 +22,7 @@ from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
+from mvuav_ros.vision.markers.identity_tracker import Reporter
 from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, named_places
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Pixels
@@ -37,7 +40,8 @@ class TrackedFrame:
     Attributes:
         stamp_ns: its time, ns.
         image: as it was read; None if it could not be.
-        result: of the tracker; its markers are in the order of the rig.
+        result: of the tracker; its markers are in the order of the rig, all lost in a frame that
+            cannot be read.
         roll: rad, right wing down positive: in the image where the rig has a left_wing and a
             right_wing, else that of the pose; NaN while it is not known.
         pose: of the rig before the camera; None while it is not known.
@@ -106,6 +110,8 @@ def track(
     body = load_rig(rig) if isinstance(rig, (str, Path)) else rig
     tracker = MarkerTracker(parameters, body)
     opened = open_source(str(source)) if isinstance(source, (str, Path)) else source
+    if given is not None and isinstance(opened, BagImages) and is_rectified_topic(opened.topic):
+        given = given.rectified()
     return _tracked(opened, given, tracker)
 
 
@@ -119,7 +125,8 @@ def _tracked(
         for frame in source.frames():
             if isinstance(frame, BadFrame) or frame.stamp_ns == last_ns:
                 reason = frame.reason if isinstance(frame, BadFrame) else 'a stamp came twice'
-                nothing = MarkerResult(())
+                has_names = not tracker.parameters.mode.endswith('_any')
+                nothing = Reporter(tracker.rig).nothing(reason) if has_names else MarkerResult(())
                 yield TrackedFrame(
                     frame.stamp_ns, None, nothing, math.nan, None, reason, used, tracker.rig
                 )

@@ -131,10 +131,9 @@ class Recording:
                 yield from file.extras()
 
     def close(self) -> None:
-        """Remove what was unpacked; no message can be read any more."""
+        """Remove what was unpacked; who reads on unpacks it again."""
         self._unpacked = None
         self._opened.clear()
-        self._files.clear()
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None

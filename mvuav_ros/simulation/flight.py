@@ -65,10 +65,15 @@ def apply_gain(image: Pixels, gain: float) -> Pixels:
 
 
 def motion_blur(image: Pixels, dx: float, dy: float) -> Pixels:
-    """Smear an image along a straight path of (dx, dy) px, centred; the image itself if short."""
+    """Smear an image along a straight path of (dx, dy) px, centred; the image itself if short.
+
+    A path that is longer than the image, as right beside the camera, is cut to its length.
+    """
     length = math.hypot(dx, dy)
     if length < 0.5:
         return image
+    part = min(1.0, max(image.shape[:2]) / length)
+    dx, dy, length = part * dx, part * dy, part * length
     half = math.ceil(0.5 * max(abs(dx), abs(dy)) + 0.5)
     kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
     for part in np.linspace(-0.5, 0.5, 4 * math.ceil(length) + 1):

@@ -338,7 +338,8 @@ class TankerFlight(Flight[TankerTruth]):
             light = self._motion.steady_frame @ np.array(lighting.towards)
             lighting = replace(lighting, towards=tuple(light.tolist()))
             paint_mesh(image, tanker_mesh(), self.camera, pose, lighting)
-        mean_x, mean_y = np.nanmean([(m.vx, m.vy) for m in truth.markers], axis=0)
+        moved = [(m.vx, m.vy) for m in truth.markers if math.isfinite(m.vx)]
+        mean_x, mean_y = np.mean(moved or [(0.0, 0.0)], axis=0)
         exposure = self.settings.exposure
         image = motion_blur(image, exposure * float(mean_x), exposure * float(mean_y))
         image = apply_gain(image, truth.gain)

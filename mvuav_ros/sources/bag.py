@@ -257,7 +257,7 @@ class BagImages(FrameSource):
         return None if total is None else -(-total // selection.every)
 
     def close(self) -> None:
-        """Remove what was unpacked for reading."""
+        """Remove what was unpacked for reading; `frames` may still be called."""
         self._recording.close()
 
 

@@ -26,7 +26,14 @@ _NOWHERE = (0.0, 0.0, 0.0)
 _WIDEST_TURN = math.radians(89.0)
 """Rad off the axis: what a fisheye sees farther out has no place on an image plane."""
 _WIDEST_POLYNOMIAL = 1.5
-"""Tangent of the angle off the axis: far outside of the frame the polynomials turn back."""
+"""Tangent of the angle off the axis, for frames that do not show as much: far outside of them the
+polynomials turn back."""
+_MAX_SKEW = 0.5
+"""px: what OpenCV leaves out then moves a light by less than a principal point is known to."""
+_undistort: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
+"""OpenCV 4 has another name for the one that goes on after five steps."""
+_SETTLED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-6)
+"""Steps at most, and px: five leave 1 px in the corners of a lens of 80 degrees."""
 
 
 class CalibrationError(ValueError):
@@ -138,8 +145,8 @@ class CameraModel:
         """Make sure that images of that size (px) can be measured with this calibration.
 
         Raises:
-            CalibrationError: it is all zeros (uncalibrated), of another size, or of a lens model
-                that is not known.
+            CalibrationError: it is all zeros (uncalibrated), of another size, with skew or
+                transposed, or of a lens model that is not known.
         """
         if self.distortion_model not in COEFFICIENTS:
             raise CalibrationError(
@@ -154,6 +161,11 @@ class CameraModel:
             )
         if self.matrix[0, 0] <= 0 or self.matrix[1, 1] <= 0:
             raise CalibrationError('camera_info is all zeros: the camera is not calibrated')
+        if np.abs(self.matrix[(0, 1, 2, 2), (1, 0, 0, 1)]).max() > _MAX_SKEW:
+            raise CalibrationError(
+                'the camera matrix must be fx, 0, cx, 0, fy, cy, 0, 0, 1, without skew; '
+                'MATLAB has it transposed'
+            )
         if len(self.d) not in COEFFICIENTS[self.distortion_model]:
             *few, most = map(str, COEFFICIENTS[self.distortion_model])
             raise CalibrationError(
@@ -179,7 +191,9 @@ class CameraModel:
             flat = (points.reshape(-1, 2) - matrix[:2, 2]) / (matrix[0, 0], matrix[1, 1])
             return np.asarray(flat)
         if not self.is_fisheye:
-            flat = cv2.undistortPoints(points, self.matrix, self.distortion)
+            flat = _undistort(
+                points, self.matrix, self.distortion, R=None, P=None, criteria=_SETTLED
+            )
             return np.asarray(flat, np.float64).reshape(-1, 2)
         return self._undistort_fisheye(points.reshape(-1, 2))
 
@@ -222,10 +236,17 @@ class CameraModel:
         seen, slopes = project(given, turn, place, self.matrix, self.distortion)
         return seen.reshape(-1, 2), slopes[:, first : first + 6]
 
-    @property
+    @cached_property
     def widest(self) -> float:
         """Greatest x / z and y / z for `project`: beyond, a lens model may turn back."""
-        return math.tan(_WIDEST_TURN) if self.is_fisheye else _WIDEST_POLYNOMIAL
+        if self.is_fisheye:
+            return math.tan(_WIDEST_TURN)
+        right, bottom = self.width - 1.0, self.height - 1.0
+        corners = np.array([(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)])
+        rays = self.undistort(corners)
+        # Where a model has turned back before them, that says nothing.
+        off = np.abs(self.project(np.column_stack((rays, np.ones(4)))) - corners).max()
+        return max(_WIDEST_POLYNOMIAL, float(np.abs(rays).max()) if off < 1.0 else 0.0)
 
 
 def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = ()) -> Any:

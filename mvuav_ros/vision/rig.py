@@ -68,8 +68,10 @@ class MarkerRig:
     boom: Point
 
     def __post_init__(self) -> None:
-        for point, value in (*self.markers, ('dock', self.dock), ('boom', self.boom)):
-            _point(str(point), value)
+        markers = tuple((str(name), _point(str(name), value)) for name, value in self.markers)
+        object.__setattr__(self, 'markers', markers)
+        object.__setattr__(self, 'dock', _point('dock', self.dock))
+        object.__setattr__(self, 'boom', _point('boom', self.boom))
         if len(set(self.names)) < len(self.names) or not self.markers:
             raise RigError('a rig needs at least one marker, and a name of its own for each')
 

@@ -61,7 +61,7 @@ def examine(rig: MarkerRig) -> tuple[str, ...]:
 def is_straight(rig: MarkerRig) -> bool:
     """Whether all markers lie on one line."""
     lengths = np.linalg.svd(_centred(rig), compute_uv=False)
-    return bool(lengths[1] < TUNING.straight * lengths[0])
+    return bool(lengths[1] <= TUNING.straight * lengths[0])
 
 
 def is_flat(rig: MarkerRig) -> bool:

@@ -119,6 +119,16 @@ def test_the_examples_of_the_python_reference_run_when_pasted(monkeypatch):
         assert runner.run(example).failed == 0, text
 
 
+def test_the_python_reference_has_the_signatures_and_lists_of_the_code():
+    page = (ROOT / 'docs/reference/python.md').read_text()
+    assert "channel: str = 'intensity')" in page
+    assert 'in_colour(*, all_bits: bool = False)' in page
+    assert '* `peak` (int | None): index' in page
+    assert 'Initialize self' not in page
+    # A second line of an item is no item of its own.
+    assert re.findall(r'^\* `[^`:]* .*$', page, re.MULTILINE) == []
+
+
 def test_the_readme_is_short():
     assert len((ROOT / 'README.md').read_text().splitlines()) <= 150
 

@@ -22,6 +22,7 @@ from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.opening import camera_model
+from mvuav_ros.vision.approach.approach_results import Guidance
 from mvuav_ros.vision.frames import (
     OPTICAL_FROM_BODY,
     about_x,
@@ -196,6 +197,22 @@ def test_the_covariance_of_the_vehicle_has_the_cameras_lever():
     measured = np.cov(np.array(samples).T)
     scale = np.sqrt(np.outer(np.diag(measured), np.diag(measured)))
     assert np.abs((measured - given.covariance) / scale).max() < 0.05
+
+
+def test_the_covariance_over_a_runway_is_of_turns_about_its_axes():
+    """Against differences: a camera that looks down rolls about an axis that points down too."""
+    angles = np.array((0.2, math.radians(35.0), -0.1))
+    root = np.diag([1.0, 0.2, 0.1, 0.01, 0.002, 0.004]) @ (np.eye(6) + 0.2)
+    guidance = Guidance(-90.0, 4.0, 30.0, *angles, root @ root.T)
+    given = poses.camera_in_runway(guidance)
+    jacobian = np.eye(6)
+    for axis in range(3):
+        step = 1e-6 * np.eye(3)[axis]
+        turned = (from_rpy(*(angles + step)) - from_rpy(*(angles - step))) / 2e-6
+        cross = turned @ given.rotation.T
+        jacobian[3:, 3 + axis] = cross[2, 1], cross[0, 2], cross[1, 0]
+    expected = jacobian @ guidance.covariance @ jacobian.T
+    np.testing.assert_allclose(given.covariance, expected, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -173,6 +173,13 @@ class Broken(FrameSource):
         self.closed = True
 
 
+class Unreadable(Broken):
+    """Nothing but a frame that cannot be read."""
+
+    def frames(self):
+        yield BadFrame(0, 'cut off')
+
+
 def test_every_frame_is_answered_also_those_that_cannot_be_used() -> None:
     source = Broken()
     frames = list(track(source))
@@ -180,6 +187,11 @@ def test_every_frame_is_answered_also_those_that_cannot_be_used() -> None:
     assert [frame.image is None for frame in frames] == [False, False, True, True, False, False]
     assert frames[2].status == 'cut off' and frames[3].status == 'a stamp came twice'
     assert all(math.isnan(frame.roll) and frame.pose is None for frame in frames)
+    assert [marker.state.name for marker in frames[2].markers.values()] == ['LOST'] * 5
+    assert frames[2].markers.keys() == frames[0].markers.keys()
+    assert not next(
+        track(Unreadable(), parameters=MarkerTrackerParameters(mode='track_any'))
+    ).markers
     assert source.closed
     assert draw(frames[0]).shape == (120, 160, 3)
     with pytest.raises(ValueError, match='no image'):

@@ -53,6 +53,8 @@ def assert_whole(path: Path, samples: list[Sample]) -> None:
             assert topic.message_count == len(same)
             assert topic.type == same[0].type
             assert topic.schema is not None
+    assert contents(recording) == samples  # closed is not empty
+    recording.close()
 
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4', 'none'])

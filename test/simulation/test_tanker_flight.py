@@ -6,6 +6,7 @@ import pytest
 from support.image_measuring import weighted_centroid
 
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.simulation.flight import motion_blur
 from mvuav_ros.simulation.settings import BACKGROUNDS, TANKER_MOTIONS, TRIALS, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.markers.marker_results import MarkerState
@@ -248,6 +249,20 @@ def test_a_slow_camera_repeats_its_image():
     same = [np.array_equal(a.image.pixels, b.image.pixels) for a, b in itertools.pairwise(frames)]
     assert same == [True, True, False, True, True, False, True, True]
     assert frames[5].truth.time == pytest.approx(0.1)
+
+
+def test_a_body_can_be_flown_past(tmp_path):
+    path = tmp_path / 'pod.yaml'
+    path.write_text(
+        '{markers: {a: [0, 0.4, 0], b: [0, -0.4, 0], c: [-1, 0, 0.3]}, dock: [2, 0, 0]}'
+    )
+    values = {'start_distance': 10.0, 'end_distance': 1.0, 'layout': str(path)}
+    frame = flight(motion='docking', frames=60, **values).frame(59)
+    assert all(math.isnan(marker.x) and not marker.visible for marker in frame.truth.markers)
+    # Right before that the lights cross the image in no time.
+    image = np.zeros((48, 64), np.uint8)
+    image[:, 32] = 255
+    np.testing.assert_array_equal(motion_blur(image, 900.0, 0.0), motion_blur(image, 64.0, 0.0))
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,8 @@ def test_what_is_no_matrix_is_refused_at_once(change, reason):
         ({'distortion_model': 'equidistant', 'd': (0.1,) * 5}, '0 or 4 distortion .*not 5'),
         ({'d': (0.1,) * 3}, 'not 3'),
         ({'is_rectified': True}, 'no projection matrix'),
+        ({'k': K.T}, 'transposed'),
+        ({'k': K + np.diag([4.0, 0.0], 1)}, 'without skew'),
     ],
 )
 def test_calibrations_that_are_refused(change, reason):
@@ -75,6 +77,14 @@ def test_undistort_undoes_project(model):
     camera = camera_with(model)
     pixels = camera.project(np.column_stack((rays, np.ones(60))))
     assert np.abs(camera.undistort(pixels) - rays).max() < 2e-4 * np.tan(turns[-1])
+
+
+def test_the_corners_of_a_wide_lens_go_there_and_back():
+    # 80 degrees across, with strong barrel distortion.
+    camera = CameraModel(640, 480, (458, 0, 320, 0, 458, 240, 0, 0, 1), (-0.32, 0.14, 0, 0, -0.033))
+    corners = np.array([(0.0, 0.0), (639.0, 479.0), (0.0, 479.0), (20.0, 240.0)])
+    rays = np.column_stack((camera.undistort(corners), np.ones(4)))
+    assert camera.project(rays) == pytest.approx(corners, abs=1e-4)
 
 
 def test_a_fisheye_projects_as_opencv_has_it():
@@ -112,6 +122,16 @@ def test_the_markers_lens_goes_there_and_back_in_the_corners_of_a_fisheye():
     lens = Lens((640, 480), camera_with('equidistant'))
     corners = np.array([(0.0, 0.0), (639.0, 479.0), (0.0, 479.0), (322.0, 239.0)])
     assert lens.to_image(lens.to_ideal(corners)) == pytest.approx(corners, abs=1e-6)
+
+
+def test_the_markers_lens_goes_there_and_back_in_a_frame_of_125_degrees():
+    d = (0.7329, 0.08956, 0, 0, 0.00092, 1.06594, 0.24645, 0.00922)
+    k = (293.4, 0, 319.5, 0, 293.4, 239.5, 0, 0, 1)
+    lens = Lens((640, 480), CameraModel(640, 480, k, d, 'rational_polynomial'))
+    sides = np.array([(0.0, 240.0), (639.0, 479.0), (20.0, 100.0)])
+    assert lens.to_image(lens.to_ideal(sides)) == pytest.approx(sides, abs=1e-3)
+    # One that turns back within the frame is not followed there.
+    assert CameraModel(640, 480, k, (-0.4, 0.2, 0, 0, -0.05)).widest == 1.5
 
 
 def test_a_rigs_errors_are_predicted_through_a_fisheye():

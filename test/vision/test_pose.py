@@ -14,7 +14,7 @@ from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.reprojection import Reprojection, projection_derivatives
-from mvuav_ros.vision.rig import TANKER_747, parse_rig
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig, parse_rig
 from mvuav_thesis.light_flights import LightFlight, LightScene
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
@@ -357,3 +357,21 @@ def test_a_rig_of_three_lights_has_no_pose():
     estimator = PoseEstimator(three)
     assert estimator.estimate(CAMERA, range(3), pixels, 0) is None
     assert 'no other one confirms' in estimator.reason
+
+
+def test_a_rig_of_whole_metres_has_the_pose_of_one_of_floats():
+    places = (0, 2, 0), (0, -2, 0), (-1, 0, 1), (-2, 1, -1)
+    names = 'abcd'
+    whole = MarkerRig(
+        'whole', tuple(zip(names, map(np.array, places), strict=True)), [0] * 3, [0] * 3
+    )
+    floats = tuple(
+        (name, tuple(map(float, place))) for name, place in zip(names, places, strict=True)
+    )
+    assert whole == MarkerRig('whole', floats, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert len({whole, whole}) == 1
+    rvec = cv2.Rodrigues(OPTICAL_FROM_BODY)[0]
+    pixels = CAMERA.project(whole.positions, rvec, (1.0, 2.0, 30.0))
+    pose = PoseEstimator(whole).estimate(CAMERA, range(4), pixels, 0)
+    assert pose is not None
+    assert pose.translation == pytest.approx((1.0, 2.0, 30.0), abs=1e-4)

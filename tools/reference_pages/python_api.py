@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import re
 from collections.abc import Iterator
@@ -99,9 +98,8 @@ def _described(name: str, found: Any) -> Iterator[str]:
         yield 'Its fields are the [parameters](parameters.md) of the node; wrong ones are refused.\n'
         return
     yield from _code(_signature(name, found))
-    initial = inspect.getdoc(found.__init__) if 'process' in dir(found) else None
-    if inspect.isclass(found) and dataclasses.is_dataclass(found):
-        initial = None
+    # None of object, which `inspect.getdoc` goes on to.
+    initial = inspect.cleandoc(found.__init__.__doc__ or '') if 'process' in dir(found) else ''
     yield from _sections(inspect.getdoc(found) or '', found)
     if initial:
         yield from _sections(initial, found)
@@ -135,10 +133,12 @@ def _signature(name: str, found: Any) -> str:
     if hasattr(found, '_fields'):
         given = list(found._fields)
     else:
-        parameters = inspect.signature(found).parameters.values()
-        given = [
-            str(each).replace("'", '') for each in parameters if each.name not in ('self', 'cls')
-        ]
+        every = inspect.signature(found).parameters.values()
+        parameters = [each for each in every if each.name not in ('self', 'cls')]
+        given = [re.sub(r": '([^']*)'", r': \1', str(each)) for each in parameters]
+        by_name = [each.kind is each.KEYWORD_ONLY for each in parameters]
+        if any(by_name):
+            given.insert(by_name.index(True), '*')
     short = f'{name}({", ".join(given)})'
     if len(short) <= 96:
         return short
@@ -154,7 +154,8 @@ def _sections(doc: str, found: Any) -> Iterator[str]:
     parts = re.split(rf'^({"|".join(_SECTIONS)}):\n', doc, flags=re.MULTILINE)
     yield _plain(parts[0]) + '\n'
     for title, body in zip(parts[1::2], parts[2::2], strict=True):
-        text = inspect.cleandoc(body)
+        # Behind an empty line, as the indentation of a first one does not count.
+        text = inspect.cleandoc('\n' + body)
         if title.startswith('Example'):
             yield '```python\n' + text.rstrip() + '\n```\n'
         elif title in ('Returns', 'Yields'):
@@ -169,7 +170,8 @@ def _items(text: str, found: Any) -> Iterator[str]:
     kinds = {} if found is None else getattr(found, '__annotations__', {})
     for item in re.split(r'\n(?=\S)', text):
         name, _, words = item.partition(':')
-        kind = f' ({kinds[name]})' if name in kinds else ''
+        kind = kinds.get(name, '')
+        kind = f' ({getattr(kind, "__forward_arg__", kind)})' if kind else ''
         said = _plain(inspect.cleandoc(words)).replace('\n', '\n  ')
         yield f'* `{name}`{kind}: {said}'
 

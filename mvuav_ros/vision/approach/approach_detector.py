@@ -306,11 +306,13 @@ def _point(level: Derotation, x: float, y: float) -> Point:
 
 
 def _across(found: Found) -> tuple[Point, Point] | None:
-    """Where the horizon crosses the sides of the frame, if it is known."""
+    """Where the horizon crosses the sides of the frame, if it is known and does."""
     level, row = found.level, found.horizon_row
     if row is None:
         return None
     (x1, y1), (x2, y2) = _point(level, 0.0, row), _point(level, 1.0, row)
+    if x1 == x2:  # Upright, as where an attitude is in the optical axes
+        return None
     down = (y2 - y1) / (x2 - x1)
     right = level.width * level.factor - 1.0
     return (0.0, y1 - down * x1), (right, y1 + down * (right - x1))

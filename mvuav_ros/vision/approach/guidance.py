@@ -100,7 +100,7 @@ def locate(
         return Guidance()
     jacobian = _jacobian(pose, measured)
     covariance = jacobian @ noise @ jacobian.T
-    if near_row is None:
+    if not math.isfinite(solution[0]):
         covariance[0, :] = covariance[:, 0] = 0.0
         covariance[0, 0] = UNKNOWN_VARIANCE
     else:

@@ -112,7 +112,8 @@ class MarkerResult:
     """One frame's markers.
 
     Attributes:
-        markers: five rows in `TANKER_LABELS`' order, or one per cluster in ``detect_any``.
+        markers: a row for each of the rig's, in its order (the tanker's: `TANKER_LABELS`), or for
+            each light in ``detect_any`` and ``track_any``.
         roll: radians, right wing down positive; NaN while either wing is lost.
         status: empty when all is well, else what is missing, in words.
         windows: the windows searched, in the markers' order; empty where the frame was searched

@@ -42,7 +42,7 @@ def blank(height: int, width: int, *channels: int) -> Canvas:
 
 def canvas_of(image: Pixels) -> tuple[Canvas, float]:
     """A copy of an image to draw on, (height, width, 3), and by how much larger to draw on it."""
-    canvas = np.array(eight_bits(image))
+    canvas = np.array(eight_bits(image), order='C')
     if canvas.ndim == 2:
         canvas = np.stack([canvas] * 3, axis=2)
     return canvas, max(1.0, min(image.shape[:2]) / 240)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ import yaml
 from rosbags.typesys import Stores, get_typestore
 from support.commands import mvuav, mvuav_process, read
 
+from mvuav_ros import track
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import IMAGE, serialize_image
@@ -166,6 +168,10 @@ def test_a_given_calibration_is_taken_as_rectified_too(tmp_path, truth):
     file = save(tmp_path / 'c.yaml', replace(camera_model(flight().camera), p=p))
     assert mvuav('replay', bag, '-o', out, *NODE, '--camera-info', file).status == 0
     assert distances(out)[2:] == pytest.approx(truth[2:], rel=0.005)
+    tracked = [
+        np.linalg.norm(frame.pose.translation) for frame in islice(track(bag, file), 2, None)
+    ]
+    assert tracked == pytest.approx(truth[2:], rel=0.005)
 
 
 def test_binning_and_the_region_of_interest_are_applied():

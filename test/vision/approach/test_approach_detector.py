@@ -281,6 +281,14 @@ def test_a_horizon_that_is_none(images, target, horizon):
         assert detector.attitude_problem == "the horizon given is none: the horizon is the image's"
 
 
+def test_an_upright_horizon_crosses_neither_side_of_the_frame(images):
+    """An attitude that a sensor gives in the optical axes shows it so."""
+    upright = HorizonLine(240.0, math.nextafter(0.5 * math.pi, 0.0))
+    result = ApproachDetector(APPROACH).process(images[0], 0, upright)
+    assert result.horizon is None
+    assert draw_approach(result).shape == images[0].shape
+
+
 def test_edges_that_do_not_meet_at_the_attitudes_horizon_are_no_runway(images):
     """What was followed without attitude may be half a runway and paint before it."""
     detector = ApproachDetector(APPROACH)

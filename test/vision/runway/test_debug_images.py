@@ -49,6 +49,13 @@ def test_the_overlay_shows_a_believed_line_solid_green_on_the_whole_frame():
     assert column == pytest.approx(99.5, abs=2) and rows == 160
 
 
+@pytest.mark.parametrize('draw', ALL)
+def test_a_frame_that_was_turned_by_a_quarter_is_drawn_as_its_copy(draw):
+    turned = np.rot90(step_at(100))
+    seen, copied = results(turned, np.ascontiguousarray(turned))
+    np.testing.assert_array_equal(draw(seen), draw(copied))
+
+
 def test_a_held_line_is_dashed_where_it_was_and_thin_where_it_was_measured():
     last = results(step_at(100), step_at(100), step_at(250))[-1]
     assert last.lines[0].flags == 5
