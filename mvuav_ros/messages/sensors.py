@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -92,9 +93,15 @@ def make_header(stamp_ns: int, frame_id: str) -> Header:
 
 
 def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
-    """A calibration as a message; without a rectification it is that of an undistorted image."""
+    """A calibration as a message; without a rectification it is that of an undistorted image.
+
+    Of rectified images, K is what holds for them, so that it does under any topic.
+    """
     from sensor_msgs.msg import CameraInfo
 
+    if camera.is_rectified:
+        k = tuple(camera.matrix.ravel().tolist())
+        camera = replace(camera, k=k, d=(), r=(), distortion_model='plumb_bob')
     fx, _, cx, _, fy, cy, *_ = camera.k
     return CameraInfo(
         header=header,

@@ -106,6 +106,8 @@ def track(
     body = load_rig(rig) if isinstance(rig, (str, Path)) else rig
     tracker = MarkerTracker(parameters, body)
     opened = open_source(str(source)) if isinstance(source, (str, Path)) else source
+    if given is not None and opened.is_rectified:
+        given = given.rectified()
     return _tracked(opened, given, tracker)
 
 

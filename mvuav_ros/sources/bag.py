@@ -25,6 +25,7 @@ from mvuav_ros.messages.sensors import (
     StampPairing,
     decode_camera_info,
     decode_imu,
+    is_rectified_topic,
     normalised_type,
     stamp_ns_of,
 )
@@ -162,6 +163,7 @@ class BagImages(FrameSource):
             said = f'{words(each.name)} is {encoding}, not CDR: skipped'
             self.account.note(('skipped', each.name), said)
         self.topic = chosen.name
+        self.is_rectified = is_rectified_topic(self.topic)
         self.topics = tuple(topic.name for topic in self._recording.topics)
         # As camera drivers name theirs: beside the image topic or, if compressed, its parent.
         base = chosen.name.removesuffix('/compressed').rpartition('/')[0]
