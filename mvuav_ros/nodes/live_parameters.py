@@ -40,9 +40,11 @@ OVERRIDABLE = QoSOverridingOptions(
     ]
 )
 """What users may set of a topic: ``qos_overrides.TOPIC.subscription.reliability``."""
+_ALWAYS_READ_ONLY = 'autostart'
 _READ_ONLY = 'Trying to set a read-only parameter:'
 """What rclpy says."""
-_WHEN = 'can be set at the start, and while the node is unconfigured (ros2 lifecycle set … cleanup)'
+_WHEN = 'can be set at the start'
+_OR_LATER = ', and while the node is unconfigured (ros2 lifecycle set … cleanup)'
 
 
 class _SetInAnyOrder(ParameterService):
@@ -85,7 +87,8 @@ class _SetInAnyOrder(ParameterService):
             waiting = rejected
         for result in results:
             if result.reason.startswith(_READ_ONLY):
-                result.reason = f'{result.reason.removeprefix(_READ_ONLY).strip(" .")}: {_WHEN}'
+                name = result.reason.removeprefix(_READ_ONLY).strip(' .')
+                result.reason = f'{name}: {_WHEN}{"" if name == _ALWAYS_READ_ONLY else _OR_LATER}'
         response.results = results
         return response
 
@@ -127,9 +130,9 @@ class LiveParameters(Generic[P]):
         node.add_post_set_parameters_callback(self._apply)
 
     def freeze(self, frozen: bool) -> None:
-        """Make what is `read_only` so, from `configure` to `cleanup`; ``autostart`` always is."""
+        """Make what is `read_only` so, from `configure` to `cleanup`, but for what always is."""
         for name, spec in self._specs.items():
-            if spec.read_only and name != 'autostart':
+            if spec.read_only and name != _ALWAYS_READ_ONLY:
                 self._node.describe_parameter(name).read_only = frozen
 
     def _ours(self, parameters: Sequence[Parameter]) -> dict[str, object]:
