@@ -26,10 +26,12 @@ from rclpy.node import Node
 from rclpy.qos import (
     HistoryPolicy,
     QoSCompatibility,
+    QoSPolicyKind,
     ReliabilityPolicy,
     qos_check_compatible,
     qos_profile_sensor_data,
 )
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
@@ -213,12 +215,14 @@ def subscribe(
 ) -> Any:
     """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes.
 
-    With a ``reliability`` whatever the ``qos_overrides`` said when it was subscribed to first.
+    A ``reliability`` wins over what the ``qos_overrides`` say of that.
     """
     # A copy: rclpy writes the user's overrides into it.
-    qos = copy.copy(qos_profile_sensor_data)
+    qos, overridable = copy.copy(qos_profile_sensor_data), OVERRIDABLE
     if reliability is not None:
         qos.reliability = reliability
+        others = [kind for kind in OVERRIDABLE.policy_kinds if kind != QoSPolicyKind.RELIABILITY]
+        overridable = QoSOverridingOptions(others)
     return node.create_subscription(
         kind,
         topic,
@@ -228,7 +232,7 @@ def subscribe(
         # An executor that waits for a subscription's events wakes up for its data as well, on
         # Fast DDS, and again and again until this thread has taken them.
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        qos_overriding_options=OVERRIDABLE if reliability is None else None,
+        qos_overriding_options=overridable,
         raw=raw,
     )
 

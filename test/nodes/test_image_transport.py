@@ -6,9 +6,13 @@ import sys
 from types import ModuleType
 
 import pytest
+import rclpy
+from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
+from support.graph import Graph
 
-from mvuav_ros.nodes.image_input import image_topic
+from mvuav_ros.nodes.image_input import image_topic, subscribe
 from mvuav_ros.parameters.declaration import ParameterError
 
 
@@ -39,3 +43,16 @@ def test_messages_of_packages_that_may_be_missing(
     monkeypatch.setitem(sys.modules, package, ModuleType(package))
     monkeypatch.setitem(sys.modules, f'{package}.msg', module)
     assert image_topic(transport, '/image_raw') == (f'/image_raw/{transport}', str, transport)
+
+
+def test_what_the_user_says_of_a_topic_holds_when_it_is_subscribed_anew(graph: Graph) -> None:
+    """As a node does that loses images, or whose publisher comes back as another one."""
+    given = [Parameter('qos_overrides./image_raw.subscription.depth', value=50)]
+    node = rclpy.create_node('other', context=graph.probe.context, parameter_overrides=given)
+    for reliability in (None, ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT):
+        subscription = subscribe(node, Image, 'image_raw', raw=True, reliability=reliability)
+        assert subscription.qos_profile.depth == 50
+        asked = reliability or ReliabilityPolicy.BEST_EFFORT
+        assert subscription.qos_profile.reliability == asked
+        node.destroy_subscription(subscription)
+    node.destroy_node()
