@@ -68,6 +68,7 @@ class ReceivedImage(NamedTuple):
         info: the CameraInfo that holds for it, if there is one (see `StampPairing`).
         attitude: of the body at its stamp, if that is known (see `AttitudePairing`).
         is_skipped: newer ones lay waiting; only what comes after it may need it to be decoded.
+        follows_loss: the one before it never came, or is not known to have.
     """
 
     data: bytes | Frame
@@ -76,6 +77,7 @@ class ReceivedImage(NamedTuple):
     info: Any = None
     attitude: Attitude | None = None
     is_skipped: bool = False
+    follows_loss: bool = False
 
     @property
     def stamp_ns(self) -> int:
@@ -505,7 +507,7 @@ class ImageInput(FrameInput):
         self._subscriptions = [self._subscription, *(c.subscription for c in self.synchronized)]
         self._lost = status_of(self._subscription, 'MESSAGE_LOST')
         self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
-        self._last_sequence = 0
+        self._last_sequence, self._is_first = 0, True
 
     @property
     def topic(self) -> str:
@@ -598,17 +600,22 @@ class ImageInput(FrameInput):
                 break
             data, info = taken
             self._events.size = len(data)
-            self._follow(info.get('publication_sequence_number') or 0)
+            follows_loss = self._follow(info.get('publication_sequence_number') or 0)
             sent_ns = info.get('source_timestamp') or 0
             transport = (time.time_ns() - sent_ns) * 1e-9 if sent_ns else math.nan
-            images.append(ReceivedImage(data, transport, time.perf_counter()))
+            taken_at = time.perf_counter()
+            images.append(ReceivedImage(data, transport, taken_at, follows_loss=follows_loss))
         return self._not_skipped(images)
 
-    def _follow(self, sequence: int) -> None:
+    def _follow(self, sequence: int) -> bool:
+        """Whether images are missing before this one of the publisher's count."""
+        before, self._last_sequence = self._last_sequence, sequence
+        is_first, self._is_first = self._is_first, False
         # With two publishers the counts of both are mixed and say nothing.
-        if sequence > self._last_sequence + 1 > 1 and self._subscription.get_publisher_count() == 1:
-            self._events.missing += sequence - self._last_sequence - 1
-        self._last_sequence = sequence
+        if sequence > before + 1 > 1 and self._subscription.get_publisher_count() == 1:
+            self._events.missing += sequence - before - 1
+            return True
+        return is_first
 
     def _not_skipped(self, images: list[ReceivedImage]) -> list[ReceivedImage]:
         """All, or the newest; those before it too, marked, where it may need them."""
