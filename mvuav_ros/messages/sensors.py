@@ -33,6 +33,20 @@ def stamp_ns_of(header: Any) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
+_TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
+
+
+def topic_beside(image_topic: str, name: str) -> str:
+    """Where camera drivers have what belongs to images: beside the topic of the raw ones.
+
+    >>> topic_beside('/nose/image_raw/ffmpeg', 'camera_info')
+    '/nose/camera_info'
+    """
+    raw, _, transport = image_topic.rpartition('/')
+    base = raw if transport in _TRANSPORTS else image_topic
+    return f'{base.rpartition("/")[0]}/{name}'
+
+
 def is_rectified_topic(topic: str) -> bool:
     """Whether a topic's name says that its images are rectified, as image_proc's does."""
     words = topic.split('/')
