@@ -213,6 +213,7 @@ def subscribe(
     topic: str,
     *,
     raw: bool = False,
+    depth: int = _DEPTH,
     reliability: ReliabilityPolicy | None = None,
 ) -> Any:
     """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes.
@@ -221,6 +222,7 @@ def subscribe(
     """
     # A copy: rclpy writes the user's overrides into it.
     qos, overridable = copy.copy(qos_profile_sensor_data), OVERRIDABLE
+    qos.depth = depth
     if reliability is not None:
         qos.reliability = reliability
         others = [kind for kind in OVERRIDABLE.policy_kinds if kind != QoSPolicyKind.RELIABILITY]
@@ -261,6 +263,10 @@ LONGEST_HOLD = 0.1
 """Seconds that an image waits for its CameraInfo or attitude, where somebody publishes one."""
 
 
+_SYNCHRONIZED_DEPTH = 200
+"""Messages that may come while an image is answered: of an IMU of 1 kHz those of 0.2 s."""
+
+
 class SynchronizedTopic:
     """A topic that images may wait for; used in the images' thread alone."""
 
@@ -268,7 +274,7 @@ class SynchronizedTopic:
         self, node: Node, kind: type[CameraInfo | Imu], topic: str, is_awaited: Callable[[], bool]
     ) -> None:
         """Subscribe; ``is_awaited`` says whether images are to wait, now."""
-        self.subscription = subscribe(node, kind, topic)
+        self.subscription = subscribe(node, kind, topic, depth=_SYNCHRONIZED_DEPTH)
         self.kind, self._is_awaited = kind, is_awaited
         self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
         if kind is CameraInfo:
