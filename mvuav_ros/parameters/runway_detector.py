@@ -231,6 +231,7 @@ class RunwayDetectorParameters(ParameterSet):
         limits=(0, 10_000),
         unit='frames',
         thesis='N-Sample Switch; 2',
+        counts=_THESIS,
         usual=(0, 30),
     )
     max_hold: int = _correction(
@@ -240,6 +241,7 @@ class RunwayDetectorParameters(ParameterSet):
         limits=(0, 1_000_000),
         unit='frames',
         thesis='section 4.3.2.4; never',
+        counts=_THESIS,
         usual=(0, 100),
     )
     association: str = _correction(

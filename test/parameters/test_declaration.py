@@ -183,3 +183,19 @@ def test_assignments(text, parts):
 def test_bad_assignments_are_refused(text):
     with pytest.raises(ParameterError):
         parse_assignment(text)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'names'),
+    [
+        (MarkerTrackerParameters(mode='track_any', prediction='none'), set()),
+        (MarkerTrackerParameters(mode='detect', prediction='none'), {'prediction'}),
+        (RunwayDetectorParameters(mode='approach', theta_error_threshold_deg=3.0), set()),
+        (
+            RunwayDetectorParameters(mode='approach', correction_warmup=3, max_hold=3),
+            {'correction_warmup', 'max_hold'},
+        ),
+    ],
+)
+def test_what_has_no_effect_in_a_mode_and_what_has(parameters, names):
+    assert set(parameters.without_effect()) == names
