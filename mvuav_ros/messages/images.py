@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -186,15 +186,21 @@ def decode_image(message: ImageMessage) -> Image:
 
 
 def decode_compressed_image(message: CompressedImageMessage) -> Image:
-    """Decompress a JPEG, PNG, WebP or TIFF message, whatever its ``format`` says.
+    """Decompress a JPEG, PNG, WebP or TIFF message, whichever its ``format`` says that it is.
 
-    Grey stays ``mono8`` or ``mono16``; colour becomes ``bgr8`` or ``bgra8``.
+    Grey stays ``mono8`` or ``mono16``, unless ``format`` says as image_transport does that it is
+    the mosaic of a Bayer pattern; colour becomes ``bgr8`` or ``bgra8``.
 
     Raises:
         ImageError: it is something else, or the data does not decode.
     """
     check_compressed_image(message)
-    return decode_file_bytes(_bytes_of(message.data))
+    image = decode_file_bytes(_bytes_of(message.data))
+    original = message.format.split(';')[0].strip()
+    if image.is_gray and original.startswith('bayer_') and original in ENCODINGS:
+        bits = 8 * image.pixels.itemsize
+        image = replace(image, encoding=f'{original.rstrip("0123456789")}{bits}')
+    return image
 
 
 def check_compressed_image(message: CompressedImageMessage) -> tuple[int, int]:

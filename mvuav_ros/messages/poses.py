@@ -114,6 +114,10 @@ def body_axes(optical: Placement) -> Placement:
     return Placement(optical.rotation @ OPTICAL_FROM_BODY, optical.translation, _UNKNOWN)
 
 
+_MAX_OFF_UNIT = 0.005
+"""Of a quaternion's length, about what tf2 has."""
+
+
 class TransformTree:
     """The transforms of ``/tf_static``: each frame in its parent, the newest parent counting."""
 
@@ -121,13 +125,15 @@ class TransformTree:
         self._placed: dict[str, tuple[str, Placement]] = {}
 
     def add(self, message: Any) -> None:
-        """Take in a tf2_msgs/TFMessage."""
+        """Take in a tf2_msgs/TFMessage, as tf2 does: without slashes in front, and what is one."""
         for each in message.transforms:
             q, t = each.transform.rotation, each.transform.translation
-            placed = Placement(
-                from_quaternion(q.x, q.y, q.z, q.w), np.array([t.x, t.y, t.z]), _UNKNOWN
-            )
-            self._placed[each.child_frame_id] = each.header.frame_id, placed
+            turn, place = (q.x, q.y, q.z, q.w), np.array([t.x, t.y, t.z])
+            is_unit = abs(math.hypot(*turn) - 1.0) < _MAX_OFF_UNIT
+            if is_unit and np.isfinite(place).all():
+                placed = Placement(from_quaternion(*turn), place, _UNKNOWN)
+                parent, child = each.header.frame_id.lstrip('/'), each.child_frame_id.lstrip('/')
+                self._placed[child] = parent, placed
 
     def parent(self, frame: str) -> str:
         """The frame's parent; empty where it has none."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -30,6 +31,20 @@ def normalised_type(name: str) -> str:
 def stamp_ns_of(header: Any) -> int:
     """The stamp of a std_msgs/Header, ns."""
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+_TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
+
+
+def topic_beside(image_topic: str, name: str) -> str:
+    """Where camera drivers have what belongs to images: beside the topic of the raw ones.
+
+    >>> topic_beside('/nose/image_raw/ffmpeg', 'camera_info')
+    '/nose/camera_info'
+    """
+    raw, _, transport = image_topic.rpartition('/')
+    base = raw if transport in _TRANSPORTS else image_topic
+    return f'{base.rpartition("/")[0]}/{name}'
 
 
 def is_rectified_topic(topic: str) -> bool:
@@ -92,9 +107,15 @@ def make_header(stamp_ns: int, frame_id: str) -> Header:
 
 
 def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
-    """A calibration as a message; without a rectification it is that of an undistorted image."""
+    """A calibration as a message; without a rectification it is that of an undistorted image.
+
+    Of rectified images, K is what holds for them, so that it does under any topic.
+    """
     from sensor_msgs.msg import CameraInfo
 
+    if camera.is_rectified:
+        k = tuple(camera.matrix.ravel().tolist())
+        camera = replace(camera, k=k, d=(), r=(), distortion_model='plumb_bob')
     fx, _, cx, _, fy, cy, *_ = camera.k
     return CameraInfo(
         header=header,

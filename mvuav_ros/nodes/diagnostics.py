@@ -61,8 +61,9 @@ class FrameStatistics:
         self.restart()
 
     def restart(self) -> None:
-        """Images are expected from now on."""
-        self._arrivals.clear()
+        """Images are expected from now on; counts go on."""
+        for recent in (self._arrivals, self._results, self._rejections):
+            recent.clear()
         self._quiet_since = time.monotonic()
 
     def arrived(self) -> None:

@@ -26,10 +26,12 @@ from rclpy.node import Node
 from rclpy.qos import (
     HistoryPolicy,
     QoSCompatibility,
+    QoSPolicyKind,
     ReliabilityPolicy,
     qos_check_compatible,
     qos_profile_sensor_data,
 )
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
@@ -66,6 +68,7 @@ class ReceivedImage(NamedTuple):
         info: the CameraInfo that holds for it, if there is one (see `StampPairing`).
         attitude: of the body at its stamp, if that is known (see `AttitudePairing`).
         is_skipped: newer ones lay waiting; only what comes after it may need it to be decoded.
+        follows_loss: the one before it never came, or is not known to have.
     """
 
     data: bytes | Frame
@@ -74,6 +77,7 @@ class ReceivedImage(NamedTuple):
     info: Any = None
     attitude: Attitude | None = None
     is_skipped: bool = False
+    follows_loss: bool = False
 
     @property
     def stamp_ns(self) -> int:
@@ -209,16 +213,20 @@ def subscribe(
     topic: str,
     *,
     raw: bool = False,
+    depth: int = _DEPTH,
     reliability: ReliabilityPolicy | None = None,
 ) -> Any:
     """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes.
 
-    With a ``reliability`` whatever the ``qos_overrides`` said when it was subscribed to first.
+    A ``reliability`` wins over what the ``qos_overrides`` say of that.
     """
     # A copy: rclpy writes the user's overrides into it.
-    qos = copy.copy(qos_profile_sensor_data)
+    qos, overridable = copy.copy(qos_profile_sensor_data), OVERRIDABLE
+    qos.depth = depth
     if reliability is not None:
         qos.reliability = reliability
+        others = [kind for kind in OVERRIDABLE.policy_kinds if kind != QoSPolicyKind.RELIABILITY]
+        overridable = QoSOverridingOptions(others)
     return node.create_subscription(
         kind,
         topic,
@@ -228,7 +236,7 @@ def subscribe(
         # An executor that waits for a subscription's events wakes up for its data as well, on
         # Fast DDS, and again and again until this thread has taken them.
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        qos_overriding_options=OVERRIDABLE if reliability is None else None,
+        qos_overriding_options=overridable,
         raw=raw,
     )
 
@@ -255,6 +263,10 @@ LONGEST_HOLD = 0.1
 """Seconds that an image waits for its CameraInfo or attitude, where somebody publishes one."""
 
 
+_SYNCHRONIZED_DEPTH = 200
+"""Messages that may come while an image is answered: of an IMU of 1 kHz those of 0.2 s."""
+
+
 class SynchronizedTopic:
     """A topic that images may wait for; used in the images' thread alone."""
 
@@ -262,7 +274,7 @@ class SynchronizedTopic:
         self, node: Node, kind: type[CameraInfo | Imu], topic: str, is_awaited: Callable[[], bool]
     ) -> None:
         """Subscribe; ``is_awaited`` says whether images are to wait, now."""
-        self.subscription = subscribe(node, kind, topic)
+        self.subscription = subscribe(node, kind, topic, depth=_SYNCHRONIZED_DEPTH)
         self.kind, self._is_awaited = kind, is_awaited
         self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
         if kind is CameraInfo:
@@ -500,7 +512,7 @@ class ImageInput(FrameInput):
         self._subscriptions = [self._subscription, *(c.subscription for c in self.synchronized)]
         self._lost = status_of(self._subscription, 'MESSAGE_LOST')
         self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
-        self._last_sequence = 0
+        self._last_sequence, self._is_first = 0, True
 
     @property
     def topic(self) -> str:
@@ -592,17 +604,22 @@ class ImageInput(FrameInput):
                 break
             data, info = taken
             self._events.size = len(data)
-            self._follow(info.get('publication_sequence_number') or 0)
+            follows_loss = self._follow(info.get('publication_sequence_number') or 0)
             sent_ns = info.get('source_timestamp') or 0
             transport = (time.time_ns() - sent_ns) * 1e-9 if sent_ns else math.nan
-            images.append(ReceivedImage(data, transport, time.perf_counter()))
+            taken_at = time.perf_counter()
+            images.append(ReceivedImage(data, transport, taken_at, follows_loss=follows_loss))
         return self._not_skipped(images)
 
-    def _follow(self, sequence: int) -> None:
+    def _follow(self, sequence: int) -> bool:
+        """Whether images are missing before this one of the publisher's count."""
+        before, self._last_sequence = self._last_sequence, sequence
+        is_first, self._is_first = self._is_first, False
         # With two publishers the counts of both are mixed and say nothing.
-        if sequence > self._last_sequence + 1 > 1 and self._subscription.get_publisher_count() == 1:
-            self._events.missing += sequence - self._last_sequence - 1
-        self._last_sequence = sequence
+        if sequence > before + 1 > 1 and self._subscription.get_publisher_count() == 1:
+            self._events.missing += sequence - before - 1
+            return True
+        return is_first
 
     def _not_skipped(self, images: list[ReceivedImage]) -> list[ReceivedImage]:
         """All, or the newest; those before it too, marked, where it may need them."""

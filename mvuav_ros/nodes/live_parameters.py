@@ -40,9 +40,11 @@ OVERRIDABLE = QoSOverridingOptions(
     ]
 )
 """What users may set of a topic: ``qos_overrides.TOPIC.subscription.reliability``."""
+_ALWAYS_READ_ONLY = 'autostart'
 _READ_ONLY = 'Trying to set a read-only parameter:'
 """What rclpy says."""
-_WHEN = 'can be set at the start, and while the node is unconfigured (ros2 lifecycle set … cleanup)'
+_WHEN = 'can be set at the start'
+_OR_LATER = ', and while the node is unconfigured (ros2 lifecycle set … cleanup)'
 
 
 class _SetInAnyOrder(ParameterService):
@@ -51,24 +53,31 @@ class _SetInAnyOrder(ParameterService):
     rclpy sets the values of one request one by one. ``ros2 param load`` of other rows would fail
     half-way where the new end lies before the old start, so rejected values are tried again once
     others have been accepted. A value that is set already is no change, even where the parameter
-    is read-only: a dump holds dozens of those (``qos_overrides``). A parameter that the node does
-    not have is named; rclpy's own reason ends in an empty list.
+    is read-only: a dump holds dozens of those (``qos_overrides``), and a file may write them in
+    another way (``fps: 30``). A parameter that the node does not have is named; rclpy's own reason
+    ends in an empty list.
     """
+
+    def __init__(self, node: Node, convert: Callable[[list[Parameter]], list[Parameter]]) -> None:
+        super().__init__(node)
+        self._convert = convert
 
     def _set_parameters_callback(
         self, request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
+        given = self._convert([*map(Parameter.from_parameter_msg, request.parameters)])
+        parameters = [each.to_parameter_msg() for each in given]
         unchanged = SetParametersResult(successful=True)
-        results = [unchanged] * len(request.parameters)
+        results = [unchanged] * len(parameters)
         waiting = []
-        for index, each in enumerate(request.parameters):
+        for index, each in enumerate(parameters):
             if not self._get_node().has_parameter(each.name):
                 words = f'{each.name}: this node has no such parameter'
                 results[index] = SetParametersResult(successful=False, reason=words)
             elif self._get_node().get_parameter(each.name).to_parameter_msg().value != each.value:
                 waiting.append(index)
         while waiting:
-            again = SetParameters.Request(parameters=[request.parameters[i] for i in waiting])
+            again = SetParameters.Request(parameters=[parameters[i] for i in waiting])
             answer = super()._set_parameters_callback(again, SetParameters.Response())
             for index, result in zip(waiting, answer.results, strict=True):
                 results[index] = result
@@ -78,7 +87,8 @@ class _SetInAnyOrder(ParameterService):
             waiting = rejected
         for result in results:
             if result.reason.startswith(_READ_ONLY):
-                result.reason = f'{result.reason.removeprefix(_READ_ONLY).strip(" .")}: {_WHEN}'
+                name = result.reason.removeprefix(_READ_ONLY).strip(' .')
+                result.reason = f'{name}: {_WHEN}{"" if name == _ALWAYS_READ_ONLY else _OR_LATER}'
         response.results = results
         return response
 
@@ -114,15 +124,15 @@ class LiveParameters(Generic[P]):
             )
         self._node = node
         self.freeze(False)
-        self._service = _SetInAnyOrder(node)
+        self._service = _SetInAnyOrder(node, self._convert)
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
     def freeze(self, frozen: bool) -> None:
-        """Make what is `read_only` so, from `configure` to `cleanup`; ``autostart`` always is."""
+        """Make what is `read_only` so, from `configure` to `cleanup`, but for what always is."""
         for name, spec in self._specs.items():
-            if spec.read_only and name != 'autostart':
+            if spec.read_only and name != _ALWAYS_READ_ONLY:
                 self._node.describe_parameter(name).read_only = frozen
 
     def _ours(self, parameters: Sequence[Parameter]) -> dict[str, object]:
@@ -160,14 +170,12 @@ def _given_value(node: Node, spec: ParameterSpec) -> object:
 
 
 def _converted(given: Parameter, wanted: ParameterSpec | None) -> Parameter:
-    if wanted is not None and isinstance(given.value, bool) and wanted.booleans is not None:
-        return Parameter(given.name, Parameter.Type.STRING, wanted.booleans[given.value])
-    kind = None if wanted is None else wanted.type
-    if kind is float and given.type_ is Parameter.Type.INTEGER:
-        return Parameter(given.name, Parameter.Type.DOUBLE, float(given.value))
-    if kind is tuple and given.type_ is Parameter.Type.INTEGER_ARRAY:
-        return Parameter(given.name, Parameter.Type.DOUBLE_ARRAY, [*map(float, given.value)])
-    return given
+    if wanted is None:
+        return given
+    try:
+        return Parameter(given.name, value=_for_ros(wanted.convert(given.value)))
+    except ParameterError:
+        return given  # the check after this says why
 
 
 def _for_ros(value: Value) -> Any:

@@ -223,8 +223,13 @@ class FrameDecoder:
         self._type = _TYPES[transport]
         self._topic = image_topic
         self._images = ImageDecoder()
-        self._video = VideoDecoder(low_delay=True)
         self._received: dict[int, ReceivedImage] = {}
+        self.forget()
+
+    def forget(self) -> None:
+        """Of a video, begin with the next key frame: packets before it are left out."""
+        self._video = VideoDecoder(low_delay=True)
+        self._received.clear()
 
     def frames(self, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
         """The frames that this one completes: one as a rule, none of an image that was skipped.
@@ -241,6 +246,9 @@ class FrameDecoder:
             yield self._completed(self._images.decode(self._type, data), received)
 
     def _of_video(self, packet: CodedImage, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
+        if received.follows_loss:
+            # Most codecs would make a false image of what needs it, without a word.
+            yield from self._video.end()
         self._received[packet.stamp_ns] = received
         while len(self._received) > _MAX_REMEMBERED:
             del self._received[next(iter(self._received))]
@@ -323,6 +331,7 @@ class FrameAnswerer:
                 self.statistics.arrived()
             if not self.enabled:
                 self.stamps.interrupt()
+                self._decoder.forget()
                 return
         for frame in self._decoder.frames(received):
             if isinstance(frame, BadFrame):

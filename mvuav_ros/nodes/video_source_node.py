@@ -247,6 +247,8 @@ class VideoSource(ManagedNode):
         given = self.current
         self._source = self._open_source()
         calibration = load_calibration(given.camera_info_url) if given.camera_info_url else None
+        if calibration is not None and self._source.is_rectified:
+            calibration = calibration.rectified()
         self._publisher = FramePublisher(self, calibration, self._listeners)
 
     def _open_source(self) -> FrameSource:

@@ -237,6 +237,8 @@ class VisionNode(ManagedNode):
                 self._processor.reset()
             self._answerer.enabled = request.data
         response.success, response.message = True, self._status.state
+        if self._input is None:
+            response.message = f'the node is {self.lifecycle_state}'
         return response
 
     def _report(self) -> DiagnosticStatus:

@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mvuav_ros.messages.images import BadFrame
-from mvuav_ros.messages.sensors import is_rectified_topic
 from mvuav_ros.offline.report import Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import COLORS, SOFT, drawing, label, legend_below
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.sources.bag import BagImages
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import ImageError
@@ -140,8 +138,7 @@ def name_lights(
             camera = camera or frame.camera
             if camera is None:
                 raise SourceError(f'{source.name} has no calibration of its own: --camera-info')
-            topic = source.topic if isinstance(source, BagImages) else ''
-            if parameters.image_is_rectified or is_rectified_topic(topic):
+            if parameters.image_is_rectified or source.is_rectified:
                 camera = camera.rectified()
         assert camera is not None
         try:

@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import Trigger
 
 from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE
-from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, type_name
+from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, topic_beside, type_name
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import Control, controls_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
@@ -97,8 +97,7 @@ class LiveNode:
         """Where their calibration comes from; empty without images."""
         if self.found.camera_info_topic:
             return self.found.camera_info_topic
-        base = self.image_topic.removesuffix('/compressed').rpartition('/')[0]
-        return f'{base}/camera_info' if self.image_topic else ''
+        return topic_beside(self.image_topic, 'camera_info') if self.image_topic else ''
 
     @property
     def image_size(self) -> int:

@@ -104,7 +104,8 @@ class MarkerTrackerParameters(ParameterSet):
         "in track it also keeps the names (docs/markers.md). The others are the thesis's methods, "
         "in track with the thesis's tracker: none (the last position), velocity (eq. 4.1), "
         'acceleration (eq. 4.2), acceleration_program (what the code of Appendix C computes: '
-        'opposite sign and half the size of eq. 3.16).',
+        'opposite sign and half the size of eq. 3.16). In track_any it decides which light is '
+        'which.',
         choices=PREDICTIONS,
         thesis='eqs 4.1, 4.2',
         counts=_FOLLOWED,

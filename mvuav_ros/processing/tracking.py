@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.images import BadFrame, Frame
-from mvuav_ros.messages.sensors import is_rectified_topic
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.sources.bag import BagImages
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource
@@ -110,7 +108,7 @@ def track(
     body = load_rig(rig) if isinstance(rig, (str, Path)) else rig
     tracker = MarkerTracker(parameters, body)
     opened = open_source(str(source)) if isinstance(source, (str, Path)) else source
-    if given is not None and isinstance(opened, BagImages) and is_rectified_topic(opened.topic):
+    if given is not None and opened.is_rectified:
         given = given.rectified()
     return _tracked(opened, given, tracker)
 

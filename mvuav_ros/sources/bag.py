@@ -25,8 +25,10 @@ from mvuav_ros.messages.sensors import (
     StampPairing,
     decode_camera_info,
     decode_imu,
+    is_rectified_topic,
     normalised_type,
     stamp_ns_of,
+    topic_beside,
 )
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.recordings.account import RecordingError
@@ -162,11 +164,11 @@ class BagImages(FrameSource):
             said = f'{words(each.name)} is {encoding}, not CDR: skipped'
             self.account.note(('skipped', each.name), said)
         self.topic = chosen.name
+        self.is_rectified = is_rectified_topic(self.topic)
         self.topics = tuple(topic.name for topic in self._recording.topics)
-        # As camera drivers name theirs: beside the image topic or, if compressed, its parent.
-        base = chosen.name.removesuffix('/compressed').rpartition('/')[0]
-        self.camera_topic = self._named(CAMERA_INFO, f'{base}/camera_info')
-        self.imu_topic = self._named(IMU, f'{base}/imu') or self._named(IMU, '/imu')
+        self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
+        beside = self._named(IMU, topic_beside(self.topic, 'imu'))
+        self.imu_topic = beside or self._named(IMU, '/imu')
         self._message_count = chosen.message_count
         self.count: int | None = chosen.message_count
         self.name = f'bag {words(path.name)} {words(self.topic)}'

@@ -20,6 +20,7 @@ class FrameSource(Protocol):
         count: number of frames as far as it is known beforehand.
         live: True for a camera, which cannot be read faster or slower than it comes.
         account: what could not be read; more may come while frames are read.
+        is_rectified: whether its images are, as their topic's name says.
     """
 
     name: str
@@ -27,6 +28,7 @@ class FrameSource(Protocol):
     count: int | None
     live: bool = False
     account: Account
+    is_rectified: bool = False
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; may be called again after the end."""

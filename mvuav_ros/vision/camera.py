@@ -259,7 +259,9 @@ def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = (
     count = len(given) if is_plain else numbers.size
     if counts and count not in counts:
         raise CalibrationError(f'the {name} needs {shape} numbers, not {count}')
-    return given if is_plain else tuple(numbers.ravel().tolist())
+    plain = given if is_plain else numbers.ravel().tolist()
+    # One NaN for all, so that a calibration that comes again equals the one before.
+    return tuple(math.nan if math.isnan(value) else value for value in plain)
 
 
 def _shifted(matrix: tuple[float, ...], x: float, y: float) -> tuple[float, ...]:

@@ -134,6 +134,30 @@ def test_bayer_patterns(encoding, top_left, red_at):
     assert (blue, green, red) == (0, 0, 200), top_left
 
 
+@pytest.mark.parametrize(
+    ('of', 'kind', 'encoding'),
+    [
+        ('bayer_rggb8', 'png', 'bayer_rggb8'),
+        ('bayer_rggb8', 'jpeg', 'bayer_rggb8'),
+        ('bayer_grbg16', 'png', 'bayer_grbg16'),
+        ('bayer_grbg16', 'jpeg', 'bayer_grbg8'),
+        ('bayer_plaid8', 'png', 'mono8'),
+    ],
+)
+def test_a_compressed_mosaic_is_one(of, kind, encoding):
+    """image_transport compresses it as it is, and says so in front of the semicolon."""
+    is_deep = of.endswith('16') and kind == 'png'
+    mosaic = np.zeros((8, 8), np.uint16 if is_deep else np.uint8)
+    mosaic[::2, ::2] = 200
+    data = cv2.imencode(f'.{kind}', mosaic)[1].tobytes()
+    message = CompressedImage(format=f'{of}; {kind} compressed ', data=data)
+    assert decode_compressed_image(message).encoding == encoding
+    # Of a camera that has made colours of it before.
+    data = cv2.imencode(f'.{kind}', np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+    message = CompressedImage(format=f'{of}; {kind} compressed bgr8', data=data)
+    assert decode_compressed_image(message).encoding == 'bgr8'
+
+
 def bad(changes):
     good = message('mono8', np.zeros((4, 6), np.uint8), 6, 4)
     for name, value in changes.items():

@@ -173,6 +173,25 @@ def test_the_mount_comes_from_the_parameters_or_from_tf_static(source):
     assert processor.frames_problem == ''
 
 
+def test_a_transform_that_tf2_refuses_is_none():
+    """An estimator that gets a NaN never comes back from it."""
+    processor = tanker(base_frame='base_link')
+    for length, x in ((0.0, 0.0), (2.0, 0.0), (math.nan, 0.0), (1.0, math.nan)):
+        broken = static('base_link', CAMERA, mounted())
+        (transform,) = (each.transform for each in broken.transforms)
+        transform.translation.x = x
+        for axis in 'xyzw':
+            setattr(transform.rotation, axis, length * getattr(transform.rotation, axis))
+        processor.static_transforms.add(broken)
+    vehicle, _ = place(fly_tanker(processor)[-1]['vision_pose'])
+    assert np.isfinite(vehicle).all()
+    assert f'does not lead from base_link to {CAMERA}' in processor.frames_problem
+    # tf2 knows frames without the slash in front.
+    processor.static_transforms.add(static('/base_link', f'/{CAMERA}', mounted()))
+    fly_tanker(processor)
+    assert processor.frames_problem == ''
+
+
 def test_a_mount_that_nobody_told_is_said():
     processor = tanker(base_frame='base_link')
     fly_tanker(processor)

@@ -10,7 +10,13 @@ from support.live_stream import KEEP_EVERYTHING, Stream
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import serialize_image
 from mvuav_ros.messages.sensors import stamp_ns_of
-from mvuav_ros.nodes.diagnostics import InputMonitor, StampMonitor, explain_no_images
+from mvuav_ros.nodes.diagnostics import (
+    FrameStatistics,
+    FrameTimes,
+    InputMonitor,
+    StampMonitor,
+    explain_no_images,
+)
 from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState, IntraProcessInput
 from mvuav_ros.vision.image import Image
 
@@ -90,6 +96,19 @@ def test_a_node_alone(graph):
         assert graph.set_parameter('marker_tracker', 'opencv_threads', value).successful
     for value in (65, -1):
         assert not graph.set_parameter('marker_tracker', 'opencv_threads', value).successful
+
+
+def test_what_was_before_an_activation_is_not_of_the_last_seconds():
+    statistics = FrameStatistics()
+    statistics.arrived()
+    statistics.processed_one(FrameTimes(0.0, 0.0, 0.0, 0.0, 0.0))
+    statistics.reject('bad image', 'torn')
+    statistics.restart()
+    statistics.arrived()
+    assert statistics.problems() == []
+    values = statistics.values()
+    assert (values['output_rate_hz'], values['frames_processed']) == ('0.0', '1')
+    assert values['rejected_bad_image'] == '1'
 
 
 def test_a_hiccup_is_worked_off_and_a_slow_node_skips():

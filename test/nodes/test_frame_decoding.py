@@ -24,9 +24,11 @@ def stamp_of(number: int) -> int:
     return START_NS + number * 50_000_000
 
 
-def received(data: bytes, number: int = 0, *, skipped: bool = False) -> ReceivedImage:
+def received(
+    data: bytes, number: int = 0, *, skipped: bool = False, lost: bool = False
+) -> ReceivedImage:
     attitude = LEVEL if number % 2 else None
-    return ReceivedImage(data, 0.0, 0.0, attitude=attitude, is_skipped=skipped)
+    return ReceivedImage(data, 0.0, 0.0, attitude=attitude, is_skipped=skipped, follows_loss=lost)
 
 
 @pytest.mark.parametrize(
@@ -74,3 +76,24 @@ def test_after_a_lost_start_the_next_key_frame_is_the_first() -> None:
     assert numbers[-1] == 11 and len(numbers) >= 7
     assert all('does not decode' in reason for reason in reasons)
     assert len(numbers) + len(reasons) <= 11
+
+
+@pytest.mark.parametrize(('codec', 'name'), [('libx264', 'h264'), ('libx265', 'h265')])
+@pytest.mark.parametrize('is_known', [True, False])
+def test_no_image_is_made_of_a_packet_whose_predecessor_is_lost(codec, name, is_known) -> None:
+    """Whether it was lost on the way, or left out while the node was disabled."""
+    decoder = FrameDecoder('compressed')
+    numbers, reasons = [], []
+    for number, data in enumerate(packets(codec, 10)):
+        if number == 2:
+            if not is_known:
+                decoder.forget()
+            continue
+        message = compressed_image(data, name, stamp_of(number))
+        for frame in decoder.frames(received(message, lost=is_known and number == 3)):
+            if isinstance(frame, BadFrame):
+                reasons.append(frame.reason)
+            else:
+                numbers.append((frame.stamp_ns - START_NS) // 50_000_000)
+    assert numbers == [0, 1, 5, 6, 7, 8, 9]
+    assert len(reasons) == (0 if name == 'h265' else 2)

@@ -7,6 +7,7 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import Image, PointCloud2
+from std_srvs.srv import SetBool
 from support.live_stream import KEEP_EVERYTHING, RESULTS, Stream
 from support.places import ROOT
 
@@ -125,6 +126,8 @@ def test_what_a_state_does_not_allow_is_answered_with_no(graph):
     assert not change(graph, NODE, 'activate')
     values = graph.diagnostics(NODE)
     assert (values['state'], values['level']) == ('unconfigured', 0)
+    answer = graph.call(SetBool, f'/{NODE}/enable', SetBool.Request(data=True))
+    assert (answer.success, answer.message) == (True, 'the node is unconfigured')
     assert graph.set_parameter(NODE, 'threshold', 0.6).successful
     stream.check_alive()
 

@@ -172,6 +172,9 @@ def test_read_only_until_it_is_cleaned_up(graph, tmp_path):
         return graph.call(ChangeState, f'/{MARKERS}/change_state', request).success
 
     assert graph.set_parameter(MARKERS, 'layout', '/nowhere.yaml').successful
+    # It would have no effect any more.
+    said = graph.set_parameter(MARKERS, 'autostart', True)
+    assert (said.successful, said.reason) == (False, 'autostart: can be set at the start')
     assert not change('configure')
     rig = str(ROOT / 'config' / 'tanker_747.yaml')
     assert graph.set_parameter(MARKERS, 'layout', rig).successful
@@ -186,9 +189,17 @@ def test_read_only_until_it_is_cleaned_up(graph, tmp_path):
     assert graph.set_parameter(MARKERS, 'publish_tf', False).successful
     assert graph.get_parameter(MARKERS, 'publish_tf') == 'off'
     assert change('configure') and change('activate')
+    # Another way to write what is set already, as ros2 param load sends it.
+    assert graph.set_parameter(MARKERS, 'publish_tf', False).successful
     topic = '/image_raw/compressed'
     graph.until(lambda: graph.probe.count_subscribers(topic) == 1, f'a subscriber of {topic}')
     assert not graph.set_parameter(MARKERS, 'autostart', True).successful
+
+
+def test_a_camera_is_set_by_its_number_as_at_the_start(graph):
+    graph.start('video_source', autostart=False, source=77)
+    assert graph.set_parameter('video_source', 'source', 1).successful
+    assert graph.get_parameter('video_source', 'source') == '1'
 
 
 def test_camera_info_is_taken_from_where_it_is_remapped_to(graph):

@@ -124,7 +124,12 @@ def test_compressed_images(graph, bag):
     assert np.abs(difference).mean() < 2
 
 
-def test_calibration(graph, folder, tmp_path):
+@pytest.mark.parametrize(('topic', 'focal_length'), [('/nose/image', 50), ('/nose/image_rect', 60)])
+def test_calibration(graph, tmp_path, topic, focal_length):
+    bag = tmp_path / 'nose.mcap'
+    with RecordingWriter(bag) as writer:
+        message = serialize_message(image_message(np.zeros((48, 64), np.uint8), 0))
+        writer.write(topic, 'sensor_msgs/msg/Image', 0, message)
     calibration = tmp_path / 'nose.yaml'
     calibration.write_text(
         'image_width: 64\nimage_height: 48\ncamera_name: nose\n'
@@ -132,11 +137,11 @@ def test_calibration(graph, folder, tmp_path):
         'distortion_model: plumb_bob\n'
         'distortion_coefficients: {rows: 1, cols: 5, data: [0.1, 0, 0, 0, 0]}\n'
         'rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n'
-        'projection_matrix: {rows: 3, cols: 4, data: [50, 0, 32, 0, 0, 51, 24, 0, 0, 0, 1, 0]}\n'
+        'projection_matrix: {rows: 3, cols: 4, data: [60, 0, 32, 0, 0, 61, 24, 0, 0, 0, 1, 0]}\n'
     )
     infos = play(
         graph,
-        folder,
+        bag,
         '/camera_info',
         CameraInfo,
         camera_info_url=f'file://{calibration}',
@@ -144,7 +149,7 @@ def test_calibration(graph, folder, tmp_path):
         loop=True,
     )
     graph.until(lambda: len(infos) > 1, 'calibrations')
-    assert list(infos[0].k) == [50, 0, 32, 0, 51, 24, 0, 0, 1]
+    assert list(infos[0].k) == [focal_length, 0, 32, 0, focal_length + 1, 24, 0, 0, 1]
     assert infos[0].distortion_model == 'plumb_bob'
 
 

@@ -189,6 +189,7 @@ def test_bad_assignments_are_refused(text):
     ('parameters', 'useless'),
     [
         (MarkerTrackerParameters(mode='track_any', prediction='velocity'), set()),
+        (MarkerTrackerParameters(mode='detect', prediction='none'), {'prediction'}),
         (
             MarkerTrackerParameters(mode='track_any', grouping='distance', grouping_distance=4),
             set(),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from support.coded_videos import compressed_image, compressed_video, ffmpeg_packet
 from support.recording_samples import (
     IMAGE,
     START_NS,
@@ -23,12 +25,18 @@ from support.recording_samples import (
 
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.image_files import compressed_size
-from mvuav_ros.messages.images import COMPRESSED_IMAGE, is_image_type
-from mvuav_ros.messages.sensors import CAMERA_INFO
+from mvuav_ros.messages.images import (
+    COMPRESSED_IMAGE,
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    is_image_type,
+)
+from mvuav_ros.messages.sensors import CAMERA_INFO, IMU
 from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.sources.bag import choose_image_topic
+from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.bag import BagImages, choose_image_topic
 
 
 def compressed(number: int, extension: str = '.jpg') -> bytes:
@@ -124,3 +132,24 @@ def test_choice_of_topic(tmp_path: Path) -> None:
     with open_recording(none) as recording, pytest.raises(RecordingError) as refusal:
         choose_image_topic(recording)
     assert f'holds /note; skipped, as not CDR: {TOPIC} (protobuf)' in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ('transport', 'kind', 'make'),
+    [
+        ('compressed', COMPRESSED_IMAGE, compressed_image),
+        ('ffmpeg', FFMPEG_PACKET, ffmpeg_packet),
+        ('foxglove', COMPRESSED_VIDEO, compressed_video),
+    ],
+)
+def test_what_belongs_to_images_lies_beside_the_raw_ones(
+    tmp_path: Path, transport: str, kind: str, make: Callable[..., bytes]
+) -> None:
+    """As live nodes have it, whatever the transport."""
+    bag = tmp_path / 'bag.mcap'
+    with RecordingWriter(bag) as writer:
+        writer.write('/nose/camera_info', CAMERA_INFO, START_NS, b'')
+        writer.write('/nose/imu', IMU, START_NS, b'')
+        writer.write(f'/nose/image_raw/{transport}', kind, START_NS, make(b'', 'h264', START_NS))
+    source = BagImages(bag)
+    assert (source.camera_topic, source.imu_topic) == ('/nose/camera_info', '/nose/imu')

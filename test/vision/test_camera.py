@@ -48,6 +48,16 @@ def test_what_is_no_matrix_is_refused_at_once(change, reason):
         CameraModel(**{'width': 640, 'height': 480, 'k': K, **change})
 
 
+def test_a_calibration_without_numbers_is_the_same_when_it_comes_again():
+    """Drivers send one with each image, and another one ends all tracks."""
+    camera, again = (
+        CameraModel(640, 480, *(tuple(float('nan') for _ in range(count)) for count in (9, 5)))
+        for _ in range(2)
+    )
+    assert camera == again
+    assert camera.binned(2, 2) == again.binned(2, 2)
+
+
 @pytest.mark.parametrize(
     ('change', 'reason'),
     [

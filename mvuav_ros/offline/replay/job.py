@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import mvuav_ros
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import IMAGE, BadFrame, Frame, serialize_image
-from mvuav_ros.messages.sensors import is_rectified_topic, type_name
+from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
@@ -178,7 +178,7 @@ class ReplayInput:
         self._camera = camera
         self.name = self._source.name
         if camera is not None:
-            if isinstance(self._source, BagImages) and is_rectified_topic(self._source.topic):
+            if self._source.is_rectified:
                 self._camera = camera.rectified()
             self._check(self._camera or camera)
 

@@ -24,7 +24,7 @@ from mvuav_ros.messages.sensors import (
     make_header,
 )
 from mvuav_ros.recordings.writing import RecordingWriter
-from mvuav_ros.sources.opening import camera_model, make_flight
+from mvuav_ros.sources.opening import camera_model, make_flight, open_source
 from mvuav_ros.vision.camera import CameraModel
 
 POSE = '/marker_tracker/pose'
@@ -172,6 +172,19 @@ def test_a_given_calibration_is_taken_as_rectified_too(tmp_path, truth):
         np.linalg.norm(frame.pose.translation) for frame in islice(track(bag, file), 2, None)
     ]
     assert tracked == pytest.approx(truth[2:], rel=0.005)
+    assert next(track(bag, file)).camera.matrix[0, 0] == 300.0
+
+
+def test_rectified_images_stay_so_under_another_topic(tmp_path):
+    """As by way of video_source, who publishes whatever it plays as image_raw."""
+    bag = rectified_bag(tmp_path / 'bag.mcap', '/nose/image_rect')
+    frame = next(open_source(str(bag)).frames())
+    info = encode_camera_info(frame.camera, make_header(0, 'nose'))
+    for topic in ('/image_raw', '/image_rect'):
+        camera = decode_camera_info(info, topic)
+        camera.check(640, 480)
+        assert camera.matrix.tolist() == [[300.0, 0.0, 310.0], [0.0, 300.0, 245.0], [0, 0, 1]]
+        assert camera.is_straight
 
 
 def test_binning_and_the_region_of_interest_are_applied():
