@@ -302,5 +302,5 @@ def _require_truth(run: EvaluationRun) -> None:
     if not len(run.truth):
         raise RecordingError(
             f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/lines); '
-            'mvuav simulate writes bags that do'
+            + '; '.join(['mvuav simulate writes bags that do', *run.errors])
         )
