@@ -238,6 +238,10 @@ def test_write_ahead_log_that_a_crash_left_behind(tmp_path: Path) -> None:
 
 def test_missing_and_damaged_metadata(tmp_path: Path) -> None:
     folder = write_rosbag2(tmp_path / 'bag', SAMPLES)
+    listed = 'rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap], files: [bag_0.mcap]}'
+    (folder / 'metadata.yaml').write_text(listed)
+    with open_recording(folder) as recording:
+        assert recording.account.warnings == ['bag: metadata.yaml is damaged; not used']
     (folder / 'metadata.yaml').write_text('{ not yaml')
     for words in ('bag: metadata.yaml is damaged; not used', 'bag: metadata.yaml is missing'):
         # Nothing is lost by it.
