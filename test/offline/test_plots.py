@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from support.commands import mvuav
 
+from mvuav_ros.messages import marker_messages
 from mvuav_ros.messages.cdr import PointLayout, cdr_header
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
 from mvuav_ros.offline.plots import Curves, collect, page
@@ -261,3 +262,18 @@ def test_names_are_no_formulas(season: Path, tmp_path: Path) -> None:
     run = mvuav('export', results, '-o', tmp_path / 'out', '--plot')
     assert run.status == 0
     assert (tmp_path / 'out' / 'plots' / 'x${y$_{.png').exists()
+
+
+def test_the_rig_may_change_in_the_middle_of_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / 'flight.mcap'
+    with RecordingWriter(path) as writer:
+        for number in range(6):
+            lights = [(1.0,) * 8 + (label, 1, 1.0) for label in range(5 if number % 4 else 4)]
+            data = PointLayout(marker_messages.POINT).encode(lights, cdr_header(number, 'camera'))
+            writer.write('/marker_tracker/markers', CLOUD, number, data)
+    assert mvuav('export', path, '-o', tmp_path / 'out', '--plot').status == 0
+    with open_recording(path) as recording:
+        (part,) = collect(recording, 'flight').parts
+    assert part.counts == [4 * 2 + 5 * 4, 0, 0]
+    assert [len(states) for states in part.states] == [4, 5, 5, 5, 5, 5]
+    assert part.states[4] == [0, 0, 0, 0, 2]
