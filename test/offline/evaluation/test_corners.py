@@ -124,13 +124,27 @@ def test_the_horizon_of_each_frame_is_read(tmp_path):
         (HEADER + '\n', 'no rows'),
         (HEADER + '\na.jpg,1,2,3,4,5,six,7,8\n', 'line 2'),
         (HEADER + '\na.jpg,1,2\n', 'line 2'),
+        (HEADER + '\na.jpg,1,2,3,4,5,nan,7,8\n', 'line 2: nan is no number'),
+        (HEADER + '\nä.jpg,1,2,3,4,5,6,7,8\n', 'not UTF-8'),
+        (HEADER + '\n' + 'a' * 200_000, 'field larger than'),
     ],
 )
 def test_unusable_labels_are_refused_with_the_reason(tmp_path, text, reason):
     path = tmp_path / 'corners.csv'
-    path.write_text(text)
+    path.write_text(text, 'latin-1')
     with pytest.raises(CornersError, match=reason):
         read_corners(path)
+
+
+def test_labels_from_a_spreadsheet_are_read(tmp_path):
+    path = tmp_path / 'corners.csv'
+    path.write_text(HEADER + '\na.jpg,1,2,3,4,5,6,7,8\n', 'utf-8-sig')
+    assert [frame.file for frame in read_corners(path)] == ['a.jpg']
+
+
+def test_a_tolerance_of_nothing_is_refused():
+    with pytest.raises(CornersError, match='above 0 px'):
+        score_frame(NARROW, edges(NARROW), Tolerance(0.0, 0.0))
 
 
 @pytest.fixture
