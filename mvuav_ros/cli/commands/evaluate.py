@@ -21,6 +21,7 @@ from mvuav_ros.cli.options import (
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.remote import write_whole
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.corners import CornersScore
@@ -83,6 +84,8 @@ def corners(
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
     from mvuav_ros.sources.source import SourceError
 
+    if as_json is not None:
+        refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
     given = resolve_parameters([_NODE], params_file, param or [])[_NODE]
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
     try:
@@ -101,7 +104,7 @@ def corners(
     if not score.counted:
         raise SourceError(f'{labels}: no frame counts, as the first {WARM_UP} do not')
     if as_json is not None:
-        as_json.write_text(json.dumps(score.figures(), indent=2) + '\n')
+        write_whole(as_json, json.dumps(score.figures(), indent=2) + '\n')
     if score.both < minimum:
         found = f'both edges were found in {100 * score.both:.1f} % of the frames'
         raise SourceError(f'{labels}: {found}, less than --minimum')

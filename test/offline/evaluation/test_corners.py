@@ -1,10 +1,12 @@
 """The metric: what counts as found."""
 
+import json
 import math
 
 import cv2
 import numpy as np
 import pytest
+from support.commands import mvuav
 
 from mvuav_ros.offline.evaluation.corners import (
     WARM_UP,
@@ -189,3 +191,13 @@ def test_a_missing_image_is_a_users_mistake(labelled):
     (labelled.parent / '7.png').unlink()
     with pytest.raises(SourceError, match=r'7\.png'):
         application()(['evaluate', 'corners', str(labelled)], standalone_mode=False)
+
+
+def test_labels_are_never_replaced_by_the_numbers(labelled):
+    before = labelled.read_text()
+    refused = mvuav('evaluate', 'corners', labelled, '--json', labelled)
+    assert refused.status == 1 and 'is the input itself' in refused.err
+    assert labelled.read_text() == before
+    new = labelled.parent / 'new' / 'numbers.json'
+    assert mvuav('evaluate', 'corners', labelled, '--json', new).status == 0
+    assert json.loads(new.read_text())['both_found'] == 0.0
