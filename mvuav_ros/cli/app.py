@@ -89,11 +89,12 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
             # Words and numbers for people would be in the way of the machine that reads it.
             with redirect_stdout(StringIO()) if as_json else nullcontext():
                 result, ending = _result(work, given)
-            for account in accounts:
+            inputs = _of_each_input(accounts)
+            for account in inputs:
                 if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
                     report_account(account)
         if as_json:
-            _print_json(result, accounts)
+            _print_json(result, inputs)
         if ending is not None:
             raise ending
         if strict and any(account.is_lossy for account in accounts):
@@ -102,6 +103,18 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
     run.__name__, run.__doc__ = work.__name__, work.__doc__
     take_options(run, own.values(), added)
     return run
+
+
+def _of_each_input(accounts: Iterable[Account]) -> list[Account]:
+    """Of an input that was opened several times, the account that says most."""
+    best: dict[str, Account] = {}
+    for account in accounts:
+        best[account.name] = max(best.get(account.name, account), account, key=_says)
+    return [*best.values()]
+
+
+def _says(account: Account) -> tuple[bool, int, int, int]:
+    return account.is_reported, len(account.errors), len(account.warnings), account.kept
 
 
 def _result(work: Callable[..., Any], given: dict[str, Any]) -> tuple[Any, Exception | None]:

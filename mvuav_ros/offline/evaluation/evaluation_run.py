@@ -127,6 +127,9 @@ def read_bag(path: Path) -> EvaluationRun:
     """
     run = EvaluationRun(str(path))
     with open_recording(path) as recording:
+        for label, name in marker_names(recording, '/marker_tracker').items():
+            # A dollar sign would begin a formula in a figure.
+            run.names[label] = words(name).replace('$', '')
         unreadable: Counter[str] = Counter()
         for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS}):
             topic, data = message.topic, message.data
@@ -139,9 +142,6 @@ def read_bag(path: Path) -> EvaluationRun:
                 unreadable[f'{topic} not used: {error}'] += 1
         for why, count in unreadable.items():
             recording.account.lose('', why, f'{counted(count, "message")} of {why}', count)
-        for label, name in marker_names(recording, '/marker_tracker').items():
-            # A dollar sign would begin a formula in a figure.
-            run.names[label] = words(name).replace('$', '')
         run.errors = recording.account.errors
     run.frames = len(run.results.stamps)
     return run

@@ -5,6 +5,7 @@ import re
 import shutil
 
 import pytest
+from support.commands import mvuav
 from support.flights import write_bag
 from typer.testing import CliRunner
 
@@ -173,6 +174,20 @@ def test_a_sweep_says_what_of_a_recording_is_missing(tmp_path):
     assert all(result.metrics and result.losses for result in results)
     lead = sweep_report(results, [axis], {}).lead
     assert sum('not all is in it' in line for line in lead) >= len(runs) == 2
+
+
+def test_the_loss_of_an_input_is_said_once_however_often_it_is_read(tmp_path):
+    bag = write_bag(tmp_path / 'cut.mcap', results=True)
+    bag.write_bytes(bag.read_bytes()[:-2000])
+    given = ('--param', 'marker_tracker:threshold:=0.5,0.6', '--json')
+    swept = mvuav('sweep', bag, '-o', tmp_path / 'sweep', *given)
+    evaluated = mvuav('evaluate', bag, '-o', tmp_path / 'evaluation', '--json')
+    for done in (swept, evaluated):
+        lines = done.err.splitlines()
+        assert done.status == 0 and len(set(lines)) == len(lines) == 3
+        (account,) = json.loads(done.out)['accounts']
+        # Of each frame the truth and the results: markers and roll.
+        assert account['kept'] == 4 * 6
 
 
 def test_lines_that_were_never_in_view_are_not_said_to_be_missed():
