@@ -165,6 +165,14 @@ def test_evaluate_needs_truth(tmp_path):
         run('evaluate', tmp_path / 'empty.mcap', '-o', tmp_path / 'out')
 
 
+def test_a_sweep_leaves_the_page_of_an_evaluation(tmp_path):
+    page = tmp_path / 'index.html'
+    page.write_text('of an evaluation')
+    with pytest.raises(RecordingError, match=r'index\.html exists; --force'):
+        run('sweep', 'sim:tanker?frames=2', '-o', tmp_path)
+    assert page.read_text() == 'of an evaluation'
+
+
 def test_a_sweep_says_what_of_a_recording_is_missing(tmp_path):
     bag = write_bag(tmp_path / 'cut.mcap', results=False)
     bag.write_bytes(bag.read_bytes()[:-2000])
