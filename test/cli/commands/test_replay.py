@@ -345,6 +345,9 @@ def test_parameters_come_from_file_and_command_line(tmp_path: Path) -> None:
         (('--jobs', '0'), 'jobs'),
         (('--start', '-1'), 'start'),
         (('--fps', '0'), 'fps'),
+        (('--fps', 'inf'), 'fps'),
+        (('--start', 'inf'), 'start'),
+        (('--duration', 'inf'), 'duration'),
         (('--nonsense',), 'nonsense'),
     ],
 )
