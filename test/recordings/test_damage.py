@@ -232,6 +232,14 @@ def test_write_ahead_log_that_a_crash_left_behind(tmp_path: Path) -> None:
     before = sorted(crashed.iterdir())
     assert read(crashed / path.name) == (SAMPLES, [])
     assert sorted(crashed.iterdir()) == before
+    # It may have happened while the log was being copied into the file.
+    begun = path.read_bytes()
+    left = begun[: len(begun) // 2]
+    before_crash = (crashed / path.name).read_bytes()
+    assert len(left) > len(before_crash)
+    (crashed / path.name).write_bytes(left)
+    assert read(crashed / path.name) == (SAMPLES, [])
+    (crashed / path.name).write_bytes(before_crash)
     (crashed / f'{path.name}-wal').unlink()
     assert len(read(crashed / path.name)[0]) == 10
 
