@@ -220,8 +220,7 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
             if f'{node}/{other}' in rows.kinds:
                 wanted[f'{node}/{other}'] = part, other
                 part.curves[other] = Curves(_CURVES[other], messages)
-    first_ns: int | None = None
-    last_ns = 0
+    stamps: list[int] = []
     for message in recording.messages(wanted):
         part, kind = wanted[message.topic]
         try:
@@ -234,10 +233,11 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
         if not points:
             continue
         stamp_ns = int(points[0]['stamp_ns'])
-        first_ns = stamp_ns if first_ns is None else first_ns
-        last_ns = stamp_ns
-        _take(part, kind, (stamp_ns - first_ns) * 1e-9, points)
-    length = (last_ns - (first_ns or 0)) * 1e-9
+        # The first, the earliest and the latest, which may be any where clocks jump.
+        first, earliest, latest = stamps or [stamp_ns] * 3
+        stamps = [first, min(earliest, stamp_ns), max(latest, stamp_ns)]
+        _take(part, kind, (stamp_ns - first) * 1e-9, points)
+    length = (max(stamps, default=0) - min(stamps, default=0)) * 1e-9
     return FlightPlot(flight, length, [part for part in parts.values() if part.frames])
 
 

@@ -256,6 +256,17 @@ def test_the_time_begins_at_the_first_frame_whatever_its_stamp(tmp_path: Path) -
     assert flight.parts[0].times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
 
 
+def test_a_flight_whose_clock_jumps_back_has_a_length(tmp_path: Path) -> None:
+    path = tmp_path / 'flight.mcap'
+    result = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
+    with RecordingWriter(path) as writer:
+        for seconds in (50, 52, 2, 3):
+            data = encode_markers(result, cdr_header(seconds * 10**9, 'camera'))
+            writer.write('/marker_tracker/markers', CLOUD, seconds * 10**9, data)
+    with open_recording(path) as recording:
+        assert collect(recording, 'flight').seconds == pytest.approx(50.0)
+
+
 def test_names_are_no_formulas(season: Path, tmp_path: Path) -> None:
     results = tmp_path / 'x${y$_{.mcap'
     results.write_bytes((season / 'flight_0.mcap').read_bytes())
