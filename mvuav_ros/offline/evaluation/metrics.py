@@ -211,21 +211,29 @@ def line_errors(run: EvaluationRun) -> LineErrors | None:
         return None
     errors = LineErrors()
     for stamp in stamps:
-        lines = [NormalForm(float(row['rho']), float(row['theta'])) for row in results[stamp]]
-        errors.add(lines, _true_lines(truth[stamp]))
+        errors.add([_form(row) for row in results[stamp]], _true_lines(truth[stamp]))
     return errors
+
+
+_NOWHERE = NormalForm(math.nan, math.nan)
+
+
+def _form(row: np.void) -> NormalForm:
+    """A row's line; `_NOWHERE` where it has none, or a damaged message says something else."""
+    rho, theta = float(row['rho']), float(row['theta'])
+    return NormalForm(rho, theta) if math.isfinite(rho) and math.isfinite(theta) else _NOWHERE
 
 
 def _true_lines(rows: Rows) -> list[TrueLine]:
     """The first rows of ``/truth/lines``, which are those of `ALONG`; what is not there is NaN."""
     lines = [
         TrueLine(
-            NormalForm(float(row['rho']), float(row['theta'])),
+            _form(row),
             (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])),
         )
         for row in rows[: len(ALONG)]
     ]
-    nowhere = TrueLine(NormalForm(math.nan, math.nan), (math.nan, math.nan))
+    nowhere = TrueLine(_NOWHERE, (math.nan, math.nan))
     return [*lines, *[nowhere] * (len(ALONG) - len(lines))]
 
 
@@ -319,11 +327,11 @@ def _line_statistics(frames: Iterable[Rows]) -> list[Metric]:
 
 def _line(row: np.void) -> RunwayLine:
     flags = int(row['flags'])
-    rho = float(row['rho'])
+    form = _form(row)
     return RunwayLine(
-        peak=None if math.isnan(rho) else 0,
-        rho=rho,
-        theta=float(row['theta']),
+        peak=None if form is _NOWHERE else 0,
+        rho=form.rho,
+        theta=form.theta,
         rho_flag=bool(flags & LineFlag.RHO_ERROR),
         theta_flag=bool(flags & LineFlag.THETA_ERROR),
     )

@@ -91,6 +91,19 @@ def test_true_lines_given_back_are_found_without_error():
     assert values(observed)['true lines found'] == 100.0
 
 
+@pytest.mark.parametrize('name', ['rho', 'theta'])
+@pytest.mark.parametrize('number', [math.inf, math.nan])
+def test_a_line_with_a_damaged_number_is_none(name, number):
+    observed = replay(RUNWAY, {'runway_detector': {}})
+    first = min(observed.results.lines)
+    for lines in (observed.results.lines, observed.truth.lines):
+        lines[first] = lines[first].copy()
+        lines[first][name] = number
+    errors = line_errors(observed)
+    assert errors.visible == [5, 5, 5]
+    assert math.isfinite(values(observed)['line 1 rho mean'])
+
+
 def test_results_in_a_bag_equal_a_replay_of_it(tmp_path):
     path = write_bag(tmp_path / 'flight.mcap', results=True)
     stored, again = read_bag(path), replay(str(path), {'marker_tracker': {}})
