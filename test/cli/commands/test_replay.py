@@ -349,6 +349,7 @@ def test_parameters_come_from_file_and_command_line(tmp_path: Path) -> None:
         (('--fps', 'inf'), 'fps'),
         (('--start', 'inf'), 'start'),
         (('--duration', 'inf'), 'duration'),
+        (('--split-mb', '5'), 'add --format rosbag2'),
         (('--nonsense',), 'nonsense'),
     ],
 )
