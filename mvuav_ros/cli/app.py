@@ -17,6 +17,7 @@ from importlib import import_module
 from io import StringIO
 from types import FrameType
 from typing import Annotated, Any, NoReturn
+from urllib.parse import unquote
 
 import typer
 
@@ -84,7 +85,7 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
         strict = given['strict']
         max_size = allowing(given['max_size'])
         as_json = bool('as_json' in added and given['as_json'])
-        given = {name: value for name, value in given.items() if name not in added}
+        given = {name: _named(value) for name, value in given.items() if name not in added}
         with collecting() as accounts, max_size:
             # Words and numbers for people would be in the way of the machine that reads it.
             with redirect_stdout(StringIO()) if as_json else nullcontext():
@@ -103,6 +104,14 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
     run.__name__, run.__doc__ = work.__name__, work.__doc__
     take_options(run, own.values(), added)
     return run
+
+
+def _named(value: Any) -> Any:
+    """An option's value; a place that a file:// URL names is its path, whoever looks at it."""
+    if isinstance(value, list):
+        return [_named(each) for each in value]
+    is_file = isinstance(value, str) and value.startswith('file://')
+    return unquote(value.removeprefix('file://')) if is_file else value
 
 
 def _of_each_input(accounts: Iterable[Account]) -> list[Account]:
