@@ -193,10 +193,11 @@ def test_keep_inputs_of_images_are_images(tmp_path: Path, kind: str) -> None:
         (('--start', 0.2, '--duration', 0.5, '--every', 4), range(6, 21, 4)),
     ],
 )
-@pytest.mark.parametrize('kind', ['mcap', 'no index', 'sqlite3', 'ros1', 'folder'])
+@pytest.mark.parametrize('kind', ['mcap', 'no index', 'sqlite3', 'ros1', 'folder', 'flight'])
 def test_a_part_of_the_recording(
     tmp_path: Path, options: tuple[object, ...], expected: range, kind: str
 ) -> None:
+    source: object
     samples = [s._replace(stamp_ns=s.stamp_ns + 1000) for s in SAMPLES]
     # The recording's beginning counts, not that of the images.
     samples.insert(0, string_sample(0))
@@ -205,10 +206,12 @@ def test_a_part_of_the_recording(
     elif kind == 'ros1':
         source = write_ros1(tmp_path / 'in.bag', samples)
     elif kind == 'folder':
-        source = tmp_path / 'in'
-        source.mkdir()
+        source = images = tmp_path / 'in'
+        images.mkdir()
         for number in range(30):
-            cv2.imwrite(str(source / f'{number}.png'), np.zeros((8, 8), np.uint8))
+            cv2.imwrite(str(images / f'{number}.png'), np.zeros((8, 8), np.uint8))
+    elif kind == 'flight':
+        source = 'sim:tanker?frames=30&fps=30&width=64&height=64'
     else:
         source = write_mcap(tmp_path / 'in.mcap', samples, summary=kind == 'mcap')
     out = tmp_path / 'out.mcap'
