@@ -118,7 +118,7 @@ def _of_each_input(accounts: Iterable[Account]) -> list[Account]:
     """Of an input that was opened several times, the account that says most."""
     best: dict[str, Account] = {}
     for account in accounts:
-        best[account.name] = max(best.get(account.name, account), account, key=_says)
+        best[account.input] = max(best.get(account.input, account), account, key=_says)
     return [*best.values()]
 
 

@@ -4,6 +4,8 @@ import math
 import re
 import shutil
 
+import cv2
+import numpy as np
 import pytest
 from support.commands import mvuav
 from support.flights import write_bag
@@ -196,6 +198,15 @@ def test_the_loss_of_an_input_is_said_once_however_often_it_is_read(tmp_path):
         (account,) = json.loads(done.out)['accounts']
         # Of each frame the truth and the results: markers and roll.
         assert account['kept'] == 4 * 6
+    flights = [tmp_path / name / 'flight.avi' for name in ('one', 'two')]
+    for flight in flights:
+        flight.parent.mkdir()
+        writer = cv2.VideoWriter(str(flight), cv2.VideoWriter.fourcc(*'MJPG'), 20.0, (64, 48))
+        writer.write(np.full((48, 64, 3), 90, np.uint8))
+        writer.release()
+    swept = mvuav('sweep', *flights, '-o', tmp_path / 'videos', '--json')
+    names = [account['name'] for account in json.loads(swept.out)['accounts']]
+    assert names == [f'video {flight}' for flight in flights]
 
 
 def test_lines_that_were_never_in_view_are_not_said_to_be_missed():
