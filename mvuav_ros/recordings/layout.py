@@ -243,7 +243,7 @@ def flight_name(source: str) -> str:
     if path.name == METADATA:
         path = path.parent
     name = path.absolute().name
-    if any(sign in name for sign in '*?['):
+    if any(sign in name for sign in '*?[') and not path.exists():
         name = path.absolute().parent.name
     if path.is_dir():
         return name
