@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.untrusted import MalformedMessageError
+from mvuav_ros.messages.untrusted import MalformedMessageError, visible
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_whole
@@ -238,7 +238,7 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
         stamps = [first, min(earliest, stamp_ns), max(latest, stamp_ns)]
         _take(part, kind, (stamp_ns - first) * 1e-9, points)
     length = (max(stamps, default=0) - min(stamps, default=0)) * 1e-9
-    return FlightPlot(flight, length, [part for part in parts.values() if part.frames])
+    return FlightPlot(visible(flight), length, [part for part in parts.values() if part.frames])
 
 
 def _take(part: NodePart, topic: str, seconds: float, points: list[dict[str, Any]]) -> None:

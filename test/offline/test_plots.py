@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
+import os
 import tracemalloc
 from pathlib import Path
 
@@ -288,3 +289,12 @@ def test_the_rig_may_change_in_the_middle_of_a_recording(tmp_path: Path) -> None
     assert part.counts == [4 * 2 + 5 * 4, 0, 0]
     assert [len(states) for states in part.states] == [4, 5, 5, 5, 5, 5]
     assert part.states[4] == [0, 0, 0, 0, 2]
+
+
+def test_a_name_that_is_not_utf_8_is_shown(season: Path, tmp_path: Path) -> None:
+    results = tmp_path / os.fsdecode(b'fl\xffight.mcap')
+    results.write_bytes((season / 'flight_0.mcap').read_bytes())
+    run = mvuav('export', results, '-o', tmp_path / 'out', '--plot')
+    assert run.status == 0
+    rows = read(tmp_path / 'out' / 'marker_tracker_rpy.csv')
+    assert {row['flight'] for row in rows} == {'fl\N{REPLACEMENT CHARACTER}ight'}

@@ -1,6 +1,7 @@
 import csv
 import json
 import math
+import os
 import re
 import shutil
 
@@ -220,7 +221,8 @@ def test_lines_that_were_never_in_view_are_not_said_to_be_missed():
 
 def test_a_sweep_of_inputs_with_odd_names(tmp_path):
     bag = write_bag(tmp_path / 'flight.mcap', results=False)
-    sources = [str(shutil.copy(bag, tmp_path / name)) for name in ('a${$.mcap', '_b.mcap')]
+    names = 'a${$.mcap', '_b.mcap', os.fsdecode(b'\xff.mcap')
+    sources = [str(shutil.copy(bag, tmp_path / name)) for name in names]
     axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
     results = in_order(sweep(plan_runs(sources, [axis], {'marker_tracker': {}})))
     page = write_report(sweep_report(results, [axis], {}), tmp_path / 'out')
