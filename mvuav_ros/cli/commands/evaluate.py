@@ -137,6 +137,12 @@ PAGE = 'index.html'
 Output = Annotated[Path, typer.Option('--output', '-o', help='Folder for the report.')]
 
 
+def _begin(output: Path, force: bool) -> None:
+    """Make the folder: what is in the way is said before the work."""
+    refuse_to_overwrite(output / PAGE, force)
+    output.mkdir(parents=True, exist_ok=True)
+
+
 class _BagByDefault(TyperGroup):
     """``mvuav evaluate flight.mcap`` means ``mvuav evaluate bag flight.mcap``."""
 
@@ -175,7 +181,7 @@ def thesis(
     from mvuav_thesis.build import build_report, steps_of
     from mvuav_thesis.plan import Plan
 
-    refuse_to_overwrite(output / PAGE, force)
+    _begin(output, force)
     plan = Plan.quick(seed, jobs) if quick else Plan(seed=seed, jobs=jobs)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=steps_of(plan))
@@ -209,7 +215,7 @@ def integrity(
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.vision.integrity import IntegrityBudget
 
-    refuse_to_overwrite(output / PAGE, force)
+    _begin(output, force)
     budget, more = IntegrityBudget(), max(frames // 10, 1)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=flights_of(frames) + flights_of(more))
@@ -263,7 +269,7 @@ def bag(
 
     if not (source.startswith('sim:') or Path(source).expanduser().exists()):
         raise RecordingError(f'{source} does not exist')
-    refuse_to_overwrite(output / PAGE, force)
+    _begin(output, force)
     run = None
     again = replayed or param or params_file is not None
     if not again and not source.startswith('sim:'):

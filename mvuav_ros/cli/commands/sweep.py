@@ -72,6 +72,8 @@ def sweep(
     runs = plan_runs(sources, axes, base, image_topic)
     for name in (CSV, PAGE):
         refuse_to_overwrite(output / name, force)
+    # What is in the way is said before the runs.
+    output.mkdir(parents=True, exist_ok=True)
     with frame_progress() as progress:
         made = run_sweep(runs, jobs, dask)
         results = in_order(progress.track(made, total=len(runs), description='sweep'))
@@ -83,7 +85,6 @@ def sweep(
         'other parameters': ', '.join(f'{n}: {g or "defaults"}' for n, g in base.items()),
         'jobs': dask or jobs,
     }
-    output.mkdir(parents=True, exist_ok=True)
     write_csv(sweep_table(results, axes), output / CSV)
     page = write_report(sweep_report(results, axes, described), output)
     _report(results, page)

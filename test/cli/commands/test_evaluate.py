@@ -176,6 +176,23 @@ def test_a_sweep_leaves_the_page_of_an_evaluation(tmp_path):
     assert page.read_text() == 'of an evaluation'
 
 
+@pytest.mark.parametrize(
+    ('command', 'work'),
+    [
+        (('sweep', 'sim:tanker?frames=2'), 'parameter_sweep.sweep'),
+        (('evaluate', 'sim:tanker?frames=2'), 'evaluation.evaluation_run.replay'),
+        (('evaluate', 'integrity'), 'evaluation.protection.run'),
+    ],
+)
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(
+    tmp_path, monkeypatch, command, work
+):
+    monkeypatch.setattr(f'mvuav_ros.offline.{work}', lambda *_: pytest.fail('it has worked'))
+    (tmp_path / 'file').touch()
+    refused = mvuav(*command, '-o', tmp_path / 'file' / 'out')
+    assert refused.status == 1 and 'Not a directory' in refused.err
+
+
 def test_a_sweep_says_what_of_a_recording_is_missing(tmp_path):
     bag = write_bag(tmp_path / 'cut.mcap', results=False)
     bag.write_bytes(bag.read_bytes()[:-2000])
