@@ -17,6 +17,7 @@ from importlib import import_module
 from io import StringIO
 from types import FrameType
 from typing import Annotated, Any, NoReturn
+from urllib.parse import unquote
 
 import typer
 
@@ -84,16 +85,17 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
         strict = given['strict']
         max_size = allowing(given['max_size'])
         as_json = bool('as_json' in added and given['as_json'])
-        given = {name: value for name, value in given.items() if name not in added}
+        given = {name: _named(value) for name, value in given.items() if name not in added}
         with collecting() as accounts, max_size:
             # Words and numbers for people would be in the way of the machine that reads it.
             with redirect_stdout(StringIO()) if as_json else nullcontext():
                 result, ending = _result(work, given)
-            for account in accounts:
+            inputs = _of_each_input(accounts)
+            for account in inputs:
                 if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
                     report_account(account)
         if as_json:
-            _print_json(result, accounts)
+            _print_json(result, inputs)
         if ending is not None:
             raise ending
         if strict and any(account.is_lossy for account in accounts):
@@ -102,6 +104,26 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
     run.__name__, run.__doc__ = work.__name__, work.__doc__
     take_options(run, own.values(), added)
     return run
+
+
+def _named(value: Any) -> Any:
+    """An option's value; a place that a file:// URL names is its path, whoever looks at it."""
+    if isinstance(value, list):
+        return [_named(each) for each in value]
+    is_file = isinstance(value, str) and value.startswith('file://')
+    return unquote(value.removeprefix('file://')) if is_file else value
+
+
+def _of_each_input(accounts: Iterable[Account]) -> list[Account]:
+    """Of an input that was opened several times, the account that says most."""
+    best: dict[str, Account] = {}
+    for account in accounts:
+        best[account.input] = max(best.get(account.input, account), account, key=_says)
+    return [*best.values()]
+
+
+def _says(account: Account) -> tuple[bool, int, int, int]:
+    return account.is_reported, len(account.errors), len(account.warnings), account.kept
 
 
 def _result(work: Callable[..., Any], given: dict[str, Any]) -> tuple[Any, Exception | None]:

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
+from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.remote import is_url, size_at
 
@@ -52,7 +53,13 @@ class Storage(StrEnum):
     ROSBAG2 = 'rosbag2'
 
     def split_bytes(self, split_mb: int) -> int | None:
-        """None for a single file; of a folder the size at which its next part begins."""
+        """None for a single file; of a folder the size at which its next part begins.
+
+        Raises:
+            ParameterError: a single file cannot be split.
+        """
+        if split_mb and self is not Storage.ROSBAG2:
+            raise ParameterError('--split-mb', 'only a folder is split; add --format rosbag2')
         return split_mb * 1_000_000 if self is Storage.ROSBAG2 else None
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 import mvuav_ros
 from mvuav_ros.detectors import DETECTORS
+from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of
 from mvuav_ros.offline.processes import Done, each
@@ -176,7 +177,7 @@ def in_order(results: Iterable[RunResult]) -> list[RunResult]:
 
 def _shown(name: str) -> str:
     """A name in a legend, from which matplotlib leaves out those that begin with ``_``."""
-    return f' {name}' if name.startswith('_') else name
+    return f' {visible(name)}' if name.startswith('_') else visible(name)
 
 
 _MARKS = 'osD^vP*X'

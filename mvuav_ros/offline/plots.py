@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.untrusted import MalformedMessageError
+from mvuav_ros.messages.untrusted import MalformedMessageError, visible
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_whole
@@ -35,7 +35,8 @@ _MAX_STATES = 600
 _SIGMAS = 2.0
 """Standard deviations of the bounds that are drawn, 95 %."""
 _STATES = ('seen', 'predicted', 'withheld or lost')
-_SEVERITY = {1: 0, 2: 1, 0: 2}
+_LOST = 2
+_SEVERITY = {1: 0, 2: 1, 0: _LOST}
 """Of a marker's state: an index into `_STATES`, the worst last."""
 _STATE_COLORS = ('#4477aa', '#ddaa33', '#d0d0d0')
 _COLORS = ('#4477aa', '#cc6677', '#228833', '#aa3377', '#66ccee', '#ccbb44')
@@ -137,7 +138,8 @@ class NodePart:
         is_runway: whether it is of a runway, else of markers.
         curves: the numbers of each topic, by its last word.
         names: of the markers, in the order of their states.
-        states: (markers, n), the worst state in each group of frames, an index into `_STATES`.
+        states: of n groups of frames, each the worst states of the names by then, indices into
+            `_STATES`.
         counts: markers in frames, by state.
         frames: how many there were.
         poses: frames with a pose.
@@ -220,8 +222,7 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
             if f'{node}/{other}' in rows.kinds:
                 wanted[f'{node}/{other}'] = part, other
                 part.curves[other] = Curves(_CURVES[other], messages)
-    first_ns: int | None = None
-    last_ns = 0
+    stamps: list[int] = []
     for message in recording.messages(wanted):
         part, kind = wanted[message.topic]
         try:
@@ -234,11 +235,12 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
         if not points:
             continue
         stamp_ns = int(points[0]['stamp_ns'])
-        first_ns = stamp_ns if first_ns is None else first_ns
-        last_ns = stamp_ns
-        _take(part, kind, (stamp_ns - first_ns) * 1e-9, points)
-    length = (last_ns - (first_ns or 0)) * 1e-9
-    return FlightPlot(flight, length, [part for part in parts.values() if part.frames])
+        # The first, the earliest and the latest, which may be any where clocks jump.
+        first, earliest, latest = stamps or [stamp_ns] * 3
+        stamps = [first, min(earliest, stamp_ns), max(latest, stamp_ns)]
+        _take(part, kind, (stamp_ns - first) * 1e-9, points)
+    length = (max(stamps, default=0) - min(stamps, default=0)) * 1e-9
+    return FlightPlot(visible(flight), length, [part for part in parts.values() if part.frames])
 
 
 def _take(part: NodePart, topic: str, seconds: float, points: list[dict[str, Any]]) -> None:
@@ -268,17 +270,20 @@ def _take(part: NodePart, topic: str, seconds: float, points: list[dict[str, Any
 
 
 def _take_markers(part: NodePart, seconds: float, points: list[dict[str, Any]]) -> None:
-    if not part.names:
-        part.names = [of['name'] or f'marker {of["label"]}' for of in points]
-    severities = [_SEVERITY.get(of['state'], 2) for of in points][: len(part.names)]
-    for severity in severities:
+    found = {}
+    for of in points:
+        severity = _SEVERITY.get(of['state'], _LOST)
+        found[of['name'] or f'marker {of["label"]}'] = severity
         part.counts[severity] += 1
+    # The rig may change in the middle of a recording.
+    part.names += [name for name in found if name not in part.names]
+    severities = [found.get(name, _LOST) for name in part.names]
     if (part.frames - 1) % part.at_once == 0:
         part.times.append(seconds)
         part.states.append(severities)
     else:
         worst = part.states[-1]
-        part.states[-1] = [max(pair) for pair in zip(worst, severities, strict=True)]
+        part.states[-1] = [*map(max, worst, severities), *severities[len(worst) :]]
 
 
 _AS_WRITTEN: Any = {'text.parse_math': False}
@@ -345,7 +350,8 @@ def _draw(axis: Axes, diagram: Diagram, curves: Mapping[str, Array]) -> None:
 
 
 def _draw_states(axis: Axes, part: NodePart) -> None:
-    states = np.array(part.states).T
+    lost = [_LOST] * len(part.names)
+    states = np.array([[*row, *lost[len(row) :]] for row in part.states]).T
     times = np.array(part.times)
     steps = np.diff(times)
     step = float(np.median(steps)) if len(steps) else 1.0

@@ -41,7 +41,8 @@ class Account:
     Of very many reasons the first are reported.
 
     Attributes:
-        name: of the input.
+        name: of the input, for people.
+        input: its name in full, which distinguishes it from others.
         kept: messages (of a video or a folder: frames) that the newest pass handed on.
         skipped: messages of topics that cannot be read, as they are not ROS's.
         is_reported: whether somebody has shown it.
@@ -49,6 +50,7 @@ class Account:
 
     def __init__(self, name: object = '') -> None:
         self.name = words(name)
+        self.input = str(name)
         self.kept = 0
         self.skipped = 0
         self.is_reported = False

@@ -71,7 +71,7 @@ def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
         if names and all(isinstance(name, str) for name in names):
             _take_counts(listed, [Path(name).name for name in names], account)
             return [Path(name).name for name in names]
-    except (OSError, YAMLError, RecursionError, KeyError, TypeError, ValueError):
+    except (OSError, YAMLError, RecursionError, LookupError, AttributeError, TypeError, ValueError):
         pass
     account.note((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
     return None
@@ -243,7 +243,7 @@ def flight_name(source: str) -> str:
     if path.name == METADATA:
         path = path.parent
     name = path.absolute().name
-    if any(sign in name for sign in '*?['):
+    if any(sign in name for sign in '*?[') and not path.exists():
         name = path.absolute().parent.name
     if path.is_dir():
         return name

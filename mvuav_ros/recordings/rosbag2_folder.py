@@ -159,8 +159,11 @@ def open_writer(
     if split_bytes is None:
         return RecordingWriter(path, overwrite, metadata)
     if overwrite and path.is_dir():
-        for file in [*path.glob(f'{glob.escape(path.resolve().name)}_*.mcap'), path / METADATA]:
-            file.unlink(missing_ok=True)
+        ours = {*path.glob(f'{glob.escape(path.resolve().name)}_*.mcap'), path / METADATA}
+        # Otherwise nothing is removed: the writer refuses such a folder.
+        if ours.issuperset(path.iterdir()):
+            for file in ours:
+                file.unlink(missing_ok=True)
     return Rosbag2Writer(path, split_bytes, metadata)
 
 

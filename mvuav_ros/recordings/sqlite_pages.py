@@ -14,6 +14,8 @@ from typing import BinaryIO
 from mvuav_ros.recordings.compression import SIZE_LIMIT
 
 _HEADER_SIZE = 100
+_MIN_PAGE = 512
+_LOG_HEADER_SIZE, _FRAME_HEADER_SIZE = 32, 24
 _TABLE_LEAF = 13
 _INTEGER_SIZES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
 _MIN_BLOB = 12
@@ -29,8 +31,9 @@ MessageRow = tuple[int, int, bytes]
 class PageFile:
     """A database file as a sequence of pages.
 
-    ``missing_bytes`` is how much shorter the file is than its header says, and
-    ``incomplete_rows`` how many messages `messages` found of which a part is gone.
+    ``missing_bytes`` is how much shorter the file is than its header says, 0 if the write-ahead
+    log beside it has all of that: a crash left them so. ``incomplete_rows`` is how many messages
+    `messages` found of which a part is gone.
     """
 
     def __init__(self, path: Path) -> None:
@@ -50,12 +53,16 @@ class PageFile:
             if header[24:28] != header[92:96]:
                 pages = -(-self._size // max(self._page_size, 1))
             self.missing_bytes = max(pages * self._page_size - self._size, 0)
+            if self.missing_bytes and self._page_size >= _MIN_PAGE:
+                logged = _logged_pages(Path(f'{path}-wal'), self._page_size)
+                if all(n in logged for n in range(self._size // self._page_size + 1, pages + 1)):
+                    self.missing_bytes = 0
 
     def messages(self, after_rowid: int) -> Iterator[MessageRow]:
         """The whole messages in the file's order, without those up to ``after_rowid``."""
         self.incomplete_rows = 0
         self._overflow_left = _MAX_PASSES * self._size
-        if self._page_size < 512:
+        if self._page_size < _MIN_PAGE:
             return
         with self._path.open('rb') as stream:
             for offset in range(0, self._size, self._page_size):
@@ -112,6 +119,19 @@ class PageFile:
             size -= len(pieces[-1])
             (number,) = struct.unpack_from('>I', page)
         return b''.join(pieces)
+
+
+def _logged_pages(log: Path, page_size: int) -> set[int]:
+    """The numbers of the pages that a write-ahead log holds; none if there is no such file."""
+    pages: set[int] = set()
+    if log.is_file():
+        with log.open('rb') as stream:
+            salts = stream.read(_LOG_HEADER_SIZE)[16:24]
+            # Behind the newest frames may be older ones, with other salts.
+            while (frame := stream.read(_FRAME_HEADER_SIZE))[8:16] == salts != b'':
+                pages.add(int.from_bytes(frame[:4], 'big'))
+                stream.seek(page_size, 1)
+    return pages
 
 
 def _cells(page: bytes, start: int) -> tuple[int, ...]:

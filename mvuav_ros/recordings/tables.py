@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.sensors import stamp_ns_of
-from mvuav_ros.messages.untrusted import MalformedMessageError
+from mvuav_ros.messages.untrusted import MalformedMessageError, visible
 from mvuav_ros.recordings.account import Account, RecordingError, counted
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_text
@@ -66,7 +66,7 @@ class ResultRows:
             recording: open.
             flight: what the first column says.
         """
-        self._flight = flight
+        self._flight = visible(flight)
         self.kinds = {t.name: t.type for t in recording.topics if is_table(t.name, t.type)}
         trackers = [
             name.removesuffix('/markers')

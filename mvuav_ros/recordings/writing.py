@@ -115,12 +115,11 @@ class OutputFile:
         finally:
             os.close(self._file)
 
-    def failure(self, error: Exception) -> RecordingError:
-        """The error in words for the user."""
+    def failure(self, error: Exception, messages: int) -> RecordingError:
+        """The error in words for the user; so many messages are in the file."""
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        return RecordingError(
-            f'{reason}: {self.path} cannot be written; what it holds so far can be read'
-        )
+        kept = '; what it holds so far can be read' if messages else ''
+        return RecordingError(f'{reason}: {self.path} cannot be written{kept}')
 
 
 _COMPRESSION = b'zstd'
@@ -389,8 +388,8 @@ class RecordingWriter:
         try:
             self._file.append(start)
         except OSError as error:
-            self._file.close()
-            raise self._file.failure(error) from None
+            self._close(complete=False)
+            raise self._file.failure(error, 0) from None
         self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
         self._thread.start()
 
@@ -399,13 +398,8 @@ class RecordingWriter:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and issubclass(kind, Exception):
-            is_ours = not self._closed and self._file.is_there
             with suppress(RecordingError):
                 self._finish(complete=False)
-            # Nothing to be kept, and in the way of the next attempt.
-            if is_ours and not self._channels:
-                with suppress(OSError):
-                    self.path.unlink()
             return
         self.close()
 
@@ -496,11 +490,19 @@ class RecordingWriter:
                 self._file.append(self._summary.encode(self._file.size))
         except OSError as error:
             self._error = error
+        self._close(complete)
+        self._raise_error()
+
+    def _close(self, complete: bool) -> None:
+        is_ours = self._file.is_there
         try:
             self._file.close()
         except OSError as error:
             self._error = self._error or error
-        self._raise_error()
+        if is_ours and not self.statistics.message_count and (self._error or not complete):
+            # Nothing to be kept, and in the way of the next attempt.
+            with suppress(OSError):
+                self.path.unlink()
 
     def _new_channel(
         self, topic: str, type: str, schema: Schema | None, qos: str
@@ -572,4 +574,4 @@ class RecordingWriter:
 
     def _raise_error(self) -> None:
         if self._error is not None:
-            raise self._file.failure(self._error)
+            raise self._file.failure(self._error, self.statistics.message_count)

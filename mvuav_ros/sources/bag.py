@@ -305,10 +305,10 @@ class SynchronizedTopics:
                 return
 
     def take(self, message: RecordedMessage) -> None:
-        """Look at a message of any topic."""
+        """Look at a message of any topic; one topic may have messages of several types."""
         if message.topic == self._camera_topic:
             self._add_camera(message)
-        elif message.topic == self._imu_topic:
+        elif (message.topic, message.type) == (self._imu_topic, IMU):
             try:
                 decoded = decode_message(message.type, message.data)
             except MalformedMessageError:
@@ -337,6 +337,8 @@ class SynchronizedTopics:
 
     def _add_camera(self, recorded: RecordedMessage) -> bool:
         """Whether the message could be read; as a rule it is the last one with another stamp."""
+        if recorded.type != CAMERA_INFO:
+            return False
         data = recorded.data
         if self._known is not None and self._known[0] == _without_stamp(data):
             seconds, nanoseconds = _STAMPS[data[1] & 1].unpack_from(data, _STAMP_START)

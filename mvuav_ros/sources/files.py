@@ -28,7 +28,7 @@ class ImageFolder(FrameSource):
         """Take the files (in any order) that are images; the name is for people, the rate in Hz."""
         self.name = f'images {words(name)}'
         self.rate: float | None = rate or DEFAULT_RATE
-        self.account = Account(self.name)
+        self.account = Account(f'images {name}')
         self._files = sorted((file for file in files if is_image_file(file)), key=natural_key)
         self.count: int | None = len(self._files)
 
@@ -76,7 +76,7 @@ class VideoFile(FrameSource):
             SourceError: it is not a video.
         """
         self.name = f'video {words(path.name)}'
-        self.account = Account(self.name)
+        self.account = Account(f'video {path}')
         self._path = path
         self._given_rate = rate
         with self._open() as container:

@@ -62,9 +62,11 @@ class Selection:
         return start if self.start_s > 0 else None, end
 
     def stretch(self, frames: Iterable[Frame | BadFrame]) -> Iterator[Frame | BadFrame]:
-        """The frames in the stretch of time, of a source whose stamps rise from zero."""
-        start, end = self.window_ns(0)
+        """The frames in the stretch of time, of a source whose stamps rise."""
+        window: tuple[int | None, int | None] | None = None
         for frame in frames:
+            window = window or self.window_ns(frame.stamp_ns)
+            start, end = window
             if end is not None and frame.stamp_ns >= end:
                 return
             if start is None or frame.stamp_ns >= start:

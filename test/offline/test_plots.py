@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
+import os
 import tracemalloc
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from support.commands import mvuav
 
+from mvuav_ros.messages import marker_messages
 from mvuav_ros.messages.cdr import PointLayout, cdr_header
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
 from mvuav_ros.offline.plots import Curves, collect, page
@@ -283,9 +285,44 @@ def test_every_loss_of_one_frame_is_seen_on_the_page_of_a_long_flight(tmp_path: 
     assert np.count_nonzero(np.diff(is_grey.astype(int)) == 1) == 7
 
 
+def test_a_flight_whose_clock_jumps_back_has_a_length(tmp_path: Path) -> None:
+    path = tmp_path / 'flight.mcap'
+    result = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
+    with RecordingWriter(path) as writer:
+        for seconds in (50, 52, 2, 3):
+            data = encode_markers(result, cdr_header(seconds * 10**9, 'camera'))
+            writer.write('/marker_tracker/markers', CLOUD, seconds * 10**9, data)
+    with open_recording(path) as recording:
+        assert collect(recording, 'flight').seconds == pytest.approx(50.0)
+
+
 def test_names_are_no_formulas(season: Path, tmp_path: Path) -> None:
     results = tmp_path / 'x${y$_{.mcap'
     results.write_bytes((season / 'flight_0.mcap').read_bytes())
     run = mvuav('export', results, '-o', tmp_path / 'out', '--plot')
     assert run.status == 0
     assert (tmp_path / 'out' / 'plots' / 'x${y$_{.png').exists()
+
+
+def test_the_rig_may_change_in_the_middle_of_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / 'flight.mcap'
+    with RecordingWriter(path) as writer:
+        for number in range(6):
+            lights = [(1.0,) * 8 + (label, 1, 1.0) for label in range(5 if number % 4 else 4)]
+            data = PointLayout(marker_messages.POINT).encode(lights, cdr_header(number, 'camera'))
+            writer.write('/marker_tracker/markers', CLOUD, number, data)
+    assert mvuav('export', path, '-o', tmp_path / 'out', '--plot').status == 0
+    with open_recording(path) as recording:
+        (part,) = collect(recording, 'flight').parts
+    assert part.counts == [4 * 2 + 5 * 4, 0, 0]
+    assert [len(states) for states in part.states] == [4, 5, 5, 5, 5, 5]
+    assert part.states[4] == [0, 0, 0, 0, 2]
+
+
+def test_a_name_that_is_not_utf_8_is_shown(season: Path, tmp_path: Path) -> None:
+    results = tmp_path / os.fsdecode(b'fl\xffight.mcap')
+    results.write_bytes((season / 'flight_0.mcap').read_bytes())
+    run = mvuav('export', results, '-o', tmp_path / 'out', '--plot')
+    assert run.status == 0
+    rows = read(tmp_path / 'out' / 'marker_tracker_rpy.csv')
+    assert {row['flight'] for row in rows} == {'fl\N{REPLACEMENT CHARACTER}ight'}

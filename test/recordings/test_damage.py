@@ -232,12 +232,24 @@ def test_write_ahead_log_that_a_crash_left_behind(tmp_path: Path) -> None:
     before = sorted(crashed.iterdir())
     assert read(crashed / path.name) == (SAMPLES, [])
     assert sorted(crashed.iterdir()) == before
+    # It may have happened while the log was being copied into the file.
+    begun = path.read_bytes()
+    left = begun[: len(begun) // 2]
+    before_crash = (crashed / path.name).read_bytes()
+    assert len(left) > len(before_crash)
+    (crashed / path.name).write_bytes(left)
+    assert read(crashed / path.name) == (SAMPLES, [])
+    (crashed / path.name).write_bytes(before_crash)
     (crashed / f'{path.name}-wal').unlink()
     assert len(read(crashed / path.name)[0]) == 10
 
 
 def test_missing_and_damaged_metadata(tmp_path: Path) -> None:
     folder = write_rosbag2(tmp_path / 'bag', SAMPLES)
+    listed = 'rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap], files: [bag_0.mcap]}'
+    (folder / 'metadata.yaml').write_text(listed)
+    with open_recording(folder) as recording:
+        assert recording.account.warnings == ['bag: metadata.yaml is damaged; not used']
     (folder / 'metadata.yaml').write_text('{ not yaml')
     for words in ('bag: metadata.yaml is damaged; not used', 'bag: metadata.yaml is missing'):
         # Nothing is lost by it.

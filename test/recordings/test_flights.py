@@ -76,3 +76,10 @@ def test_a_folder_of_bags_is_replayed_flight_by_flight(tmp_path: Path) -> None:
     assert mvuav('replay', season, '-o', out, *NODE).status == 0
     counts = {path.stem: len(stamps(path)) for path in out.glob('*.mcap')}
     assert counts == {'flight_0': 3, 'flight_1': 5, 'last': 4}
+
+
+def test_brackets_in_a_name_are_no_pattern(tmp_path: Path) -> None:
+    season = touch(tmp_path / 'season', 'flight [1].mcap', 'flight [2].mcap', '1.png')
+    flights = by_flight([str(season / 'flight [1].mcap'), str(season / 'flight [2].mcap')])
+    assert list(flights) == ['flight [1]', 'flight [2]']
+    assert list(by_flight([str(season / '*.png')])) == ['season']

@@ -103,6 +103,19 @@ def test_nothing_is_written_to_a_web_server(tmp_path: Path) -> None:
         assert 'web servers are read-only' in run.error
 
 
+def test_a_file_url_is_the_path_that_it_names(tmp_path: Path) -> None:
+    bag = write_mcap(tmp_path / 'a b.mcap', image_samples(2))
+    before, url = bag.read_bytes(), bag.as_uri()
+    for source, output in ((bag, url), (url, bag)):
+        for command in (('replay', '--nodes', 'marker_tracker'), ('repair',)):
+            run = mvuav(*command, source, '-o', output, '--force')
+            assert 'the input itself' in run.error
+    assert bag.read_bytes() == before
+    out = (tmp_path / 'new').as_uri()
+    assert mvuav('replay', url, '-o', f'{out}/', '--nodes', 'marker_tracker').status == 0
+    assert (tmp_path / 'new' / 'a b.mcap').exists()
+
+
 def test_repair_and_export_from_s3_to_s3(s3: str, tmp_path: Path) -> None:
     damaged = write_mcap(tmp_path / 'a.mcap', image_samples(COUNT))
     damaged.write_bytes(damaged.read_bytes()[:-200])

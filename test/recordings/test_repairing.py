@@ -64,6 +64,12 @@ def test_a_rosbag2_folder_split_by_size(tmp_path: Path) -> None:
         assert sum(1 for _ in reader.messages()) == 600
     with pytest.raises(RecordingError, match='not empty'):
         repair(source, folder, split_bytes=0)
+    # With a file of somebody else among them, its own are not removed either.
+    (folder / 'notes.txt').touch()
+    before = sorted(folder.iterdir())
+    with pytest.raises(RecordingError, match='not empty'):
+        repair(source, folder, split_bytes=0, overwrite=True)
+    assert sorted(folder.iterdir()) == before
 
 
 def test_the_input_is_never_the_output(tmp_path: Path) -> None:

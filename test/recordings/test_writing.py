@@ -222,9 +222,10 @@ def test_idle_writer_flushes_by_itself(tmp_path: Path) -> None:
         assert read(path)[0] == SAMPLES[:1]
 
 
-def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize('room', [0, 1000, 500_000])
+def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int) -> None:
     path = tmp_path / 'a.mcap'
-    room = 500_000
+    is_room = room > 1000
     real_write = os.write
 
     def write_until_full(file: int, data: bytes) -> int:
@@ -240,6 +241,10 @@ def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         write(path, SAMPLES)
     monkeypatch.undo()
     assert '\n' not in str(failure.value)
+    assert str(failure.value).endswith('can be read' if is_room else 'cannot be written')
+    assert path.exists() is is_room, 'nothing is in the way of the next attempt'
+    if not is_room:
+        return
     got, errors = read(path)
     assert got == SAMPLES[: len(got)]
     assert len(got) > 100

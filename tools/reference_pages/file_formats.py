@@ -87,8 +87,8 @@ _MANIFEST = """\
 |---|---|
 | `input`, and its size and time of change | what was read |
 | `output`, `output_bytes` | the bag |
-| `outcome` | `finished`, `finished before`, `failed` or `interrupted` |
-| `frames`, `processed`, `rejected` | counts |
+| `outcome` | `begun` until it ends, then `finished`, `finished before`, `failed`, `interrupted` or `refused` (a file was in the way) |
+| `frames`, `processed`, `rejected` | counts, once it ended |
 | `errors`, `warnings` | what was lost or unusual |
 | `failure` | the reason, where it failed |
 

@@ -17,10 +17,12 @@ from mvuav_ros.cli.options import (
     Json,
     Param,
     ParamsFile,
+    refuse_to_overwrite,
     take_folder,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.remote import write_whole
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.corners import CornersScore
@@ -83,6 +85,8 @@ def corners(
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
     from mvuav_ros.sources.source import SourceError
 
+    if as_json is not None:
+        refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
     given = resolve_parameters([_NODE], params_file, param or [])[_NODE]
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
     try:
@@ -101,7 +105,7 @@ def corners(
     if not score.counted:
         raise SourceError(f'{labels}: no frame counts, as the first {WARM_UP} do not')
     if as_json is not None:
-        as_json.write_text(json.dumps(score.figures(), indent=2) + '\n')
+        write_whole(as_json, json.dumps(score.figures(), indent=2) + '\n')
     if score.both < minimum:
         found = f'both edges were found in {100 * score.both:.1f} % of the frames'
         raise SourceError(f'{labels}: {found}, less than --minimum')
@@ -302,5 +306,5 @@ def _require_truth(run: EvaluationRun) -> None:
     if not len(run.truth):
         raise RecordingError(
             f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/lines); '
-            'mvuav simulate writes bags that do'
+            + '; '.join(['mvuav simulate writes bags that do', *run.errors])
         )

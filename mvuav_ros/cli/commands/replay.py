@@ -187,14 +187,16 @@ def replay(
     fps: Annotated[
         Optional[float],
         typer.Option(
-            help='Frame rate of images without stamps (folder: 30, video: its own).', min=0.001
+            help='Frame rate of images without stamps (folder: 30, video: its own).',
+            min=0.001,
+            max=1e6,
         ),
     ] = None,
     start: Annotated[
-        float, typer.Option(help='Start at this time of the recording, s.', min=0.0)
+        float, typer.Option(help='Start at this time of the recording, s.', min=0.0, max=1e9)
     ] = 0.0,
     duration: Annotated[
-        Optional[float], typer.Option(help='Length of the part to process, s.', min=0.0)
+        Optional[float], typer.Option(help='Length of the part to process, s.', min=0.0, max=1e9)
     ] = None,
     every: Annotated[
         int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)

@@ -202,7 +202,14 @@ def read_corners(path: Path) -> list[LabelledFrame]:
 def score_frame(
     labels: LabelledFrame, lines: Iterable[RunwayLine], allowed: Tolerance = TOLERANCE
 ) -> FrameScore:
-    """Hold one frame's lines against its labels."""
+    """Hold one frame's lines against its labels.
+
+    Raises:
+        CornersError: no error at all is allowed.
+    """
+    tolerance = labels.tolerance(allowed)
+    if tolerance == 0:
+        raise CornersError(f'{labels.file}: no error is allowed; give a tolerance above 0 px')
     confidence = math.nan
     errors = {LineRole.LEFT_EDGE: math.inf, LineRole.RIGHT_EDGE: math.inf}
     corners = {
@@ -216,11 +223,7 @@ def score_frame(
             errors[line.role] = min(errors[line.role], error)
             confidence = line.confidence
     return FrameScore(
-        labels.file,
-        errors[LineRole.LEFT_EDGE],
-        errors[LineRole.RIGHT_EDGE],
-        labels.tolerance(allowed),
-        confidence,
+        labels.file, errors[LineRole.LEFT_EDGE], errors[LineRole.RIGHT_EDGE], tolerance, confidence
     )
 
 
@@ -244,16 +247,28 @@ def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLin
 
 def _read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, list[float]]]:
     """The first column of each row as text, the others as numbers."""
-    with path.open(newline='', encoding='utf-8') as stream:
+    # With the mark before the text that spreadsheets write, or without.
+    with path.open(newline='', encoding='utf-8-sig') as stream:
         reader = csv.DictReader(stream)
-        missing = [name for name in columns if name not in (reader.fieldnames or ())]
-        if missing:
-            raise CornersError(f'{path}: no column {", ".join(missing)}')
-        for number, row in enumerate(reader, 2):
-            try:
-                yield row[columns[0]], [float(row[name] or '') for name in columns[1:]]
-            except ValueError as error:
-                raise CornersError(f'{path}, line {number}: {error}') from error
+        try:
+            missing = [name for name in columns if name not in (reader.fieldnames or ())]
+            if missing:
+                raise CornersError(f'{path}: no column {", ".join(missing)}')
+            for row in reader:
+                yield row[columns[0]], [_number(row[name] or '') for name in columns[1:]]
+        except CornersError:
+            raise
+        except UnicodeDecodeError:
+            raise CornersError(f'{path}: its text is not UTF-8') from None
+        except (ValueError, csv.Error) as error:
+            raise CornersError(f'{path}, line {reader.line_num}: {error}') from error
+
+
+def _number(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f'{text} is no number')
+    return number
 
 
 def _horizontal_error(line: NormalForm, point: Point) -> float:

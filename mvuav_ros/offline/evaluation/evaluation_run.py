@@ -21,6 +21,7 @@ from mvuav_ros.offline.replay import job as replay_job
 from mvuav_ros.offline.simulated_messages import truth_messages
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.account import counted
 from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.tables import marker_names
@@ -38,6 +39,10 @@ RESULT_TOPICS = {
     '/marker_tracker/markers': MARKERS,
     '/marker_tracker/rpy': RPY,
     '/runway_detector/line_params': LINES,
+}
+_FIELDS = {
+    MARKERS: {'x', 'y', 'label', 'state'},
+    LINES: {'x', 'y', 'x2', 'y2', 'rho', 'theta', 'flags'},
 }
 Rows = NDArray[np.void]
 ONE_MARKER = '/marker_tracker/marker/'
@@ -62,8 +67,11 @@ class Observations:
         stamp_ns = stamp_ns_of(message.header)
         if kind == RPY:
             self.rpy[stamp_ns] = float(message.vector.x)
-        else:
-            getattr(self, kind)[stamp_ns] = view_points(message)
+            return
+        rows = view_points(message)
+        if missing := _FIELDS[kind] - {*(rows.dtype.names or ())}:
+            raise MalformedMessageError(f'it has no {", ".join(sorted(missing))}')
+        getattr(self, kind)[stamp_ns] = rows
 
     def __len__(self) -> int:
         return len(self.markers) + len(self.rpy) + len(self.lines)
@@ -113,7 +121,10 @@ def read_bag(path: Path) -> EvaluationRun:
     """
     run = EvaluationRun(str(path))
     with open_recording(path) as recording:
-        unreadable = 0
+        for label, name in marker_names(recording, '/marker_tracker').items():
+            # A dollar sign would begin a formula in a figure.
+            run.names[label] = words(name).replace('$', '')
+        unreadable: Counter[str] = Counter()
         for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS}):
             topic, data = message.topic, message.data
             try:
@@ -121,14 +132,10 @@ def read_bag(path: Path) -> EvaluationRun:
                     run.truth.add(TRUTH_TOPICS[topic], data)
                 else:
                     run.results.add(RESULT_TOPICS[topic], data)
-            except (MalformedMessageError, AttributeError, KeyError, ValueError, OverflowError):
-                unreadable += 1
-        if unreadable:
-            said = f'{unreadable} messages of truth or results do not decode'
-            recording.account.lose('', 'decoding', said, unreadable)
-        for label, name in marker_names(recording, '/marker_tracker').items():
-            # A dollar sign would begin a formula in a figure.
-            run.names[label] = words(name).replace('$', '')
+            except (AttributeError, KeyError, ValueError, OverflowError) as error:
+                unreadable[f'{topic} not used: {error}'] += 1
+        for why, count in unreadable.items():
+            recording.account.lose('', why, f'{counted(count, "message")} of {why}', count)
         run.errors = recording.account.errors
     run.frames = len(run.results.stamps)
     return run

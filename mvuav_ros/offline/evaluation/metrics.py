@@ -164,19 +164,21 @@ class RollErrors:
 def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
     """Markers against truth; None where one of them is missing, or the markers have no names."""
     results, truth = run.results.markers, run.truth.markers
+    stamps = sorted(results.keys() & truth.keys())
+    labels = next((truth[stamp]['label'] for stamp in stamps if len(truth[stamp])), np.array(()))
     stamps = [
         stamp
-        for stamp in sorted(results.keys() & truth.keys())
-        if np.array_equal(results[stamp]['label'], truth[stamp]['label'])
+        for stamp in stamps
+        if all(np.array_equal(rows[stamp]['label'], labels) for rows in (results, truth))
     ]
-    if not stamps:
+    if not labels.size or not stamps:
         return None
     found = np.array([_places(results[stamp]) for stamp in stamps])
     true = np.array([_places(truth[stamp]) for stamp in stamps])
     state = np.array([results[stamp]['state'] for stamp in stamps])
     seen = np.array([truth[stamp]['state'] for stamp in stamps]) == MarkerState.DETECTED
-    labels = range(found.shape[1])
-    names = (run.names.get(label, f'marker {label}').replace('_', ' ') for label in labels)
+    numbers = range(found.shape[1])
+    names = (run.names.get(label, f'marker {label}').replace('_', ' ') for label in numbers)
     wrong = _wrong_names(found, true, state)
     return MarkerErrors(tuple(names), _seconds(stamps), found - true, state, seen, wrong)
 
@@ -209,20 +211,30 @@ def line_errors(run: EvaluationRun) -> LineErrors | None:
         return None
     errors = LineErrors()
     for stamp in stamps:
-        lines = [NormalForm(float(row['rho']), float(row['theta'])) for row in results[stamp]]
-        errors.add(lines, _true_lines(truth[stamp]))
+        errors.add([_form(row) for row in results[stamp]], _true_lines(truth[stamp]))
     return errors
 
 
+_NOWHERE = NormalForm(math.nan, math.nan)
+
+
+def _form(row: np.void) -> NormalForm:
+    """A row's line; `_NOWHERE` where it has none, or a damaged message says something else."""
+    rho, theta = float(row['rho']), float(row['theta'])
+    return NormalForm(rho, theta) if math.isfinite(rho) and math.isfinite(theta) else _NOWHERE
+
+
 def _true_lines(rows: Rows) -> list[TrueLine]:
-    """The first rows of ``/truth/lines``, which are those of `ALONG`."""
-    return [
+    """The first rows of ``/truth/lines``, which are those of `ALONG`; what is not there is NaN."""
+    lines = [
         TrueLine(
-            NormalForm(float(row['rho']), float(row['theta'])),
+            _form(row),
             (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])),
         )
         for row in rows[: len(ALONG)]
     ]
+    nowhere = TrueLine(_NOWHERE, (math.nan, math.nan))
+    return [*lines, *[nowhere] * (len(ALONG) - len(lines))]
 
 
 def _places(rows: Rows) -> Array:
@@ -315,11 +327,11 @@ def _line_statistics(frames: Iterable[Rows]) -> list[Metric]:
 
 def _line(row: np.void) -> RunwayLine:
     flags = int(row['flags'])
-    rho = float(row['rho'])
+    form = _form(row)
     return RunwayLine(
-        peak=None if math.isnan(rho) else 0,
-        rho=rho,
-        theta=float(row['theta']),
+        peak=None if form is _NOWHERE else 0,
+        rho=form.rho,
+        theta=form.theta,
         rho_flag=bool(flags & LineFlag.RHO_ERROR),
         theta_flag=bool(flags & LineFlag.THETA_ERROR),
     )

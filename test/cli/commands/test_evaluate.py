@@ -1,10 +1,14 @@
 import csv
 import json
 import math
+import os
 import re
 import shutil
 
+import cv2
+import numpy as np
 import pytest
+from support.commands import mvuav
 from support.flights import write_bag
 from typer.testing import CliRunner
 
@@ -185,6 +189,31 @@ def test_evaluate_needs_truth(tmp_path):
         run('evaluate', tmp_path / 'empty.mcap', '-o', tmp_path / 'out')
 
 
+def test_a_sweep_leaves_the_page_of_an_evaluation(tmp_path):
+    page = tmp_path / 'index.html'
+    page.write_text('of an evaluation')
+    with pytest.raises(RecordingError, match=r'index\.html exists; --force'):
+        run('sweep', 'sim:tanker?frames=2', '-o', tmp_path)
+    assert page.read_text() == 'of an evaluation'
+
+
+@pytest.mark.parametrize(
+    ('command', 'work'),
+    [
+        (('sweep', 'sim:tanker?frames=2'), 'parameter_sweep.sweep'),
+        (('evaluate', 'sim:tanker?frames=2'), 'evaluation.evaluation_run.replay'),
+        (('evaluate', 'integrity'), 'evaluation.protection.run'),
+    ],
+)
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(
+    tmp_path, monkeypatch, command, work
+):
+    monkeypatch.setattr(f'mvuav_ros.offline.{work}', lambda *_: pytest.fail('it has worked'))
+    (tmp_path / 'file').touch()
+    refused = mvuav(*command, '-o', tmp_path / 'file' / 'out')
+    assert refused.status == 1 and 'Not a directory' in refused.err
+
+
 def test_a_sweep_says_what_of_a_recording_is_missing(tmp_path):
     bag = write_bag(tmp_path / 'cut.mcap', results=False)
     bag.write_bytes(bag.read_bytes()[:-2000])
@@ -194,6 +223,29 @@ def test_a_sweep_says_what_of_a_recording_is_missing(tmp_path):
     assert all(result.metrics and result.losses for result in results)
     lead = sweep_report(results, [axis], {}).lead
     assert sum('not all is in it' in line for line in lead) >= len(runs) == 2
+
+
+def test_the_loss_of_an_input_is_said_once_however_often_it_is_read(tmp_path):
+    bag = write_bag(tmp_path / 'cut.mcap', results=True)
+    bag.write_bytes(bag.read_bytes()[:-2000])
+    given = ('--param', 'marker_tracker:threshold:=0.5,0.6', '--json')
+    swept = mvuav('sweep', bag, '-o', tmp_path / 'sweep', *given)
+    evaluated = mvuav('evaluate', bag, '-o', tmp_path / 'evaluation', '--json')
+    for done in (swept, evaluated):
+        lines = done.err.splitlines()
+        assert done.status == 0 and len(set(lines)) == len(lines) == 3
+        (account,) = json.loads(done.out)['accounts']
+        # Of each frame the truth and the results: markers and roll.
+        assert account['kept'] == 4 * 6
+    flights = [tmp_path / name / 'flight.avi' for name in ('one', 'two')]
+    for flight in flights:
+        flight.parent.mkdir()
+        writer = cv2.VideoWriter(str(flight), cv2.VideoWriter.fourcc(*'MJPG'), 20.0, (64, 48))
+        writer.write(np.full((48, 64, 3), 90, np.uint8))
+        writer.release()
+    swept = mvuav('sweep', *flights, '-o', tmp_path / 'videos', '--json')
+    names = [account['name'] for account in json.loads(swept.out)['accounts']]
+    assert names == [f'video {flight}' for flight in flights]
 
 
 def test_lines_that_were_never_in_view_are_not_said_to_be_missed():
@@ -207,7 +259,8 @@ def test_lines_that_were_never_in_view_are_not_said_to_be_missed():
 
 def test_a_sweep_of_inputs_with_odd_names(tmp_path):
     bag = write_bag(tmp_path / 'flight.mcap', results=False)
-    sources = [str(shutil.copy(bag, tmp_path / name)) for name in ('a${$.mcap', '_b.mcap')]
+    names = 'a${$.mcap', '_b.mcap', os.fsdecode(b'\xff.mcap')
+    sources = [str(shutil.copy(bag, tmp_path / name)) for name in names]
     axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
     results = in_order(sweep(plan_runs(sources, [axis], {'marker_tracker': {}})))
     page = write_report(sweep_report(results, [axis], {}), tmp_path / 'out')

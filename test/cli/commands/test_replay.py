@@ -36,10 +36,11 @@ from support.recording_samples import (
 
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.messages.sensors import CAMERA_INFO
+from mvuav_ros.messages.sensors import CAMERA_INFO, IMU
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.writing import RecordingWriter
 
 NODE = ('--nodes', 'marker_tracker')
 SAMPLES = image_samples(30)
@@ -192,10 +193,11 @@ def test_keep_inputs_of_images_are_images(tmp_path: Path, kind: str) -> None:
         (('--start', 0.2, '--duration', 0.5, '--every', 4), range(6, 21, 4)),
     ],
 )
-@pytest.mark.parametrize('kind', ['mcap', 'no index', 'sqlite3', 'ros1', 'folder'])
+@pytest.mark.parametrize('kind', ['mcap', 'no index', 'sqlite3', 'ros1', 'folder', 'flight'])
 def test_a_part_of_the_recording(
     tmp_path: Path, options: tuple[object, ...], expected: range, kind: str
 ) -> None:
+    source: object
     samples = [s._replace(stamp_ns=s.stamp_ns + 1000) for s in SAMPLES]
     # The recording's beginning counts, not that of the images.
     samples.insert(0, string_sample(0))
@@ -204,10 +206,12 @@ def test_a_part_of_the_recording(
     elif kind == 'ros1':
         source = write_ros1(tmp_path / 'in.bag', samples)
     elif kind == 'folder':
-        source = tmp_path / 'in'
-        source.mkdir()
+        source = images = tmp_path / 'in'
+        images.mkdir()
         for number in range(30):
-            cv2.imwrite(str(source / f'{number}.png'), np.zeros((8, 8), np.uint8))
+            cv2.imwrite(str(images / f'{number}.png'), np.zeros((8, 8), np.uint8))
+    elif kind == 'flight':
+        source = 'sim:tanker?frames=30&fps=30&width=64&height=64'
     else:
         source = write_mcap(tmp_path / 'in.mcap', samples, summary=kind == 'mcap')
     out = tmp_path / 'out.mcap'
@@ -345,6 +349,10 @@ def test_parameters_come_from_file_and_command_line(tmp_path: Path) -> None:
         (('--jobs', '0'), 'jobs'),
         (('--start', '-1'), 'start'),
         (('--fps', '0'), 'fps'),
+        (('--fps', 'inf'), 'fps'),
+        (('--start', 'inf'), 'start'),
+        (('--duration', 'inf'), 'duration'),
+        (('--split-mb', '5'), 'add --format rosbag2'),
         (('--nonsense',), 'nonsense'),
     ],
 )
@@ -424,6 +432,22 @@ def test_the_camera_comes_with_the_bag(tmp_path: Path, monkeypatch: pytest.Monke
     seen.clear()
     assert mvuav('replay', 'sim:tanker?frames=2', '-o', tmp_path / 'sim.mcap', *NODE).status == 0
     assert len(seen) == 2 and all(focal_length and focal_length > 0 for focal_length in seen)
+
+
+def test_a_topic_may_have_messages_of_several_types(tmp_path: Path) -> None:
+    header, unknown = image(0).header, np.zeros(9)
+    place, turn = (STORE.types[f'geometry_msgs/msg/{kind}'] for kind in ('Vector3', 'Quaternion'))
+    still, level = place(0, 0, 0), turn(0, 0, 0, 1)
+    attitude = STORE.types[IMU](header, level, unknown, still, unknown, still, unknown)
+    others = [string_sample(1)._replace(topic=name) for name in ('/camera/camera_info', '/imu')]
+    samples = [_calibration(0, 500.0), Sample('/imu', IMU, stamp(0), cdr(attitude)), *others]
+    bag = tmp_path / 'in.mcap'
+    with RecordingWriter(bag) as writer:
+        for sample in [*samples, *SAMPLES[1:3]]:
+            writer.write(*sample)
+    nodes = ('--nodes', 'runway_detector', '--param', 'runway_detector:mode:=approach')
+    run = mvuav('replay', bag, '-o', tmp_path / 'out.mcap', *nodes)
+    assert run.status == 0 and 'results for 2 of 2 frames' in run.out
 
 
 def _calibration(number: int, focal_length: float) -> Sample:

@@ -9,6 +9,7 @@ from rclpy.serialization import serialize_message
 from support.commands import mvuav
 from support.flights import write_bag
 
+from mvuav_ros.messages.cdr import PointLayout, cdr_header
 from mvuav_ros.messages.sensors import make_header
 from mvuav_ros.offline.evaluation.bag_report import bag_report
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
@@ -16,6 +17,7 @@ from mvuav_ros.offline.evaluation.metrics import line_errors, marker_errors, met
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.tables import marker_names
+from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES
@@ -87,6 +89,19 @@ def test_true_lines_given_back_are_found_without_error():
     assert len(errors.matches) == sum(errors.visible) > 0
     assert max(abs(match.distance) for match in errors.matches) < 1e-3
     assert values(observed)['true lines found'] == 100.0
+
+
+@pytest.mark.parametrize('name', ['rho', 'theta'])
+@pytest.mark.parametrize('number', [math.inf, math.nan])
+def test_a_line_with_a_damaged_number_is_none(name, number):
+    observed = replay(RUNWAY, {'runway_detector': {}})
+    first = min(observed.results.lines)
+    for lines in (observed.results.lines, observed.truth.lines):
+        lines[first] = lines[first].copy()
+        lines[first][name] = number
+    errors = line_errors(observed)
+    assert errors.visible == [5, 5, 5]
+    assert math.isfinite(values(observed)['line 1 rho mean'])
 
 
 def test_results_in_a_bag_equal_a_replay_of_it(tmp_path):
@@ -176,3 +191,27 @@ def test_a_flight_is_flown_with_its_calibration(monkeypatch):
 def test_a_setting_that_is_not_yaml_is_refused(value):
     with pytest.raises(SourceError, match=r'motion=.* is not YAML'):
         replay(f'sim:tanker?motion={value}', {'marker_tracker': {}})
+
+
+def test_a_truth_of_ones_own_may_lack_rows(tmp_path):
+    run = read_bag(write_bag(tmp_path / 'flight.mcap', results=True))
+    first = min(run.truth.markers)
+    for observed in (run.truth, run.results):
+        observed.markers[first] = observed.markers[first][:0]
+    assert len(marker_errors(run).time) == 5
+    run.truth.markers = {first: run.truth.markers[first]}
+    assert marker_errors(run) is None
+    runway = replay(RUNWAY, {'runway_detector': {}})
+    seen = line_errors(runway).visible
+    runway.truth.lines = {stamp: rows[:2] for stamp, rows in runway.truth.lines.items()}
+    assert line_errors(runway).visible == [*seen[:2], 0]
+
+
+def test_a_truth_without_the_fields_is_refused_with_the_reason(tmp_path):
+    poor = PointLayout(np.dtype([(name, np.float32) for name in 'xyz']))
+    with RecordingWriter(tmp_path / 'poor.mcap') as writer:
+        data = poor.encode([(1.0, 2.0, 3.0)], cdr_header(0, ''))
+        writer.write('/truth/markers', TYPES['markers'], 0, data)
+    refused = mvuav('evaluate', tmp_path / 'poor.mcap', '-o', tmp_path / 'out')
+    assert refused.status == 1
+    assert '1 message of /truth/markers not used: it has no label, state' in refused.err

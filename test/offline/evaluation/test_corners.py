@@ -1,10 +1,12 @@
 """The metric: what counts as found."""
 
+import json
 import math
 
 import cv2
 import numpy as np
 import pytest
+from support.commands import mvuav
 
 from mvuav_ros.offline.evaluation.corners import (
     WARM_UP,
@@ -124,13 +126,27 @@ def test_the_horizon_of_each_frame_is_read(tmp_path):
         (HEADER + '\n', 'no rows'),
         (HEADER + '\na.jpg,1,2,3,4,5,six,7,8\n', 'line 2'),
         (HEADER + '\na.jpg,1,2\n', 'line 2'),
+        (HEADER + '\na.jpg,1,2,3,4,5,nan,7,8\n', 'line 2: nan is no number'),
+        (HEADER + '\nä.jpg,1,2,3,4,5,6,7,8\n', 'not UTF-8'),
+        (HEADER + '\n' + 'a' * 200_000, 'field larger than'),
     ],
 )
 def test_unusable_labels_are_refused_with_the_reason(tmp_path, text, reason):
     path = tmp_path / 'corners.csv'
-    path.write_text(text)
+    path.write_text(text, 'latin-1')
     with pytest.raises(CornersError, match=reason):
         read_corners(path)
+
+
+def test_labels_from_a_spreadsheet_are_read(tmp_path):
+    path = tmp_path / 'corners.csv'
+    path.write_text(HEADER + '\na.jpg,1,2,3,4,5,6,7,8\n', 'utf-8-sig')
+    assert [frame.file for frame in read_corners(path)] == ['a.jpg']
+
+
+def test_a_tolerance_of_nothing_is_refused():
+    with pytest.raises(CornersError, match='above 0 px'):
+        score_frame(NARROW, edges(NARROW), Tolerance(0.0, 0.0))
 
 
 @pytest.fixture
@@ -175,3 +191,13 @@ def test_a_missing_image_is_a_users_mistake(labelled):
     (labelled.parent / '7.png').unlink()
     with pytest.raises(SourceError, match=r'7\.png'):
         application()(['evaluate', 'corners', str(labelled)], standalone_mode=False)
+
+
+def test_labels_are_never_replaced_by_the_numbers(labelled):
+    before = labelled.read_text()
+    refused = mvuav('evaluate', 'corners', labelled, '--json', labelled)
+    assert refused.status == 1 and 'is the input itself' in refused.err
+    assert labelled.read_text() == before
+    new = labelled.parent / 'new' / 'numbers.json'
+    assert mvuav('evaluate', 'corners', labelled, '--json', new).status == 0
+    assert json.loads(new.read_text())['both_found'] == 0.0
