@@ -46,6 +46,7 @@ GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
 _LEVELS = ('horizontal', 'vertical', 'offset', 'height')
 """Protection levels (m) in a status of ``integrity``; the largest is shown."""
 _MAX_ROWS = 12
+"""Figures and curves of as many lights or lines; the words count all of them."""
 _MAX_VALUES = 100_000
 _MAX_VALUE = 1e9
 _MAX_RANGE = 10.0
@@ -204,15 +205,15 @@ class Figures:
             self._place[:], self._turn[:] = math.nan, math.nan
         self._lines = [
             (f'line {number}', _degrees(row['theta']), f'rho {row["rho"]:.0f} px' if known else '')
-            for number, (row, known) in enumerate(zip(rows, found, strict=True), 1)
+            for number, (row, known) in enumerate(zip(rows[:_MAX_ROWS], found, strict=False), 1)
         ]
 
 
 def rows_of(message: PointCloud2) -> Any:
-    """The first rows; a message says itself how large it is."""
+    """Its rows; a message says itself how large it is."""
     if len(message.fields) > 50 or message.width * message.height > _MAX_VALUES:
         raise ValueError('no result of our nodes')
-    return view_points(message)[:_MAX_ROWS]
+    return view_points(message)
 
 
 def rotation_of(quaternion: Any) -> NDArray[np.float64]:
@@ -331,7 +332,7 @@ def curves_of(chart: Chart, message: Any) -> Curves:
         return {chart.title.lower(): _number(scale * value)}
     curves: Curves = {}
     # From 1, as the lines are numbered in the images.
-    for index, row in enumerate(rows_of(message), 1):
+    for index, row in enumerate(rows_of(message)[:_MAX_ROWS], 1):
         lost = 'state' in row.dtype.names and row['state'] == MarkerState.LOST
         curves[_name(chart, row, index)] = None if lost else _number(scale * row[chart.field])
     return curves

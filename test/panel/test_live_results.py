@@ -154,6 +154,13 @@ def test_the_thesis_scheme_has_lines_and_those_held_are_doubted():
     assert said['figures'][0] == ('line 1', '0.0°', 'rho 9 px')
 
 
+def test_all_lines_are_counted_where_there_is_room_for_some():
+    figures = Figures('runway_detector', lambda: {'mode': 'thesis'})
+    figures.take('line_params', lines(*[(9.0, math.nan, False)] * 12, *[LOST] * 8))
+    assert figures.said()['trust'] == (DOUBTFUL, '12 of 20 lines')
+    assert len(figures.said()['figures']) == 12
+
+
 def test_the_view_in_space_is_the_calibrations():
     figures = Figures('marker_tracker', lambda: TRACK)
     assert figures.said()['view'] is None
