@@ -45,6 +45,8 @@ TOPICS: dict[str, dict[str, type]] = {
 GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
 _LEVELS = ('horizontal', 'vertical', 'offset', 'height')
 """Protection levels (m) in a status of ``integrity``; the largest is shown."""
+_MAX_MISSED = 5
+"""Results without a pose after which the last one is not shown; one may be lost on its way."""
 _MAX_ROWS = 12
 """Figures and curves of as many lights or lines; the words count all of them."""
 _MAX_VALUES = 100_000
@@ -72,7 +74,7 @@ class Figures:
         self._integrity = True, ''
         self._roll, self._lines = math.nan, list[Figure]()
         self._place, self._turn = np.full(3, math.nan), np.full((3, 3), math.nan)
-        self._deviations = np.full(6, math.nan)
+        self._deviations, self._missed = np.full(6, math.nan), 0
         self._view: tuple[float, float] | None = None
 
     def take(self, topic: str, message: Any) -> None:
@@ -159,6 +161,7 @@ class Figures:
         variances = np.diagonal(np.reshape(message.pose.covariance, (6, 6)))
         known = (variances > 0) & (variances < _MAX_VALUE)
         self._deviations = np.sqrt(np.where(known, variances, math.nan))
+        self._missed = 0
         if self._kind == 'marker_tracker':
             self._place = OPTICAL_FROM_BODY.T @ self._place
             self._turn = OPTICAL_FROM_BODY.T @ self._turn
@@ -201,8 +204,9 @@ class Figures:
             complete = bool(found.all())
         good = complete and not held
         self._trust = (GOOD if good else DOUBTFUL if found.any() else BAD, words)
-        if not found.any():
-            self._place[:], self._turn[:] = math.nan, math.nan
+        self._missed += 1
+        if not found.any() or self._missed > _MAX_MISSED:
+            self._place[:], self._turn[:], self._deviations[:] = math.nan, math.nan, math.nan
         self._lines = [
             (f'line {number}', _degrees(row['theta']), f'rho {row["rho"]:.0f} px' if known else '')
             for number, (row, known) in enumerate(zip(rows[:_MAX_ROWS], found, strict=False), 1)

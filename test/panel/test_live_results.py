@@ -115,6 +115,23 @@ def test_a_runway_with_both_edges_and_a_pose_is_good_until_it_is_lost():
     assert figures.said()['trust'][0] == BAD and figures.said()['pose'] is None
 
 
+@pytest.mark.parametrize('mode', ['approach', 'thesis'])
+def test_a_pose_that_does_not_come_any_more_is_not_shown(mode):
+    values = {**APPROACH}
+    figures = Figures('runway_detector', lambda: values)
+    seen = lines((9.0, 0.9, False), (9.0, 0.9, False))
+    for _ in range(20):
+        figures.take('line_params', seen)
+        figures.take('pose', pose_message((-500.0, 0.0, 50.0), LEVEL))
+    assert figures.said()['figures'][1] == ('height', '50.0 m', '± 3 m')
+    values |= {'mode': mode, 'runway_width': 0.0}
+    for _ in range(20):
+        figures.take('line_params', seen)
+    said = figures.said()
+    assert said['pose'] is None
+    assert {value for name, value, _ in said['figures'] if name == 'height'} <= {'-'}
+
+
 @pytest.mark.parametrize(
     ('levels', 'state', 'words'),
     [
