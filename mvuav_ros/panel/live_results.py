@@ -320,8 +320,10 @@ class SeriesFeed:
             if not same_value(self._values.get(name, value), value):
                 self._marks.append((now, f'{name} {value_text(value)}'))
         self._values = dict(self._node.values)
-        self._new = True
-        self._on_news()
+        # The camera is no sign of life of the node.
+        if topic != 'camera_info':
+            self._new = True
+            self._on_news()
 
 
 def _number(value: float) -> float | None:

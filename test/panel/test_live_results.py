@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,14 @@ from mvuav_ros.messages.cdr import PointLayout, cdr_header
 from mvuav_ros.messages.marker_messages import encode_markers
 from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.messages.runway_messages import LINE
-from mvuav_ros.panel.live_results import BAD, DOUBTFUL, GOOD, Figures, rotation_of
+from mvuav_ros.panel.live_results import (
+    BAD,
+    DOUBTFUL,
+    GOOD,
+    Figures,
+    SeriesFeed,
+    rotation_of,
+)
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import RunwayLevels
@@ -201,3 +209,23 @@ def test_a_pose_in_alert_is_doubtful_in_every_mode_that_has_one(mode):
     alert = DiagnosticStatus(level=DiagnosticStatus.WARN, message='alert: along')
     figures.take('integrity', DiagnosticArray(status=[alert]))
     assert figures.said()['trust'] == (DOUBTFUL, '5 of 5 lights, alert: along')
+
+
+def test_the_calibration_of_a_camera_is_no_result_of_the_node():
+    subscribed, news = {}, []
+    ros = SimpleNamespace(
+        subscribe=lambda kind, topic, take, qos: subscribed.update({topic: take}),
+        call_in_loop=lambda function, *arguments: function(*arguments),
+    )
+    node = SimpleNamespace(
+        name='/tracker',
+        kind='marker_tracker',
+        values=TRACK,
+        image_topic='/image_raw',
+        camera_info_topic='/camera_info',
+    )
+    feed = SeriesFeed(ros, node, lambda: news.append(1))
+    subscribed['/camera_info'](CameraInfo())
+    assert feed.take() == '' and not news
+    subscribed['/tracker/pose'](pose_message((1.5, -2.0, 80.0), AHEAD))
+    assert json.loads(feed.take())['pose'] and news

@@ -516,6 +516,8 @@ def test_a_killed_node_is_shown_as_gone_and_found_again(panel):
     button = panel.page.locator('.node', has_text=TRACKER)
     panel.tracker.kill()
     panel.until(lambda: 'gone' in button.inner_text(), 'the node to be gone')
+    trust = panel.page.locator('.readout .trust')
+    panel.until(lambda: trust.get_attribute('data-trust') == 'stale', 'its results to be old')
     panel.tracker = panel.graph.start('marker_tracker', remap=('image_raw:=/tanker/image_raw',))
     panel.until(lambda: 'gone' not in button.inner_text(), 'the node to be back')
     panel.until(lambda: panel.now('threshold') == '0.7', 'its new values')
