@@ -80,10 +80,9 @@ class Figures:
     def take(self, topic: str, message: Any) -> None:
         """A message of one of `TOPICS`, or the ``camera_info`` of the node's images."""
         if topic == 'camera_info':
-            half_width, half_height = (
-                message.width / 2 / message.k[0],
-                message.height / 2 / message.k[4],
-            )
+            # Without a calibration they are 0: an error for float, a warning in the log for NumPy.
+            focal_x, focal_y = float(message.k[0]), float(message.k[4])
+            half_width, half_height = message.width / 2 / focal_x, message.height / 2 / focal_y
             if 0 < half_width < _MAX_RANGE and 0 < half_height < _MAX_RANGE:
                 self._view = half_width, half_height
         elif topic == 'rpy':

@@ -2,6 +2,7 @@
 
 import json
 import math
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -194,6 +195,8 @@ def test_the_view_in_space_is_the_calibrations():
     assert figures.said()['view'] == (0.8, 0.6)
     figures.take('camera_info', CameraInfo(width=640, height=480, k=[1e-300] * 9))
     assert figures.said()['view'] == (0.8, 0.6)
+    with warnings.catch_warnings(action='error'), pytest.raises(ArithmeticError):
+        figures.take('camera_info', CameraInfo(width=640, height=480))
 
 
 @pytest.mark.parametrize('mode', ['track', 'detect'])
