@@ -56,6 +56,7 @@
     if (canvas.width !== image.width) canvas.width = image.width;
     if (canvas.height !== image.height) canvas.height = image.height;
     canvas.fullSize = [header.width, header.height];
+    canvas.number = header.number;
     const context = canvas.getContext('2d');
     context.drawImage(image, 0, 0);
     const rows = (canvas.dataset.rows || '').split(',').filter(Boolean).map(Number);
@@ -82,6 +83,14 @@
     const y = (event.clientY - box.top - (box.height - canvas.height * scale) / 2) / (canvas.height * scale);
     if (x < 0 || y < 0 || x >= 1 || y >= 1) return null;
     return { x: Math.floor(x * canvas.fullSize[0]), y: Math.floor(y * canvas.fullSize[1]) };
+  }
+
+  // What is held on the screen is what a click reads and the camera button saves.
+  function hold() {
+    const held = paused();
+    for (const canvas of document.querySelectorAll('.tile canvas.image')) {
+      canvas.dispatchEvent(new CustomEvent('held', { detail: { held, number: canvas.number ?? -1 } }));
+    }
   }
 
   document.addEventListener('click', (event) => {
@@ -188,7 +197,11 @@
     const now = performance.now();
     for (const [canvas, time] of drawnAt) {
       if (!canvas.isConnected) drawnAt.delete(canvas);
-      else if (now - time > STALE) canvas.parentElement.dataset.fresh = 'false';
+      else if (now - time > STALE && !paused()) {
+        canvas.parentElement.dataset.fresh = 'false';
+        const words = canvas.closest('.tile')?.querySelector('.rate');
+        if (words) words.textContent = '';
+      }
     }
     if (paused()) trust('stale', 'paused');
     else if (now - receivedAt > STALE) trust('stale', `no results for ${Math.round((now - receivedAt) / 1000)} s`);
@@ -214,7 +227,10 @@
   document.addEventListener('DOMContentLoaded', () => {
     connect();
     setInterval(() => { look(); spread(); }, 1000);
-    new MutationObserver((changes) => { for (const change of changes) follow(change.target); })
-      .observe(document.body, { subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values'] });
+    new MutationObserver((changes) => {
+      for (const change of changes) change.attributeName === 'data-paused' ? hold() : follow(change.target);
+    }).observe(document.body, {
+      subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused'],
+    });
   });
 })();

@@ -8,6 +8,7 @@ import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import cv2
 import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters
@@ -196,6 +197,45 @@ def test_a_click_on_the_input_sets_a_row_or_shows_the_pixel(panel):
     canvas.click(position={'x': box['width'] / 2, 'y': box['height'] / 4})
     panel.until(lambda: panel.now('start_row') != '50', 'the row that was clicked')
     assert panel.graph.get_parameter('runway_detector', 'start_row') == pytest.approx(60, abs=1)
+
+
+def test_an_image_that_is_held_stays_clear_and_is_the_one_that_is_read_and_saved(panel):
+    panel.choose(TRACKER)
+    panel.part('images')
+    page = panel.page
+    tile = page.locator('.tile', has_text='Input').filter(has_text=TRACKER)
+    canvas = tile.locator('canvas')
+    panel.until(lambda: int(canvas.get_attribute('data-frames') or 0) > 0, 'the input')
+    page.get_by_role('button', name='Pause').click()
+    panel.until(lambda: page.locator('.trust').first.inner_text() == 'paused', 'the pause')
+    place = """c => {
+        const gray = c.getContext('2d').getImageData(0, 0, c.width, c.height).data
+            .filter((v, i) => i % 4 == 0);
+        const index = gray.indexOf(gray.reduce((a, b) => Math.max(a, b)));
+        return [index % c.width, Math.floor(index / c.width), c.width, c.height];
+    }"""
+    column, row, width, height = canvas.evaluate(place)
+    # The tanker has moved by then, and images are old after 3 s.
+    panel.graph.spin(4.5)
+    assert tile.locator('.well').get_attribute('data-fresh') == 'true'
+    box = canvas.bounding_box()
+    scale = min(box['width'] / width, box['height'] / height)
+    canvas.click(
+        position={
+            'x': (box['width'] - width * scale) / 2 + (column + 0.5) * scale,
+            'y': (box['height'] - height * scale) / 2 + (row + 0.5) * scale,
+        }
+    )
+    words = tile.locator('.pixel')
+    panel.until(lambda: 'above the threshold' in words.inner_text(), 'the value')
+    assert 'not above' not in words.inner_text()
+    with page.expect_download() as download:
+        tile.get_by_role('button', name='Save this image as PNG').click()
+    saved = cv2.imread(str(download.value.path()), cv2.IMREAD_GRAYSCALE)
+    assert saved[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].max() > 0.7 * 255
+    page.get_by_role('button', name='Go on').click()
+    before = looks(canvas)
+    panel.until(lambda: looks(canvas) != before, 'it to go on')
 
 
 def name_cell(runs, number):
