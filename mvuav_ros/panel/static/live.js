@@ -23,7 +23,19 @@
     return { images: [...new Set(keys)].sort(), series: panel().dataset.node || '' };
   }
 
+  // Nothing of one node stays under the name of another.
+  function begin(name) {
+    if (name === series) return;
+    series = name; curves = new Map(); marks = []; receivedAt = performance.now();
+    document.querySelector('.figures')?.replaceChildren();
+    trust('stale', 'no results yet');
+    place(null);
+    const canvas = document.querySelector('.preview canvas');
+    if (canvas) { canvas.width = canvas.width; canvas.parentElement.dataset.fresh = 'never'; drawnAt.delete(canvas); }
+  }
+
   function ask(again) {
+    begin(panel()?.dataset.node || '');
     if (!socket || socket.readyState !== WebSocket.OPEN || !panel()) return;
     const text = JSON.stringify(wanted());
     if (text !== asked || again) socket.send(text);
@@ -100,7 +112,7 @@
   });
 
   function receive(message) {
-    if (message.series !== series) { series = message.series; curves = new Map(); marks = []; }
+    if (message.series !== series) return;
     receivedAt = performance.now();
     marks.push(...message.marks);
     const touched = new Set();
@@ -228,9 +240,13 @@
     connect();
     setInterval(() => { look(); spread(); }, 1000);
     new MutationObserver((changes) => {
-      for (const change of changes) change.attributeName === 'data-paused' ? hold() : follow(change.target);
+      for (const { attributeName: name, target } of changes) {
+        if (name === 'data-paused') hold();
+        else if (name === 'data-node') ask();
+        else follow(target);
+      }
     }).observe(document.body, {
-      subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused'],
+      subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused', 'data-node'],
     });
   });
 })();

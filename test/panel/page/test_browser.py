@@ -404,6 +404,18 @@ def test_keys(panel):
     panel.until(lambda: figures.inner_text() != before, 'it to go on')
 
 
+def test_nothing_of_a_node_stands_under_the_name_of_another(panel):
+    panel.choose(TRACKER)
+    figures = panel.page.locator('.readout .figures')
+    panel.until(lambda: 'pitch' in figures.inner_text(), 'figures')
+    panel.page.keyboard.press(' ')
+    panel.until(lambda: panel.page.locator('.trust').first.inner_text() == 'paused', 'the pause')
+    panel.choose(DETECTOR)
+    panel.until(lambda: 'pitch' not in figures.inner_text(), 'the figures to go')
+    panel.page.keyboard.press(' ')
+    panel.until(lambda: 'line 1' in figures.inner_text(), 'the other figures')
+
+
 def test_the_result_is_in_large_figures_on_every_part_and_stale_without_the_node(panel):
     panel.choose(TRACKER)
     page, trust = panel.page, panel.page.locator('.readout .trust')
