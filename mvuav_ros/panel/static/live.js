@@ -109,6 +109,8 @@
     const canvas = event.target.closest && event.target.closest('canvas.clickable');
     const at = canvas && pixel(canvas, event);
     if (at) canvas.dispatchEvent(new CustomEvent('pixel', { detail: at }));
+    // After a click of the pointer the space bar is the panel's, not the button's.
+    if (event.detail && document.activeElement.closest('button')) document.activeElement.blur();
   });
 
   function receive(message) {
@@ -230,9 +232,11 @@
 
   // Neither the browser's own search and undo nor a page that scrolls.
   document.addEventListener('keydown', (event) => {
-    const busy = /^(INPUT|TEXTAREA|SELECT|BUTTON|A)$/.test(event.target.tagName);
-    const control = event.ctrlKey || event.metaKey;
-    if (!busy && (control ? 'zZyY' : '/ ').includes(event.key)) event.preventDefault();
+    const slider = event.target.matches('input.range'), control = event.ctrlKey || event.metaKey;
+    if (!slider && /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName)) return;
+    if ((control ? 'zZyY' : '/ ').includes(event.key)) event.preventDefault();
+    // Keys of the panel are none of a slider's, but who types into an input is left alone.
+    if (slider && (control ? 'zZyY' : '1234?/ ').includes(event.key)) event.target.blur();
   });
 
   document.addEventListener('visibilitychange', () => { ask(); });
