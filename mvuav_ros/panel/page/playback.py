@@ -126,7 +126,10 @@ class Frames:
         except ReelFailedError as error:
             self._timer.active = False
             if not self._words.is_deleted:
+                self._show_playing()
                 self._words.set_text(sanitized.words(error))
+                for lane in self._lanes:
+                    lane.show('', None)
             return
         if not self._words.is_deleted:
             self._fill(shown, name)

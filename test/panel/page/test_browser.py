@@ -551,6 +551,25 @@ def test_a_recording_holds_input_and_results(panel):
     assert {'/runway/image_raw', f'{DETECTOR}/line_params'} <= topics
 
 
+def test_nothing_of_a_recording_stands_under_the_name_of_one_that_cannot_be_read(panel):
+    broken = panel.folder / 'recordings' / 'broken.mcap'
+    broken.parent.mkdir(exist_ok=True)
+    broken.write_bytes(b'no recording')
+    page = panel.new_page()
+    panel.choose(TRACKER, page)
+    panel.part('runs', page)
+    runs = page.locator('.part.runs')
+    lane = runs.locator('.lane').first
+    panel.until(lambda: lane.is_visible() and 'roll' in lane.inner_text(), 'a frame')
+    runs.get_by_role('combobox', name='Recording').click()
+    page.get_by_role('option', name='broken.mcap').click()
+    words = runs.get_by_role('status').first
+    panel.until(lambda: 'broken.mcap' in words.inner_text(), 'the reason')
+    panel.until(lane.is_hidden, 'the frame to go')
+    page.context.close()
+    broken.unlink()
+
+
 @pytest.mark.parametrize('attempt', range(3))
 def test_results_are_plotted_on_every_page(panel, attempt):
     page = panel.new_page()
