@@ -570,6 +570,26 @@ def test_nothing_of_a_recording_stands_under_the_name_of_one_that_cannot_be_read
     broken.unlink()
 
 
+def test_a_set_that_is_damaged_while_it_is_compared_is_named(panel):
+    torn = panel.folder / 'sets' / 'torn.yaml'
+    torn.parent.mkdir(exist_ok=True)
+    torn.write_text(f'/**{TRACKER}:\n  ros__parameters:\n    threshold: 0.9\n')
+    page = panel.new_page()
+    panel.choose(TRACKER, page)
+    panel.part('runs', page)
+    runs = page.locator('.part.runs')
+    runs.get_by_role('combobox', name='Compare with').click()
+    page.get_by_role('option', name='torn').click()
+    runs.get_by_text('| torn: threshold').wait_for()
+    torn.write_text('{{{')
+    runs.get_by_role('button', name='One frame on').click()
+    runs.get_by_text('torn: cannot be read').wait_for()
+    panel.until(runs.locator('.lane').nth(1).is_hidden, 'its frame to go')
+    page.context.close()
+    torn.unlink()
+    assert 'Traceback' not in panel.said()
+
+
 @pytest.mark.parametrize('attempt', range(3))
 def test_results_are_plotted_on_every_page(panel, attempt):
     page = panel.new_page()
