@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
 from operator import attrgetter
@@ -314,7 +314,9 @@ class SeriesFeed:
             self._figures.take(topic, message)
             for name, chart in self._charts.items():
                 if chart.topic == topic:
-                    self._points.append((now, name, curves_of(chart, message)))
+                    # A rig of the user's has its own names, which its node does not say.
+                    names = () if self._node.values.get('layout') else TANKER_NAMES
+                    self._points.append((now, name, curves_of(chart, message, names)))
         for name, value in self._node.values.items():
             if not same_value(self._values.get(name, value), value):
                 self._marks.append((now, f'{name} {value_text(value)}'))
@@ -329,8 +331,8 @@ def _number(value: float) -> float | None:
     return round(float(value), 3) if abs(value) < _MAX_VALUE else None
 
 
-def curves_of(chart: Chart, message: Any) -> Curves:
-    """The values of a chart's curves in a message of its topic."""
+def curves_of(chart: Chart, message: Any, names: Sequence[str] = ()) -> Curves:
+    """The values of a chart's curves in a message of its topic; ``names`` are those of labels."""
     scale = 180.0 / math.pi if chart.unit == '°' else 1.0
     if not isinstance(message, PointCloud2):
         value = attrgetter(chart.field)(message)
@@ -339,11 +341,15 @@ def curves_of(chart: Chart, message: Any) -> Curves:
     # From 1, as the lines are numbered in the images.
     for index, row in enumerate(rows_of(message)[:_MAX_ROWS], 1):
         lost = 'state' in row.dtype.names and row['state'] == MarkerState.LOST
-        curves[_name(chart, row, index)] = None if lost else _number(scale * row[chart.field])
+        curves[_name(chart, row, index, names)] = (
+            None if lost else _number(scale * row[chart.field])
+        )
     return curves
 
 
-def _name(chart: Chart, row: Any, index: int) -> str:
-    if 'label' in row.dtype.names and int(row['label']) < len(TANKER_NAMES):
-        return TANKER_NAMES[int(row['label'])].replace('_', ' ')
-    return f'{chart.rows} {index}'
+def _name(chart: Chart, row: Any, index: int, names: Sequence[str]) -> str:
+    if 'label' in row.dtype.names and int(row['label']) < len(names):
+        return names[int(row['label'])].replace('_', ' ')
+    # A light of track_any has another row whenever one before it is lost, but always its id.
+    number = int(row['id']) if 'id' in row.dtype.names else index
+    return f'{chart.rows} {number}'

@@ -23,11 +23,19 @@ from mvuav_ros.panel.live_results import (
     GOOD,
     Figures,
     SeriesFeed,
+    curves_of,
     rotation_of,
 )
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import RunwayLevels
+from mvuav_ros.vision.markers.marker_results import (
+    TANKER_NAMES,
+    Marker,
+    MarkerResult,
+    MarkerState,
+)
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.runway.results import LineFlag
 
@@ -185,6 +193,20 @@ def test_all_lines_are_counted_where_there_is_room_for_some():
     figures.take('line_params', lines(*[(9.0, math.nan, False)] * 12, *[LOST] * 8))
     assert figures.said()['trust'] == (DOUBTFUL, '12 of 20 lines')
     assert len(figures.said()['figures']) == 12
+
+
+def test_curves_bear_the_names_of_their_lights():
+    chart = PROCESSORS['marker_tracker'].panel.charts['x']
+
+    def names(mode, labels, ids, names=()):
+        markers = tuple(Marker(label, MarkerState.DETECTED, x=5.0, y=5.0) for label in labels)
+        result = MarkerResult(markers, ids=ids)
+        data = encode_markers(result, cdr_header(0, ''), numbered=mode == 'track_any')
+        return list(curves_of(chart, deserialize_message(data, PointCloud2), names))
+
+    assert names('track', (0, 4), (), TANKER_NAMES) == ['left wing', 'right wing']
+    assert names('track', (0, 1), ()) == ['marker 1', 'marker 2']
+    assert names('track_any', (255, 255), (7, 12), TANKER_NAMES) == ['marker 7', 'marker 12']
 
 
 def test_the_view_in_space_is_the_calibrations():

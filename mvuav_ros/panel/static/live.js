@@ -127,6 +127,7 @@
         const line = here.get(name);
         line.push([time, values[name] ?? null]);
         while (line.length && line[0][0] < time - WINDOW) line.shift();
+        if (line.every(([, value]) => value === null) && !(name in values)) here.delete(name);
       }
     }
     if (paused()) return;
@@ -151,7 +152,7 @@
         data: line.map(([time, value]) => [+(time - end).toFixed(3), value]),
         ...(number ? {} : { markLine }),
       })),
-    }, { lazyUpdate: true });
+    }, { lazyUpdate: true, replaceMerge: ['series'] });
   }
 
   // Figures and how far to trust them; as text only.
