@@ -6,7 +6,7 @@
   const seen = new Set(); // canvases on the screen
   const drawnAt = new Map();
   const LENGTH = 25; // m, of the camera's view in space
-  let socket = null, asked = '', retry = 500, series = '', curves = new Map(), marks = [], receivedAt = 0;
+  let socket = null, asked = '', retry = 500, series = '', curves = new Map(), marks = [], bodies = [], receivedAt = 0;
 
   const panel = () => document.querySelector('.panel');
   const paused = () => !!document.querySelector('[data-paused=true]');
@@ -29,7 +29,8 @@
     series = name; curves = new Map(); marks = []; receivedAt = performance.now();
     document.querySelector('.figures')?.replaceChildren();
     trust('stale', 'no results yet');
-    place(null);
+    for (const body of bodies) drawn(document.querySelector('.scene'))?.visible(body, false);
+    bodies = []; place(null);
     const canvas = document.querySelector('.preview canvas');
     if (canvas) { canvas.width = canvas.width; canvas.parentElement.dataset.fresh = 'never'; drawnAt.delete(canvas); }
   }
@@ -179,6 +180,7 @@
     if (!scene?.renderer || !holder.dataset.objects) return;
     holder.closest('.pose').dataset.known = String(!!pose);
     const [moved, still, cone] = holder.dataset.objects.split(' ');
+    bodies = [moved, still];
     scene.visible(moved, !!pose);
     if (view) scene.scale(cone, LENGTH, LENGTH * view[0], LENGTH * view[1]);
     scene.visible(still, true); scene.move(still, 0, 0, 0);

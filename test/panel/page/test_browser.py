@@ -473,6 +473,25 @@ def test_the_pose_stands_in_space_with_red_left_and_green_right(panel):
     assert page.locator('.scene canvas').first.bounding_box()['height'] > 200
 
 
+def test_without_a_pose_no_body_stands_in_space(panel):
+    name = 'a_node_with_a_name' * 8
+    rules = (f'__node:={name}', 'image_raw:=/nothing/image_raw')
+    idle = panel.graph.start('marker_tracker', remap=rules, wait_for=name)
+    page = panel.new_page()
+    page.locator('.node', has_text=name).click()
+    panel.part('results', page)
+    drawn = """() => {
+        const holder = document.querySelector('.scene');
+        const scene = holder?.dataset.objects && getElement(Number(holder.id.slice(1)));
+        if (!scene?.objects?.size) return null;
+        return holder.dataset.objects.split(' ').slice(0, 1).map(
+            id => scene.objects.get(id)?.mesh?.visible);
+    }"""
+    panel.until(lambda: page.evaluate(drawn) == [False], 'a scene without a tanker')
+    page.context.close()
+    idle.terminate()
+
+
 def test_a_change_is_marked_in_the_curves(panel):
     panel.choose(TRACKER)
     panel.part('results')
