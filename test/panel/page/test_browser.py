@@ -473,7 +473,7 @@ def test_the_pose_stands_in_space_with_red_left_and_green_right(panel):
     assert page.locator('.scene canvas').first.bounding_box()['height'] > 200
 
 
-def test_without_a_pose_no_body_stands_in_space(panel):
+def test_without_a_pose_no_body_stands_in_space_and_a_long_name_stays_in_its_place(panel):
     name = 'a_node_with_a_name' * 8
     rules = (f'__node:={name}', 'image_raw:=/nothing/image_raw')
     idle = panel.graph.start('marker_tracker', remap=rules, wait_for=name)
@@ -488,6 +488,8 @@ def test_without_a_pose_no_body_stands_in_space(panel):
             id => scene.objects.get(id)?.mesh?.visible);
     }"""
     panel.until(lambda: page.evaluate(drawn) == [False], 'a scene without a tanker')
+    box = page.locator('.node', has_text=name).bounding_box()
+    assert box['x'] + box['width'] < page.locator('.record').bounding_box()['x']
     page.context.close()
     idle.terminate()
 
