@@ -26,6 +26,8 @@ MAX_RATE = 10.0
 MAX_SIDE = 640
 """Of what is sent, px."""
 _QUALITY = 80
+_KEPT = 4
+"""Images of a stream; one that is held on a page is not the newest any more when that is known."""
 _RATE_WINDOW = 2.0
 _MAX_LIVE_AGE = 10.0
 """Seconds; a stamp from longer ago is a recording's."""
@@ -124,11 +126,12 @@ class ImageFeed:
             if not self._taps[stream].viewers:
                 self._taps.pop(stream).close()
 
-    def newest(self, key: str) -> Image | None:
-        """The image that was shown last, at its full size; None where there is none."""
+    def image(self, key: str, number: int = 0) -> Image | None:
+        """The image of this number, or the newest, at its full size; None where there is none."""
         for stream, tap in self._taps.items():
-            if stream.key == key and tap.data:
-                return decode(stream, tap.data)
+            for kept, data in reversed(tap.kept if stream.key == key else ()):
+                if number in (0, kept):
+                    return decode(stream, data)
         return None
 
 
@@ -137,9 +140,9 @@ class _Tap:
 
     def __init__(self, ros: RosThread, stream: ImageStream) -> None:
         self.viewers: set[Look] = set()
-        self.data = b''
+        self.kept: tuple[tuple[int, bytes], ...] = ()
         self._ros, self._stream = ros, stream
-        self._due = 0.0
+        self._due, self._number = 0.0, 0
         self._arrivals: deque[float] = deque(maxlen=200)
         kind = CompressedImage if stream.compressed else RosImage
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -158,9 +161,11 @@ class _Tap:
         except ImageError:
             # The node itself says so in its diagnostics.
             return
-        self.data = data
+        self._number += 1
+        self.kept = (*self.kept, (self._number, data))[-_KEPT:]
         header = {'key': self._stream.key, 'width': image.width, 'height': image.height}
-        text = json.dumps({**header, 'words': self._rate(now) + _age(data)}).encode()
+        words = {'words': self._rate(now) + _age(data), 'number': self._number}
+        text = json.dumps({**header, **words}).encode()
         self._ros.call_in_loop(self._show, struct.pack('<I', len(text)) + text + jpeg)
 
     def _show(self, message: bytes) -> None:

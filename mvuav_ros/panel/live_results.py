@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
 from operator import attrgetter
@@ -45,7 +45,10 @@ TOPICS: dict[str, dict[str, type]] = {
 GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
 _LEVELS = ('horizontal', 'vertical', 'offset', 'height')
 """Protection levels (m) in a status of ``integrity``; the largest is shown."""
+_MAX_MISSED = 5
+"""Results without a pose after which the last one is not shown; one may be lost on its way."""
 _MAX_ROWS = 12
+"""Figures and curves of as many lights or lines; the words count all of them."""
 _MAX_VALUES = 100_000
 _MAX_VALUE = 1e9
 _MAX_RANGE = 10.0
@@ -71,16 +74,15 @@ class Figures:
         self._integrity = True, ''
         self._roll, self._lines = math.nan, list[Figure]()
         self._place, self._turn = np.full(3, math.nan), np.full((3, 3), math.nan)
-        self._deviations = np.full(6, math.nan)
+        self._deviations, self._missed = np.full(6, math.nan), 0
         self._view: tuple[float, float] | None = None
 
     def take(self, topic: str, message: Any) -> None:
         """A message of one of `TOPICS`, or the ``camera_info`` of the node's images."""
         if topic == 'camera_info':
-            half_width, half_height = (
-                message.width / 2 / message.k[0],
-                message.height / 2 / message.k[4],
-            )
+            # Without a calibration they are 0: an error for float, a warning in the log for NumPy.
+            focal_x, focal_y = float(message.k[0]), float(message.k[4])
+            half_width, half_height = message.width / 2 / focal_x, message.height / 2 / focal_y
             if 0 < half_width < _MAX_RANGE and 0 < half_height < _MAX_RANGE:
                 self._view = half_width, half_height
         elif topic == 'rpy':
@@ -158,6 +160,7 @@ class Figures:
         variances = np.diagonal(np.reshape(message.pose.covariance, (6, 6)))
         known = (variances > 0) & (variances < _MAX_VALUE)
         self._deviations = np.sqrt(np.where(known, variances, math.nan))
+        self._missed = 0
         if self._kind == 'marker_tracker':
             self._place = OPTICAL_FROM_BODY.T @ self._place
             self._turn = OPTICAL_FROM_BODY.T @ self._turn
@@ -200,19 +203,20 @@ class Figures:
             complete = bool(found.all())
         good = complete and not held
         self._trust = (GOOD if good else DOUBTFUL if found.any() else BAD, words)
-        if not found.any():
-            self._place[:], self._turn[:] = math.nan, math.nan
+        self._missed += 1
+        if not found.any() or self._missed > _MAX_MISSED:
+            self._place[:], self._turn[:], self._deviations[:] = math.nan, math.nan, math.nan
         self._lines = [
             (f'line {number}', _degrees(row['theta']), f'rho {row["rho"]:.0f} px' if known else '')
-            for number, (row, known) in enumerate(zip(rows, found, strict=True), 1)
+            for number, (row, known) in enumerate(zip(rows[:_MAX_ROWS], found, strict=False), 1)
         ]
 
 
 def rows_of(message: PointCloud2) -> Any:
-    """The first rows; a message says itself how large it is."""
+    """Its rows; a message says itself how large it is."""
     if len(message.fields) > 50 or message.width * message.height > _MAX_VALUES:
         raise ValueError('no result of our nodes')
-    return view_points(message)[:_MAX_ROWS]
+    return view_points(message)
 
 
 def rotation_of(quaternion: Any) -> NDArray[np.float64]:
@@ -310,34 +314,42 @@ class SeriesFeed:
             self._figures.take(topic, message)
             for name, chart in self._charts.items():
                 if chart.topic == topic:
-                    self._points.append((now, name, curves_of(chart, message)))
+                    # A rig of the user's has its own names, which its node does not say.
+                    names = () if self._node.values.get('layout') else TANKER_NAMES
+                    self._points.append((now, name, curves_of(chart, message, names)))
         for name, value in self._node.values.items():
             if not same_value(self._values.get(name, value), value):
                 self._marks.append((now, f'{name} {value_text(value)}'))
         self._values = dict(self._node.values)
-        self._new = True
-        self._on_news()
+        # The camera is no sign of life of the node.
+        if topic != 'camera_info':
+            self._new = True
+            self._on_news()
 
 
 def _number(value: float) -> float | None:
     return round(float(value), 3) if abs(value) < _MAX_VALUE else None
 
 
-def curves_of(chart: Chart, message: Any) -> Curves:
-    """The values of a chart's curves in a message of its topic."""
+def curves_of(chart: Chart, message: Any, names: Sequence[str] = ()) -> Curves:
+    """The values of a chart's curves in a message of its topic; ``names`` are those of labels."""
     scale = 180.0 / math.pi if chart.unit == '°' else 1.0
     if not isinstance(message, PointCloud2):
         value = attrgetter(chart.field)(message)
         return {chart.title.lower(): _number(scale * value)}
     curves: Curves = {}
     # From 1, as the lines are numbered in the images.
-    for index, row in enumerate(rows_of(message), 1):
+    for index, row in enumerate(rows_of(message)[:_MAX_ROWS], 1):
         lost = 'state' in row.dtype.names and row['state'] == MarkerState.LOST
-        curves[_name(chart, row, index)] = None if lost else _number(scale * row[chart.field])
+        curves[_name(chart, row, index, names)] = (
+            None if lost else _number(scale * row[chart.field])
+        )
     return curves
 
 
-def _name(chart: Chart, row: Any, index: int) -> str:
-    if 'label' in row.dtype.names and int(row['label']) < len(TANKER_NAMES):
-        return TANKER_NAMES[int(row['label'])].replace('_', ' ')
-    return f'{chart.rows} {index}'
+def _name(chart: Chart, row: Any, index: int, names: Sequence[str]) -> str:
+    if 'label' in row.dtype.names and int(row['label']) < len(names):
+        return names[int(row['label'])].replace('_', ' ')
+    # A light of track_any has another row whenever one before it is lost, but always its id.
+    number = int(row['id']) if 'id' in row.dtype.names else index
+    return f'{chart.rows} {number}'

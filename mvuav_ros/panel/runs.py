@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -242,11 +242,16 @@ def run_table(runs: Sequence[Run]) -> Table:
 
 
 def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
-    """The recordings below some folders, by the name that the page shows."""
+    """The recordings below some folders, by the name that the page shows.
+
+    Where two folders have a recording of the same name, the second is named with its whole path.
+    """
     bags: dict[str, Path] = {}
     for folder in folders:
         for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
             if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MAX_BAGS:
                 name = str(path.relative_to(folder)) if path != folder else path.name
-                bags.setdefault(sanitized.words(name), path)
+                names = chain((name, str(path)), (f'{number}: {path}' for number in count(2)))
+                if path not in bags.values():
+                    bags[next(n for n in map(sanitized.words, names) if n not in bags)] = path
     return bags

@@ -2,6 +2,8 @@
 
 import json
 import math
+import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,10 +17,25 @@ from mvuav_ros.messages.cdr import PointLayout, cdr_header
 from mvuav_ros.messages.marker_messages import encode_markers
 from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.messages.runway_messages import LINE
-from mvuav_ros.panel.live_results import BAD, DOUBTFUL, GOOD, Figures, rotation_of
+from mvuav_ros.panel.live_results import (
+    BAD,
+    DOUBTFUL,
+    GOOD,
+    Figures,
+    SeriesFeed,
+    curves_of,
+    rotation_of,
+)
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import RunwayLevels
+from mvuav_ros.vision.markers.marker_results import (
+    TANKER_NAMES,
+    Marker,
+    MarkerResult,
+    MarkerState,
+)
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.runway.results import LineFlag
 
@@ -115,6 +132,23 @@ def test_a_runway_with_both_edges_and_a_pose_is_good_until_it_is_lost():
     assert figures.said()['trust'][0] == BAD and figures.said()['pose'] is None
 
 
+@pytest.mark.parametrize('mode', ['approach', 'thesis'])
+def test_a_pose_that_does_not_come_any_more_is_not_shown(mode):
+    values = {**APPROACH}
+    figures = Figures('runway_detector', lambda: values)
+    seen = lines((9.0, 0.9, False), (9.0, 0.9, False))
+    for _ in range(20):
+        figures.take('line_params', seen)
+        figures.take('pose', pose_message((-500.0, 0.0, 50.0), LEVEL))
+    assert figures.said()['figures'][1] == ('height', '50.0 m', '± 3 m')
+    values |= {'mode': mode, 'runway_width': 0.0}
+    for _ in range(20):
+        figures.take('line_params', seen)
+    said = figures.said()
+    assert said['pose'] is None
+    assert {value for name, value, _ in said['figures'] if name == 'height'} <= {'-'}
+
+
 @pytest.mark.parametrize(
     ('levels', 'state', 'words'),
     [
@@ -154,6 +188,27 @@ def test_the_thesis_scheme_has_lines_and_those_held_are_doubted():
     assert said['figures'][0] == ('line 1', '0.0°', 'rho 9 px')
 
 
+def test_all_lines_are_counted_where_there_is_room_for_some():
+    figures = Figures('runway_detector', lambda: {'mode': 'thesis'})
+    figures.take('line_params', lines(*[(9.0, math.nan, False)] * 12, *[LOST] * 8))
+    assert figures.said()['trust'] == (DOUBTFUL, '12 of 20 lines')
+    assert len(figures.said()['figures']) == 12
+
+
+def test_curves_bear_the_names_of_their_lights():
+    chart = PROCESSORS['marker_tracker'].panel.charts['x']
+
+    def names(mode, labels, ids, names=()):
+        markers = tuple(Marker(label, MarkerState.DETECTED, x=5.0, y=5.0) for label in labels)
+        result = MarkerResult(markers, ids=ids)
+        data = encode_markers(result, cdr_header(0, ''), numbered=mode == 'track_any')
+        return list(curves_of(chart, deserialize_message(data, PointCloud2), names))
+
+    assert names('track', (0, 4), (), TANKER_NAMES) == ['left wing', 'right wing']
+    assert names('track', (0, 1), ()) == ['marker 1', 'marker 2']
+    assert names('track_any', (255, 255), (7, 12), TANKER_NAMES) == ['marker 7', 'marker 12']
+
+
 def test_the_view_in_space_is_the_calibrations():
     figures = Figures('marker_tracker', lambda: TRACK)
     assert figures.said()['view'] is None
@@ -162,6 +217,8 @@ def test_the_view_in_space_is_the_calibrations():
     assert figures.said()['view'] == (0.8, 0.6)
     figures.take('camera_info', CameraInfo(width=640, height=480, k=[1e-300] * 9))
     assert figures.said()['view'] == (0.8, 0.6)
+    with warnings.catch_warnings(action='error'), pytest.raises(ArithmeticError):
+        figures.take('camera_info', CameraInfo(width=640, height=480))
 
 
 @pytest.mark.parametrize('mode', ['track', 'detect'])
@@ -177,3 +234,23 @@ def test_a_pose_in_alert_is_doubtful_in_every_mode_that_has_one(mode):
     alert = DiagnosticStatus(level=DiagnosticStatus.WARN, message='alert: along')
     figures.take('integrity', DiagnosticArray(status=[alert]))
     assert figures.said()['trust'] == (DOUBTFUL, '5 of 5 lights, alert: along')
+
+
+def test_the_calibration_of_a_camera_is_no_result_of_the_node():
+    subscribed, news = {}, []
+    ros = SimpleNamespace(
+        subscribe=lambda kind, topic, take, qos: subscribed.update({topic: take}),
+        call_in_loop=lambda function, *arguments: function(*arguments),
+    )
+    node = SimpleNamespace(
+        name='/tracker',
+        kind='marker_tracker',
+        values=TRACK,
+        image_topic='/image_raw',
+        camera_info_topic='/camera_info',
+    )
+    feed = SeriesFeed(ros, node, lambda: news.append(1))
+    subscribed['/camera_info'](CameraInfo())
+    assert feed.take() == '' and not news
+    subscribed['/tracker/pose'](pose_message((1.5, -2.0, 80.0), AHEAD))
+    assert json.loads(feed.take())['pose'] and news

@@ -174,3 +174,17 @@ def test_recordings_are_found_below_the_folders_and_nowhere_else(tmp_path):
         (tmp_path / name).touch()
     assert list(find_bags([tmp_path])) == ['a.mcap', 'deep/b.db3']
     assert find_bags([BAG]) == {'runway.mcap': BAG}
+    assert find_bags([BAG.parent, BAG]) == find_bags([BAG.parent])
+
+
+def test_recordings_of_the_same_name_are_all_found(tmp_path):
+    days = [tmp_path / day for day in ('monday', 'tuesday')]
+    paths = [
+        day / f'{name}.mcap' for day in days for name in ('flight', 240 * 'a', 240 * 'a' + 'b')
+    ]
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    found = find_bags(days)
+    assert sorted(found.values()) == sorted(paths)
+    assert found['flight.mcap'] == paths[0] and found[str(paths[3])] == paths[3]

@@ -13,7 +13,9 @@ from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.reel import ReelFailedError, ReelProcess, Result, Shown, Wanted, settable
+from mvuav_ros.panel.sanitized import NameRefusedError
 from mvuav_ros.panel.sets import differences
+from mvuav_ros.parameters.declaration import ParameterError
 
 _PLAYING_INTERVAL = 0.1
 _LIVE = 'live values'
@@ -113,10 +115,12 @@ class Frames:
         if node is None or path is None or not node.controls:
             return
         live = node.own_values
-        sets = [live]
+        sets, reason = [live], ''
         if name:
-            with el.errors_notified():
+            try:
                 sets.append({**live, **self._page.services.sets.load(name, node.kind)})
+            except (NameRefusedError, ParameterError, OSError) as error:
+                name, reason = '', str(error)
         values = tuple(settable(node.kind, each) for each in sets)
         wanted = Wanted(str(path), float(self._from.value or 0.0), node.kind, self._index, values)
         if self._count == 1:
@@ -126,7 +130,10 @@ class Frames:
         except ReelFailedError as error:
             self._timer.active = False
             if not self._words.is_deleted:
+                self._show_playing()
                 self._words.set_text(sanitized.words(error))
+                for lane in self._lanes:
+                    lane.show('', None)
             return
         if not self._words.is_deleted:
             self._fill(shown, name)
@@ -134,7 +141,7 @@ class Frames:
             said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
             words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
             self._differing.set_text(
-                sanitized.words(words, sanitized.LONGEST_DESCRIPTION) if name else ''
+                sanitized.words(words if name else reason, sanitized.LONGEST_DESCRIPTION)
             )
 
     def _fill(self, shown: Shown, name: str) -> None:

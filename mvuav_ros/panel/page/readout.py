@@ -79,7 +79,10 @@ class PoseScene:
             viewer = ui.scene.perspective_camera(fov=40, near=1.0, far=4000.0)
             view = ui.scene(grid=(400, 40), background_color='#dfe6ee', camera=viewer)
             self._scene = view.classes('scene').props('role=img')
-            el.text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
+            needs = (
+                'No pose: it needs a calibrated camera (camera_info), and names of four lights, or '
+            )
+            el.text(f'{needs}mode approach with a runway_width.', 'soft small no-pose')
         with self._scene as scene:
             with scene.group() as self._own:
                 self._cone = _make_view(scene)
@@ -98,6 +101,9 @@ class PoseScene:
                 self._strip.move(_RUNWAY_LENGTH / 2)
                 for stroke in range(30, int(_RUNWAY_LENGTH), 60):
                     scene.box(30.0, 0.9, 0.12).material(_WHITE).move(stroke)
+            # A body has a place in space once its pose is known; the page itself shows it then.
+            self._tanker.visible(False)
+            self._own.visible(False)
 
     def appear(self, visible: bool) -> None:
         """Draw what is on the screen only."""
@@ -112,7 +118,6 @@ class PoseScene:
             self._kind = node.kind
             words = 'the tanker before the camera' if tracks else 'the camera before the runway'
             self._title.set_text(f'Pose: {words}')
-            self._tanker.visible(tracks)
             self._runway.visible(not tracks)
             if tracks:
                 self._scene.move_camera(-60, 45, 35, 50, 0, 0, duration=0)

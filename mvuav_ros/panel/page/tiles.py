@@ -30,6 +30,7 @@ _KEPT = 'tuning_panel_images'
 SHOW_VALUE, THRESHOLD, START_ROW, END_ROW = 'Value', 'threshold', 'start_row', 'end_row'
 _NOTHING = {SHOW_VALUE: 'Nothing'}
 _ACTIONS = {THRESHOLD: 'Threshold', START_ROW: 'Start row', END_ROW: 'End row'}
+_NO_IMAGE = 'There is no such image any more, or not yet.'
 
 Wish = tuple[str, str]
 """A stream's key and a size."""
@@ -134,6 +135,8 @@ class Tile:
 
     def __init__(self, stream: ImageStream, part: Images, size: str) -> None:
         self.stream, self.size, self._part = stream, size, part
+        self._is_held = False
+        self._held: Image | None = None
         change = partial(part.rearrange, self)
         named = f'{stream.title} of {stream.node}'
         with el.set_props(el.box(f'card tile {size}', 'article'), aria_label=named):
@@ -148,6 +151,7 @@ class Tile:
                 el.icon_button('close', 'Remove', lambda: change('remove'))
             with el.box('well').props('data-fresh=never'):
                 self._canvas = el.box('image', 'canvas').props('role=img')
+                self._canvas.on('held', self._hold, ['detail'])
                 el.set_props(self._canvas, data_key=stream.key, aria_label=stream.title)
                 el.text('Waiting for images', 'waiting')
             if stream.name == INPUT:
@@ -184,6 +188,15 @@ class Tile:
             self._action.set_options(actions, value=now if now in actions else SHOW_VALUE)
         self._offer.set_visibility(actions != _NOTHING)
 
+    def _hold(self, event: Any) -> None:
+        """Keep the image that stands still on the screen, or go on with the newest."""
+        said, feed = event.args['detail'], self._part.page.services.feed
+        self._is_held = bool(said['held'])
+        self._held = feed.image(self.stream.key, int(said['number'])) if self._is_held else None
+
+    def _image(self) -> Image | None:
+        return self._held if self._is_held else self._part.page.services.feed.image(self.stream.key)
+
     def _clicked(self, event: Any) -> None:
         at, action, node = event.args['detail'], self._action.value, self.stream.node
         x, y = int(at['x']), int(at['y'])
@@ -192,8 +205,10 @@ class Tile:
             self._words.set_text(f'{action} {row}')
             self._part.set_parameter(node, action, row)
             return
-        image = self._part.page.services.feed.newest(self.stream.key)
-        if image is not None and 0 <= x < image.width and 0 <= y < image.height:
+        image = self._image()
+        if image is None:
+            self._words.set_text(_NO_IMAGE)
+        elif 0 <= x < image.width and 0 <= y < image.height:
             value = value_at(image, x, y, self._values.get('channel'))
             self._words.set_text(pixel_words(image, x, y, value, self._values.get(THRESHOLD)))
             if action == THRESHOLD:
@@ -202,9 +217,9 @@ class Tile:
                 self._part.set_parameter(node, THRESHOLD, below)
 
     def _snapshot(self) -> None:
-        image = self._part.page.services.feed.newest(self.stream.key)
+        image = self._image()
         if image is None:
-            el.notify('There is no image yet.', bad=True)
+            el.notify(_NO_IMAGE, bad=True)
             return
         name = self.stream.key.strip('/').replace('/', '_').replace(' ', '_')
         ui.download.content(encode_png(image), f'{name}.png', 'image/png')

@@ -150,7 +150,8 @@ class PanelView:
                 self._parameters_place.props('aria-label=Parameters')
         self._tabs = tabs
         tabs.set_value(part if part in _PARTS else 'images')
-        ui.keyboard(self._key, repeating=False)
+        # A button uses the space bar itself; the other keys are the panel's there, too.
+        ui.keyboard(self._key, repeating=False, ignore=['input', 'select', 'textarea'])
         ui.skip_link('Skip to the images and results', target=panels)
         ui.skip_link('Skip to the parameters', target=self._parameters_place)
         client.on_connect(self._connected)

@@ -6,7 +6,7 @@
   const seen = new Set(); // canvases on the screen
   const drawnAt = new Map();
   const LENGTH = 25; // m, of the camera's view in space
-  let socket = null, asked = '', retry = 500, series = '', curves = new Map(), marks = [], receivedAt = 0;
+  let socket = null, asked = '', retry = 500, series = '', curves = new Map(), marks = [], bodies = [], receivedAt = 0;
 
   const panel = () => document.querySelector('.panel');
   const paused = () => !!document.querySelector('[data-paused=true]');
@@ -23,7 +23,20 @@
     return { images: [...new Set(keys)].sort(), series: panel().dataset.node || '' };
   }
 
+  // Nothing of one node stays under the name of another.
+  function begin(name) {
+    if (name === series) return;
+    series = name; curves = new Map(); marks = []; receivedAt = performance.now();
+    document.querySelector('.figures')?.replaceChildren();
+    trust('stale', 'no results yet');
+    for (const body of bodies) drawn(document.querySelector('.scene'))?.visible(body, false);
+    bodies = []; place(null);
+    const canvas = document.querySelector('.preview canvas');
+    if (canvas) { canvas.width = canvas.width; canvas.parentElement.dataset.fresh = 'never'; drawnAt.delete(canvas); }
+  }
+
   function ask(again) {
+    begin(panel()?.dataset.node || '');
     if (!socket || socket.readyState !== WebSocket.OPEN || !panel()) return;
     const text = JSON.stringify(wanted());
     if (text !== asked || again) socket.send(text);
@@ -56,6 +69,7 @@
     if (canvas.width !== image.width) canvas.width = image.width;
     if (canvas.height !== image.height) canvas.height = image.height;
     canvas.fullSize = [header.width, header.height];
+    canvas.number = header.number;
     const context = canvas.getContext('2d');
     context.drawImage(image, 0, 0);
     const rows = (canvas.dataset.rows || '').split(',').filter(Boolean).map(Number);
@@ -84,14 +98,24 @@
     return { x: Math.floor(x * canvas.fullSize[0]), y: Math.floor(y * canvas.fullSize[1]) };
   }
 
+  // What is held on the screen is what a click reads and the camera button saves.
+  function hold() {
+    const held = paused();
+    for (const canvas of document.querySelectorAll('.tile canvas.image')) {
+      canvas.dispatchEvent(new CustomEvent('held', { detail: { held, number: canvas.number ?? -1 } }));
+    }
+  }
+
   document.addEventListener('click', (event) => {
     const canvas = event.target.closest && event.target.closest('canvas.clickable');
     const at = canvas && pixel(canvas, event);
     if (at) canvas.dispatchEvent(new CustomEvent('pixel', { detail: at }));
+    // After a click of the pointer the space bar is the panel's, not the button's.
+    if (event.detail && document.activeElement.closest('button')) document.activeElement.blur();
   });
 
   function receive(message) {
-    if (message.series !== series) { series = message.series; curves = new Map(); marks = []; }
+    if (message.series !== series) return;
     receivedAt = performance.now();
     marks.push(...message.marks);
     const touched = new Set();
@@ -104,6 +128,7 @@
         const line = here.get(name);
         line.push([time, values[name] ?? null]);
         while (line.length && line[0][0] < time - WINDOW) line.shift();
+        if (line.every(([, value]) => value === null) && !(name in values)) here.delete(name);
       }
     }
     if (paused()) return;
@@ -128,7 +153,7 @@
         data: line.map(([time, value]) => [+(time - end).toFixed(3), value]),
         ...(number ? {} : { markLine }),
       })),
-    }, { lazyUpdate: true });
+    }, { lazyUpdate: true, replaceMerge: ['series'] });
   }
 
   // Figures and how far to trust them; as text only.
@@ -155,6 +180,7 @@
     if (!scene?.renderer || !holder.dataset.objects) return;
     holder.closest('.pose').dataset.known = String(!!pose);
     const [moved, still, cone] = holder.dataset.objects.split(' ');
+    bodies = [moved, still];
     scene.visible(moved, !!pose);
     if (view) scene.scale(cone, LENGTH, LENGTH * view[0], LENGTH * view[1]);
     scene.visible(still, true); scene.move(still, 0, 0, 0);
@@ -188,7 +214,11 @@
     const now = performance.now();
     for (const [canvas, time] of drawnAt) {
       if (!canvas.isConnected) drawnAt.delete(canvas);
-      else if (now - time > STALE) canvas.parentElement.dataset.fresh = 'false';
+      else if (now - time > STALE && !paused()) {
+        canvas.parentElement.dataset.fresh = 'false';
+        const words = canvas.closest('.tile')?.querySelector('.rate');
+        if (words) words.textContent = '';
+      }
     }
     if (paused()) trust('stale', 'paused');
     else if (now - receivedAt > STALE) trust('stale', `no results for ${Math.round((now - receivedAt) / 1000)} s`);
@@ -205,16 +235,25 @@
 
   // Neither the browser's own search and undo nor a page that scrolls.
   document.addEventListener('keydown', (event) => {
-    const busy = /^(INPUT|TEXTAREA|SELECT|BUTTON|A)$/.test(event.target.tagName);
-    const control = event.ctrlKey || event.metaKey;
-    if (!busy && (control ? 'zZyY' : '/ ').includes(event.key)) event.preventDefault();
+    const slider = event.target.matches('input.range'), control = event.ctrlKey || event.metaKey;
+    if (!slider && /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName)) return;
+    if ((control ? 'zZyY' : '/ ').includes(event.key)) event.preventDefault();
+    // Keys of the panel are none of a slider's, but who types into an input is left alone.
+    if (slider && (control ? 'zZyY' : '1234?/ ').includes(event.key)) event.target.blur();
   });
 
   document.addEventListener('visibilitychange', () => { ask(); });
   document.addEventListener('DOMContentLoaded', () => {
     connect();
     setInterval(() => { look(); spread(); }, 1000);
-    new MutationObserver((changes) => { for (const change of changes) follow(change.target); })
-      .observe(document.body, { subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values'] });
+    new MutationObserver((changes) => {
+      for (const { attributeName: name, target } of changes) {
+        if (name === 'data-paused') hold();
+        else if (name === 'data-node') ask();
+        else follow(target);
+      }
+    }).observe(document.body, {
+      subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused', 'data-node'],
+    });
   });
 })();

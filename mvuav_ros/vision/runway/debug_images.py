@@ -273,13 +273,16 @@ def _mark(
 
 
 def _draw_axes(canvas: Canvas, grid: HoughGrid, first_cell: int) -> None:
-    below = _TOP + _HEIGHT
+    # At the middles of cells; that of 90° would be the one after the last.
+    below, columns, cells = _TOP + _HEIGHT, grid.theta.size, grid.rho.size - first_cell
     for degrees in _TICKS_DEG:
-        x = _LEFT + round((degrees + 90) / 180 * (_WIDTH - 1))
+        x = _LEFT + round(((degrees + 90) / 180 * columns + 0.5) * _WIDTH / columns)
+        if x >= canvas.shape[1]:
+            continue
         cv2.line(canvas, (x, below), (x, below + 4), _INK, 1)
         write_centred(canvas, str(degrees), (x, below + 13), _TEXT, _INK)
     for fraction in np.linspace(0, 1, _RHO_TICKS):
-        y = _TOP + round(float(fraction) * (_HEIGHT - 1))
+        y = _TOP + round((float(fraction) * (cells - 1) + 0.5) * _HEIGHT / cells)
         cv2.line(canvas, (_LEFT - 5, y), (_LEFT - 1, y), _INK, 1)
         rho = grid.rho[first_cell] + fraction * (grid.rho[-1] - grid.rho[first_cell])
         write_centred(canvas, f'{rho:.0f}', (_LEFT - 26, y), _TEXT, _INK)

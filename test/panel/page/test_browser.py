@@ -8,6 +8,7 @@ import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import cv2
 import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters
@@ -198,6 +199,45 @@ def test_a_click_on_the_input_sets_a_row_or_shows_the_pixel(panel):
     assert panel.graph.get_parameter('runway_detector', 'start_row') == pytest.approx(60, abs=1)
 
 
+def test_an_image_that_is_held_stays_clear_and_is_the_one_that_is_read_and_saved(panel):
+    panel.choose(TRACKER)
+    panel.part('images')
+    page = panel.page
+    tile = page.locator('.tile', has_text='Input').filter(has_text=TRACKER)
+    canvas = tile.locator('canvas')
+    panel.until(lambda: int(canvas.get_attribute('data-frames') or 0) > 0, 'the input')
+    page.get_by_role('button', name='Pause').click()
+    panel.until(lambda: page.locator('.trust').first.inner_text() == 'paused', 'the pause')
+    place = """c => {
+        const gray = c.getContext('2d').getImageData(0, 0, c.width, c.height).data
+            .filter((v, i) => i % 4 == 0);
+        const index = gray.indexOf(gray.reduce((a, b) => Math.max(a, b)));
+        return [index % c.width, Math.floor(index / c.width), c.width, c.height];
+    }"""
+    column, row, width, height = canvas.evaluate(place)
+    # The tanker has moved by then, and images are old after 3 s.
+    panel.graph.spin(4.5)
+    assert tile.locator('.well').get_attribute('data-fresh') == 'true'
+    box = canvas.bounding_box()
+    scale = min(box['width'] / width, box['height'] / height)
+    canvas.click(
+        position={
+            'x': (box['width'] - width * scale) / 2 + (column + 0.5) * scale,
+            'y': (box['height'] - height * scale) / 2 + (row + 0.5) * scale,
+        }
+    )
+    words = tile.locator('.pixel')
+    panel.until(lambda: 'above the threshold' in words.inner_text(), 'the value')
+    assert 'not above' not in words.inner_text()
+    with page.expect_download() as download:
+        tile.get_by_role('button', name='Save this image as PNG').click()
+    saved = cv2.imread(str(download.value.path()), cv2.IMREAD_GRAYSCALE)
+    assert saved[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].max() > 0.7 * 255
+    page.get_by_role('button', name='Go on').click()
+    before = looks(canvas)
+    panel.until(lambda: looks(canvas) != before, 'it to go on')
+
+
 def name_cell(runs, number):
     """Beside it is a cell whose box to be ticked has the same name."""
     return runs.locator('td.text-left', has_text=re.compile(f'^run {number}$'))
@@ -339,6 +379,22 @@ def test_keys(panel):
         page.keyboard.press(key)
         tab = page.locator(f'.q-tab.{part}')
         panel.until(lambda t=tab: t.get_attribute('aria-selected') == 'true', f'the key {key}')
+    # The keyboard is with a button that was clicked, then with a slider.
+    slider = panel.row('search_radius').locator('input[type=range]')
+    for focus in (panel.page.get_by_role('button', name='Raw and result').click, slider.focus):
+        focus()
+        page.keyboard.press('2')
+        tab = page.locator('.q-tab.results')
+        panel.until(lambda t=tab: t.get_attribute('aria-selected') == 'true', 'the key 2')
+        page.keyboard.press('1')
+        tab = page.locator('.q-tab.images')
+        panel.until(lambda t=tab: t.get_attribute('aria-selected') == 'true', 'the key 1')
+    before = panel.now('search_radius')
+    slider.focus()
+    page.keyboard.press('ArrowRight')
+    panel.until(lambda: panel.now('search_radius') != before, 'the slider to move')
+    page.keyboard.press('Control+z')
+    panel.until(lambda: panel.now('search_radius') == before, 'it to be undone')
     page.keyboard.press('?')
     page.get_by_role('dialog').get_by_text('Find a parameter').wait_for()
     page.keyboard.press('Escape')
@@ -362,6 +418,18 @@ def test_keys(panel):
     assert figures.inner_text() == before
     page.keyboard.press(' ')
     panel.until(lambda: figures.inner_text() != before, 'it to go on')
+
+
+def test_nothing_of_a_node_stands_under_the_name_of_another(panel):
+    panel.choose(TRACKER)
+    figures = panel.page.locator('.readout .figures')
+    panel.until(lambda: 'pitch' in figures.inner_text(), 'figures')
+    panel.page.keyboard.press(' ')
+    panel.until(lambda: panel.page.locator('.trust').first.inner_text() == 'paused', 'the pause')
+    panel.choose(DETECTOR)
+    panel.until(lambda: 'pitch' not in figures.inner_text(), 'the figures to go')
+    panel.page.keyboard.press(' ')
+    panel.until(lambda: 'line 1' in figures.inner_text(), 'the other figures')
 
 
 def test_the_result_is_in_large_figures_on_every_part_and_stale_without_the_node(panel):
@@ -403,6 +471,27 @@ def test_the_pose_stands_in_space_with_red_left_and_green_right(panel):
     before = found['place']
     panel.until(lambda: page.evaluate(read)['place'] != before, 'it to move')
     assert page.locator('.scene canvas').first.bounding_box()['height'] > 200
+
+
+def test_without_a_pose_no_body_stands_in_space_and_a_long_name_stays_in_its_place(panel):
+    name = 'a_node_with_a_name' * 8
+    rules = (f'__node:={name}', 'image_raw:=/nothing/image_raw')
+    idle = panel.graph.start('marker_tracker', remap=rules, wait_for=name)
+    page = panel.new_page()
+    page.locator('.node', has_text=name).click()
+    panel.part('results', page)
+    drawn = """() => {
+        const holder = document.querySelector('.scene');
+        const scene = holder?.dataset.objects && getElement(Number(holder.id.slice(1)));
+        if (!scene?.objects?.size) return null;
+        return holder.dataset.objects.split(' ').slice(0, 1).map(
+            id => scene.objects.get(id)?.mesh?.visible);
+    }"""
+    panel.until(lambda: page.evaluate(drawn) == [False], 'a scene without a tanker')
+    box = page.locator('.node', has_text=name).bounding_box()
+    assert box['x'] + box['width'] < page.locator('.record').bounding_box()['x']
+    page.context.close()
+    idle.terminate()
 
 
 def test_a_change_is_marked_in_the_curves(panel):
@@ -483,6 +572,45 @@ def test_a_recording_holds_input_and_results(panel):
     assert {'/runway/image_raw', f'{DETECTOR}/line_params'} <= topics
 
 
+def test_nothing_of_a_recording_stands_under_the_name_of_one_that_cannot_be_read(panel):
+    broken = panel.folder / 'recordings' / 'broken.mcap'
+    broken.parent.mkdir(exist_ok=True)
+    broken.write_bytes(b'no recording')
+    page = panel.new_page()
+    panel.choose(TRACKER, page)
+    panel.part('runs', page)
+    runs = page.locator('.part.runs')
+    lane = runs.locator('.lane').first
+    panel.until(lambda: lane.is_visible() and 'roll' in lane.inner_text(), 'a frame')
+    runs.get_by_role('combobox', name='Recording').click()
+    page.get_by_role('option', name='broken.mcap').click()
+    words = runs.get_by_role('status').first
+    panel.until(lambda: 'broken.mcap' in words.inner_text(), 'the reason')
+    panel.until(lane.is_hidden, 'the frame to go')
+    page.context.close()
+    broken.unlink()
+
+
+def test_a_set_that_is_damaged_while_it_is_compared_is_named(panel):
+    torn = panel.folder / 'sets' / 'torn.yaml'
+    torn.parent.mkdir(exist_ok=True)
+    torn.write_text(f'/**{TRACKER}:\n  ros__parameters:\n    threshold: 0.9\n')
+    page = panel.new_page()
+    panel.choose(TRACKER, page)
+    panel.part('runs', page)
+    runs = page.locator('.part.runs')
+    runs.get_by_role('combobox', name='Compare with').click()
+    page.get_by_role('option', name='torn').click()
+    runs.get_by_text('| torn: threshold').wait_for()
+    torn.write_text('{{{')
+    runs.get_by_role('button', name='One frame on').click()
+    runs.get_by_text('torn: cannot be read').wait_for()
+    panel.until(runs.locator('.lane').nth(1).is_hidden, 'its frame to go')
+    page.context.close()
+    torn.unlink()
+    assert 'Traceback' not in panel.said()
+
+
 @pytest.mark.parametrize('attempt', range(3))
 def test_results_are_plotted_on_every_page(panel, attempt):
     page = panel.new_page()
@@ -516,6 +644,8 @@ def test_a_killed_node_is_shown_as_gone_and_found_again(panel):
     button = panel.page.locator('.node', has_text=TRACKER)
     panel.tracker.kill()
     panel.until(lambda: 'gone' in button.inner_text(), 'the node to be gone')
+    trust = panel.page.locator('.readout .trust')
+    panel.until(lambda: trust.get_attribute('data-trust') == 'stale', 'its results to be old')
     panel.tracker = panel.graph.start('marker_tracker', remap=('image_raw:=/tanker/image_raw',))
     panel.until(lambda: 'gone' not in button.inner_text(), 'the node to be back')
     panel.until(lambda: panel.now('threshold') == '0.7', 'its new values')

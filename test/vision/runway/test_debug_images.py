@@ -108,6 +108,19 @@ def test_the_hough_image_marks_the_peak_at_its_theta_and_has_one_size():
     assert (right - left) / 3 == pytest.approx(45, abs=3)
 
 
+def test_the_ticks_of_the_hough_image_are_where_the_cells_are():
+    """With cells so coarse that half of one is seen: a line at 0° is above the tick of 0°."""
+    image = draw_hough(results(step_at(100), theta_resolution_deg=10.0, rho_resolution=10.0)[0])
+    area = image[24:424, 52:592].astype(int)
+    rows, columns = np.nonzero(np.abs(area - (120, 255, 80)).max(axis=2) < 8)
+    # Without the number, which stands apart above the box.
+    box = columns[rows == rows.max()]
+    below = image[426, 52:].min(axis=1) > 150
+    ticks = np.flatnonzero(below)
+    assert ticks.size == 4
+    assert (box.min() + box.max()) / 2 == pytest.approx(ticks[2], abs=2)
+
+
 def test_the_hough_image_is_readable_without_the_peaks_alone():
     """The sinusoids around the peak must be visible, not only the peak."""
     image = draw_hough(results(step_at(100))[0])
