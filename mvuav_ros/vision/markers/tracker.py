@@ -19,7 +19,7 @@ from mvuav_ros.vision.markers.marker_results import (
     MarkerState,
 )
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
-from mvuav_ros.vision.point_operations import Pixels
+from mvuav_ros.vision.point_operations import Pixels, full_scale
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 from mvuav_ros.vision.rig_examination import examine
 
@@ -141,8 +141,11 @@ class MarkerTracker:
             ImageError: it is no such image, or does not convert to grey.
         """
         image = as_image(image)
+        time = 0.0 if self.parameters.mode in WITHOUT_MEMORY else self._time_of(stamp_ns)
+        return self._explained(image, self._result(image, time))
+
+    def _result(self, image: Image, time: float) -> MarkerResult:
         mode = self.parameters.mode
-        time = 0.0 if mode in WITHOUT_MEMORY else self._time_of(stamp_ns)
         if self.parameters.channel != AUTO:
             return self._find(image.seen_in(self.parameters.channel), time, self._tracker)
         result = self._find(image.seen_in(self._channel), time, self._tracker)
@@ -181,6 +184,16 @@ class MarkerTracker:
         remark = f'the markers of {self.rig.name} have no names: mode track with kalman gives them'
         status = '; '.join(filter(None, (result.status, remark)))
         return replace(result, markers=markers, roll=math.nan, status=status, has_wings=False)
+
+    def _explained(self, image: Image, result: MarkerResult) -> MarkerResult:
+        """With a remark where all is too dark, as 12 bits of a camera in 16 are."""
+        if any(marker.state is not MarkerState.LOST for marker in result.markers):
+            return result
+        brightest = int(image.pixels.max(initial=0))
+        if brightest > self.parameters.threshold * full_scale(image.pixels):
+            return result
+        status = '; '.join(filter(None, (result.status, 'no pixel is above the threshold')))
+        return replace(result, status=status)
 
     def _time_of(self, stamp_ns: int) -> float:
         """Seconds since the first frame."""

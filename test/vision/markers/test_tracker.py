@@ -86,3 +86,14 @@ def test_grey_images_have_no_channel(prediction):
             [repr(tracker.process(Image(gray, 'mono8'), i * 33_000_000)) for i in range(6)]
         )
     assert results.count(results[0]) == len(results)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_where_all_is_too_dark_the_status_says_so(mode):
+    """As of a camera of 12 bits, whose images do not use the upper four of 16."""
+    lights = np.zeros((240, 320), np.uint16)
+    for x, y in ((40, 120), (120, 90), (160, 60), (200, 90), (280, 120)):
+        cv2.circle(lights, (x, y), 4, 4095, -1)
+    tracker = MarkerTracker(MarkerTrackerParameters(mode=mode))
+    assert tracker.process(lights, 0).status.endswith('no pixel is above the threshold')
+    assert 'threshold' not in tracker.process(16 * lights, 33_000_000).status
