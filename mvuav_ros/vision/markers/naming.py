@@ -16,6 +16,7 @@ from mvuav_ros.vision.markers.initialization import (
     ABSENT,
     MAX_CANDIDATES,
     STRAY,
+    Guess,
     Prior,
     guess_body,
     log_odds_of,
@@ -89,9 +90,9 @@ def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
 MIN_AGAIN = (2, 3)
 """Lights of a body that is found again, where all others are known to be no markers, and where some
 may be none: two of those nearly always look like some two markers."""
-MIN_ODDS = 1.0
-"""Log odds of a name of a body that is found again. Below it another way of naming the same lights
-is about as good: four markers in one plane are seen alike from its other side."""
+ALIKE = 1.0
+"""Difference of the evidence of two ways to give the same lights other names throughout, below
+which neither is believed: four markers in one plane are seen alike from its other side."""
 MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by an older filter
 JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
 """rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
@@ -127,11 +128,22 @@ def reacquire(
     if not likely:
         return None
     best = max(likely, key=lambda guess: guess.evidence)
+    if any(_are_alike(way, best) for way in likely):
+        return None
     odds = log_odds_of(best, ways)
-    named = {marker: lights[i] for marker, i in best.way if odds[marker] > MIN_ODDS}
+    named = {marker: lights[i] for marker, i in best.way if odds[marker] > 0.0}
     if len(named) < fewest:
         return None
     return Again(best.view, named, {marker: odds[marker] for marker in named})
+
+
+def _are_alike(way: Guess, best: Guess) -> bool:
+    """Whether another way names the same lights, all of them otherwise, and is about as good."""
+    return (
+        way.evidence > best.evidence - ALIKE
+        and {light for _, light in way.way} == {light for _, light in best.way}
+        and not {*way.way} & {*best.way}
+    )
 
 
 STRANGE = 3  # Frames without a name after which a light is clutter
