@@ -187,7 +187,8 @@ def runway_levels(covariance: Array, confidence: float, risk: float) -> RunwayLe
 
     Two edges cannot check each other. That they are not the runway's has the probability of one
     minus the confidence; only what this leaves of the risk bounds the Gaussian errors, whose
-    deviations are inflated by `RUNWAY_INFLATION`.
+    deviations are inflated by `RUNWAY_INFLATION`. There are no levels where no horizon tells the
+    roll, with which offset and heading turn.
 
     Args:
         covariance: (6, 6) of x, y, z (m), roll, pitch, yaw (rad), as `Guidance.covariance`.
@@ -199,7 +200,7 @@ def runway_levels(covariance: Array, confidence: float, risk: float) -> RunwayLe
         >>> levels = runway_levels(np.diag([1.0, 0.04, 0.01, 1e-4, 1e-4, 1e-4]), 0.99, 0.05)
         >>> round(levels.offset, 2), round(levels.height, 2)
         (2.97, 1.48)
-        >>> runway_levels(np.eye(6), 0.9, 1e-7).reason
+        >>> runway_levels(1e-4 * np.eye(6), 0.9, 1e-7).reason
         'a confidence of 0.900 cannot bear a risk of 1e-07'
     """
     variances = [float(covariance[axis, axis]) for axis in (1, 2, 5)]

@@ -25,7 +25,7 @@ def edge(aside):
 def test_what_is_not_observed_has_no_variance_of_what_is(near_row, x):
     """A near end above the horizon is none: a wrong attitude shows it there."""
     level = Derotation(640, 480, 1, 0.0)
-    guidance = locate(edge(-1.0), edge(2.0), near_row, level, CAMERA, 30.0)
+    guidance = locate(edge(-1.0), edge(2.0), near_row, level, 0.001, CAMERA, 30.0)
     assert (guidance.y, guidance.z) == pytest.approx((5.0, 10.0))
     assert guidance.x == pytest.approx(x, nan_ok=True)
     assert (guidance.covariance[0, 0] == UNKNOWN_VARIANCE) == math.isnan(x)
