@@ -187,8 +187,8 @@ def runway_levels(covariance: Array, confidence: float, risk: float) -> RunwayLe
 
     Two edges cannot check each other. That they are not the runway's has the probability of one
     minus the confidence; only what this leaves of the risk bounds the Gaussian errors, whose
-    deviations are inflated by `RUNWAY_INFLATION`. There are no levels where no horizon tells the
-    roll, with which offset and heading turn.
+    deviations are inflated by `RUNWAY_INFLATION`. There are no levels where no horizon shows
+    the roll, with which offset and heading turn.
 
     Args:
         covariance: (6, 6) of x, y, z (m), roll, pitch, yaw (rad), as `Guidance.covariance`.
