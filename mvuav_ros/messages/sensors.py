@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from mvuav_ros.parameters.common_parameters import TRANSPORTS
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 
@@ -33,9 +34,6 @@ def stamp_ns_of(header: Any) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
-_TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
-
-
 def topic_beside(image_topic: str, name: str) -> str:
     """Where camera drivers have what belongs to images: beside the topic of the raw ones.
 
@@ -43,7 +41,7 @@ def topic_beside(image_topic: str, name: str) -> str:
     '/nose/camera_info'
     """
     raw, _, transport = image_topic.rpartition('/')
-    base = raw if transport in _TRANSPORTS else image_topic
+    base = raw if transport in TRANSPORTS else image_topic
     return f'{base.rpartition("/")[0]}/{name}'
 
 

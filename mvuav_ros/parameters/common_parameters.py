@@ -7,6 +7,9 @@ from typing import Any
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 
+TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
+"""Of images, beside the raw ones: each is published below the topic of those."""
+
 
 def image_transport() -> Any:
     """How images come to a processing node."""
@@ -15,7 +18,7 @@ def image_transport() -> Any:
         'Transport of the images. raw: the image topic. The others subscribe to '
         '<image topic>/<transport>: compressed to CompressedImage (JPEG, PNG, H.264, H.265), '
         'ffmpeg to FFMPEGPacket, foxglove to CompressedVideo.',
-        choices=('raw', 'compressed', 'ffmpeg', 'foxglove'),
+        choices=('raw', *TRANSPORTS),
         read_only=True,
         stage='Node',
     )

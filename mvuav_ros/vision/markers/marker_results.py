@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -134,6 +134,10 @@ class MarkerResult:
     has_wings: bool = True
     ids: tuple[int, ...] = ()
     camera_doubt: str = ''
+
+    def remarked(self, remark: str) -> MarkerResult:
+        """The same with a remark behind the status; an empty one says nothing."""
+        return replace(self, status='; '.join(filter(None, (self.status, remark))))
 
 
 def named_places(result: MarkerResult) -> tuple[list[int], NDArray[np.float64]]:

@@ -158,11 +158,13 @@ class ThesisTracker:
         markers, windows, predictions = zip(*rows, strict=True)
         lights = [marker[2:4] for marker in markers if marker.state is MarkerState.DETECTED]
         status = '' if len(lights) == len(markers) else counts_of(markers)
-        if shared := len(lights) - len(set(lights)):
-            # The program does not distinguish names whose windows have met.
-            twice = f"{shared} of the names are on another one's light"
-            status = f'{status}; {twice}' if status else twice
-        return MarkerResult(markers, roll_of(markers[0], markers[-1]), status, windows, predictions)
+        roll = roll_of(markers[0], markers[-1])
+        result = MarkerResult(markers, roll, status, windows, predictions)
+        # The program does not distinguish names whose windows have met.
+        shared = len(lights) - len(set(lights))
+        return result.remarked(
+            f"{shared} of the names are on another one's light" if shared else ''
+        )
 
     def _look_for(
         self, label: Label, image: Image, time: float, parameters: MarkerTrackerParameters

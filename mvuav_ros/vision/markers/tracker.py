@@ -182,8 +182,8 @@ class MarkerTracker:
             return result
         markers = tuple(each._replace(label=Label.UNLABELLED) for each in result.markers)
         remark = f'the markers of {self.rig.name} have no names: mode track with kalman gives them'
-        status = '; '.join(filter(None, (result.status, remark)))
-        return replace(result, markers=markers, roll=math.nan, status=status, has_wings=False)
+        nameless = replace(result, markers=markers, roll=math.nan, has_wings=False)
+        return nameless.remarked(remark)
 
     def _explained(self, image: Image, result: MarkerResult) -> MarkerResult:
         """With a remark where all is too dark, as 12 bits of a camera in 16 are."""
@@ -192,8 +192,7 @@ class MarkerTracker:
         brightest = int(image.pixels.max(initial=0))
         if brightest > self.parameters.threshold * full_scale(image.pixels):
             return result
-        status = '; '.join(filter(None, (result.status, 'no pixel is above the threshold')))
-        return replace(result, status=status)
+        return result.remarked('no pixel is above the threshold')
 
     def _time_of(self, stamp_ns: int) -> float:
         """Seconds since the first frame."""

@@ -572,18 +572,27 @@ def test_a_recording_holds_input_and_results(panel):
     assert {'/runway/image_raw', f'{DETECTOR}/line_params'} <= topics
 
 
+def runs_of_the_tracker(panel):
+    """A page of its own, and its part with the recordings of the marker tracker."""
+    page = panel.new_page()
+    panel.choose(TRACKER, page)
+    panel.part('runs', page)
+    return page, page.locator('.part.runs')
+
+
+def choose(page, runs, name, option):
+    runs.get_by_role('combobox', name=name).click()
+    page.get_by_role('option', name=option).click()
+
+
 def test_nothing_of_a_recording_stands_under_the_name_of_one_that_cannot_be_read(panel):
     broken = panel.folder / 'recordings' / 'broken.mcap'
     broken.parent.mkdir(exist_ok=True)
     broken.write_bytes(b'no recording')
-    page = panel.new_page()
-    panel.choose(TRACKER, page)
-    panel.part('runs', page)
-    runs = page.locator('.part.runs')
+    page, runs = runs_of_the_tracker(panel)
     lane = runs.locator('.lane').first
     panel.until(lambda: lane.is_visible() and 'roll' in lane.inner_text(), 'a frame')
-    runs.get_by_role('combobox', name='Recording').click()
-    page.get_by_role('option', name='broken.mcap').click()
+    choose(page, runs, 'Recording', 'broken.mcap')
     words = runs.get_by_role('status').first
     panel.until(lambda: 'broken.mcap' in words.inner_text(), 'the reason')
     panel.until(lane.is_hidden, 'the frame to go')
@@ -595,12 +604,8 @@ def test_a_set_that_is_damaged_while_it_is_compared_is_named(panel):
     torn = panel.folder / 'sets' / 'torn.yaml'
     torn.parent.mkdir(exist_ok=True)
     torn.write_text(f'/**{TRACKER}:\n  ros__parameters:\n    threshold: 0.9\n')
-    page = panel.new_page()
-    panel.choose(TRACKER, page)
-    panel.part('runs', page)
-    runs = page.locator('.part.runs')
-    runs.get_by_role('combobox', name='Compare with').click()
-    page.get_by_role('option', name='torn').click()
+    page, runs = runs_of_the_tracker(panel)
+    choose(page, runs, 'Compare with', 'torn')
     runs.get_by_text('| torn: threshold').wait_for()
     torn.write_text('{{{')
     runs.get_by_role('button', name='One frame on').click()
