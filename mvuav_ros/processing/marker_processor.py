@@ -213,7 +213,7 @@ class MarkerTrackerProcessor(Processor):
         if result.camera_doubt:
             self._warnings.append(f'no pose: {result.camera_doubt}')
             return None
-        self._seen = named_places(result)
+        self._seen = named_places(result, (frame.image.width, frame.image.height))
         pose = self._poses.estimate(self._camera, *self._seen, frame.stamp_ns)
         if pose is None and len(self._seen[0]) >= MIN_MARKERS:
             self._warnings.append(f'no pose: {self._poses.reason}')

@@ -155,7 +155,7 @@ def _answer(
     if camera is None and tracker.parameters.pose:
         reason = 'no pose: no calibration'
     elif camera is not None and tracker.parameters.pose:
-        labels, pixels = named_places(result)
+        labels, pixels = named_places(result, (frame.image.width, frame.image.height))
         try:
             camera.check(frame.image.width, frame.image.height)
             if result.camera_doubt:

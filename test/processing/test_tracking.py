@@ -31,15 +31,18 @@ from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.simulation.light_drawing import Light, LightProfile, add_lights
 from mvuav_ros.sources.opening import camera_model, make_flight
 from mvuav_ros.sources.source import FrameSource
 from mvuav_ros.vision.camera import CalibrationError
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import ImageError
-from mvuav_ros.vision.rig import RigError
+from mvuav_ros.vision.rig import TANKER_747, RigError
 
 RIG = {'nose': [0.3, 0, 0], 'left': [0, 0.5, 0], 'right': [0.1, -0.6, 0], 'top': [0, 0, 0.4]}
 CORNERS = {'a': (0, 1, 1), 'b': (0, -1, 1), 'c': (0, -1, -1), 'd': (0, 1, -1)}
 GRAY = np.zeros((120, 160), np.uint8)
+TANKER_CAMERA = CameraModel(640, 480, k=(600, 0, 319.5, 0, 600, 239.5, 0, 0, 1))
 
 
 @pytest.fixture
@@ -196,6 +199,29 @@ def test_every_frame_is_answered_also_those_that_cannot_be_used() -> None:
     assert draw(frames[0]).shape == (120, 160, 3)
     with pytest.raises(ValueError, match='no image'):
         draw(frames[2])
+
+
+class SlidingOut(Broken):
+    """The tanker's lights move to the left, until the border cuts the left wing's off."""
+
+    places = np.linspace(-10.0, -11.5, 16)
+
+    def frames(self):
+        for number, x in enumerate(self.places):
+            pixels = np.full((480, 640), 60, np.uint8)
+            seen = TANKER_CAMERA.project(TANKER_747.positions @ OPTICAL_FROM_BODY.T + (x, 0, 90))
+            add_lights(pixels, [Light(LightProfile(6.0), place[None]) for place in seen])
+            yield Frame(number * 33_000_000, 'camera', Image(pixels, 'mono8'))
+
+
+def test_a_light_that_the_border_cuts_off_does_not_pull_the_pose() -> None:
+    frames = list(track(SlidingOut(), TANKER_CAMERA))
+    cut = [frame for frame in frames if frame.status]
+    assert len(cut) > 5 and not frames[0].status
+    assert {frame.status for frame in cut} == {'cut off by the border of the image: left_wing'}
+    assert all(frame.markers['left_wing'].state.name == 'DETECTED' for frame in frames)
+    errors = [f.pose.translation[0] - x for f, x in zip(frames, SlidingOut.places, strict=True)]
+    assert max(map(abs, errors)) < 0.01
 
 
 def test_the_generator_gives_what_replay_gives(tmp_path: Path) -> None:

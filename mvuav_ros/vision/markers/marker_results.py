@@ -140,12 +140,31 @@ class MarkerResult:
         return replace(self, status='; '.join(filter(None, (self.status, remark))))
 
 
-def named_places(result: MarkerResult) -> tuple[list[int], NDArray[np.float64]]:
-    """The labels of the markers that were seen, and their places, (n, 2) px: what a pose needs."""
+def is_cut(marker: Marker, size: tuple[int, int]) -> bool:
+    """Whether the border of an image of a size (px) cuts a detected light off.
+
+    The centre of what is left of it is up to a radius beside its own.
+    """
+    radius = math.sqrt(marker.area / math.pi)
+    return any(
+        not radius <= place <= side - 1 - radius
+        for place, side in zip((marker.x, marker.y), size, strict=True)
+    )
+
+
+def named_places(
+    result: MarkerResult, size: tuple[int, int]
+) -> tuple[list[int], NDArray[np.float64]]:
+    """The labels of the markers that were seen, and their places, (n, 2) px: what a pose needs.
+
+    Without those that the border of the image, of a size (px), cuts off.
+    """
     seen = [
         marker
         for marker in result.markers
-        if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
+        if marker.state is MarkerState.DETECTED
+        and marker.label != Label.UNLABELLED
+        and not is_cut(marker, size)
     ]
     places = np.array([(marker.x, marker.y) for marker in seen]).reshape(-1, 2)
     return [int(marker.label) for marker in seen], places

@@ -17,6 +17,7 @@ from mvuav_ros.vision.markers.marker_results import (
     Label,
     MarkerResult,
     MarkerState,
+    is_cut,
 )
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
 from mvuav_ros.vision.point_operations import Pixels, full_scale
@@ -186,7 +187,17 @@ class MarkerTracker:
         return nameless.remarked(remark)
 
     def _explained(self, image: Image, result: MarkerResult) -> MarkerResult:
-        """With a remark where all is too dark, as 12 bits of a camera in 16 are."""
+        """With a remark on lights cut off, and where all is too dark, as 12 bits in 16 are."""
+        size = image.width, image.height
+        cut = [
+            self.rig.names[marker.label]
+            for marker in result.markers
+            if marker.state is MarkerState.DETECTED
+            and marker.label != Label.UNLABELLED
+            and is_cut(marker, size)
+        ]
+        if cut:
+            return result.remarked(f'cut off by the border of the image: {", ".join(cut)}')
         if any(marker.state is not MarkerState.LOST for marker in result.markers):
             return result
         brightest = int(image.pixels.max(initial=0))
