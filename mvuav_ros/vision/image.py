@@ -121,6 +121,8 @@ class Image:
                 f'{self.encoding} pixels cannot have shape {self.pixels.shape} '
                 f'and type {self.pixels.dtype}'
             )
+        if channels == 1 and self.pixels.ndim == 3:
+            object.__setattr__(self, 'pixels', self.pixels[:, :, 0])
         if self.pixels.size == 0:
             raise ImageError(f'the image is empty ({self.width} x {self.height})')
         if layout.chroma_below and (self.pixels.shape[0] % 3 or self.width % 2):
@@ -218,7 +220,7 @@ class Image:
         if layout.luma is not None:
             return pixels[:, :, layout.luma]
         if layout.to_gray is None or pixels.size == 0:
-            return pixels if pixels.ndim == 2 else pixels[:, :, 0]
+            return pixels
         return self._convert(pixels, layout.to_gray)
 
     def _convert(self, pixels: Pixels, code: int) -> Pixels:

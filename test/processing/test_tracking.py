@@ -109,6 +109,7 @@ def test_the_runway_detectors_say_which_mode_they_run(tmp_path: Path) -> None:
         np.zeros((120, 160, 3), np.uint8),
         np.zeros((120, 160, 3), np.uint16),
         Image(GRAY, 'mono8'),
+        Image(GRAY[:, :, None], 'mono8'),
         Image(np.zeros((120, 160, 3), np.uint8), 'rgb8'),
     ],
 )
