@@ -24,6 +24,10 @@ FLU_FROM_FRD: Matrix = np.diag([1.0, -1.0, -1.0])
 """An aircraft's axes (x forward, y right, z down) as REP-103 has them."""
 
 
+_GIMBAL_LOCK = 1e-9
+"""rad off straight up or down, below which rounding would decide roll and yaw."""
+
+
 def about_x(angle: float) -> Matrix:
     """Rotation by ``angle`` (rad) about x."""
     c, s = math.cos(angle), math.sin(angle)
@@ -51,9 +55,11 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Matrix:
 
 
 def rpy(rotation: Matrix) -> tuple[float, float, float]:
-    """The inverse of `from_rpy`."""
-    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    """The inverse of `from_rpy`; straight up or down roll and yaw are one turn, and yaw is 0."""
     pitch = math.asin(max(-1.0, min(1.0, -float(rotation[2, 0]))))
+    if math.hypot(rotation[2, 1], rotation[2, 2]) < _GIMBAL_LOCK:
+        return math.atan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
     return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
 
 

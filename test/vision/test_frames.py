@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mvuav_ros.vision.frames import from_rpy, rpy
+from mvuav_ros.vision.frames import from_quaternion, from_rpy, quaternion, rpy
 
 
 @pytest.mark.parametrize('angles', [(0.0, 0.0, 0.0), (0.3, -0.2, 3.0), (-2.9, 1.5, -0.4)])
@@ -14,3 +14,10 @@ def test_the_angles_of_a_rotation_are_those_that_made_it(angles):
 
 def test_a_nose_straight_down_has_a_pitch():
     assert rpy(from_rpy(0.0, math.pi / 2, 0.0))[1] == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize('pitch', [math.pi / 2, -math.pi / 2])
+@pytest.mark.parametrize('yaw', [0.0, 0.8, -2.5])
+def test_the_angles_straight_up_and_down_make_the_rotation_again(pitch, yaw):
+    rotation = from_quaternion(*quaternion(from_rpy(0.3, pitch, yaw)))
+    assert from_rpy(*rpy(rotation)) == pytest.approx(rotation, abs=1e-7)
