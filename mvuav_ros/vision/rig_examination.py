@@ -174,6 +174,8 @@ class Confusion:
 def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: float) -> PoseError:
     """The pose's standard deviation: noise² (JᵀJ)⁻¹ of the reprojection's derivative J.
 
+    It is NaN, as the span is, where the camera does not see all markers.
+
     Args:
         rig: whose markers do not lie on one line.
         camera: calibrated.
@@ -184,6 +186,9 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
     seen, *slopes = projection_derivatives(
         camera, points, OPTICAL_FROM_BODY, np.array((0.0, 0.0, distance)), about=(0.0, 0.0, 0.0)
     )
+    limits = camera.width - 0.5, camera.height - 0.5
+    if not (-points[:, 0].min() < distance and ((seen > -0.5) & (seen < limits)).all()):
+        return PoseError(distance, *[math.nan] * 5)
     jacobian = np.concatenate(slopes, axis=-1).reshape(-1, 6)
     deviation = noise * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
     x, y, z, pitch, yaw, roll = deviation.tolist()

@@ -185,16 +185,21 @@ def check(
         say('')
         say(f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
         say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
+        in_view = []
         for value in distances:
             e = pose_error(body, camera, value, noise)
+            if math.isnan(e.span):
+                say(f'{value:10.4g}  too near: not all markers are in view')
+                continue
+            in_view.append(value)
             say(
                 f'{e.distance:10.4g} {e.span:9.1f} {e.along:8.3g} {e.across:9.3g} '
                 f'{e.roll:9.3g} {e.tilt:15.3g}'
             )
-        say('')
-        say(f'exchanged names with the smallest residuals, at {distances[0]:.4g} m')
-        exchanges = confusions(body, camera, distances[0])
-        if not exchanges:
+        exchanges = confusions(body, camera, in_view[0]) if in_view else []
+        if in_view:
+            say('', f'exchanged names with the smallest residuals, at {in_view[0]:.4g} m')
+        if in_view and not exchanges:
             say('too far away: all markers are nearly one point')
         for found in exchanges[:_LISTED]:
             names = ', '.join(' -> '.join(cycle) for cycle in found.names)

@@ -151,3 +151,14 @@ def test_a_rig_too_far_away_to_be_told():
     run = mvuav('rig', 'check', ROOT / 'config' / 'tanker_747.yaml', '--distance', 1e6)
     assert (run.status, run.err) == (0, '')
     assert run.out.splitlines()[-1] == 'too far away: all markers are nearly one point'
+
+
+@pytest.mark.parametrize('distance', [5, 10, 20])
+def test_a_rig_too_near_to_be_seen_has_no_errors(distance):
+    """Beside the image, or behind the camera, as the stabilizers at 10 m are."""
+    command = 'rig', 'check', ROOT / 'config' / 'tanker_747.yaml', '--distance', distance
+    run = mvuav(*command)
+    assert (run.status, run.err) == (0, '')
+    assert run.out.endswith(f' {distance}  too near: not all markers are in view\n')
+    rows = mvuav(*command, '--distance', 60).out
+    assert '60     441.0' in rows and 'residuals, at 60 m' in rows
