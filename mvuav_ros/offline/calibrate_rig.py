@@ -15,7 +15,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import ImageError
-from mvuav_ros.vision.markers.marker_results import Label, MarkerState
+from mvuav_ros.vision.markers.marker_results import named_places
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import MarkerRig, Point
 from mvuav_ros.vision.rig_calibration import (
@@ -152,11 +152,9 @@ def name_lights(
             result = tracker.process(frame.image, frame.stamp_ns)
         except ImageError:
             continue
-        rows += [
-            (count, int(marker.label), marker.x, marker.y)
-            for marker in result.markers
-            if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
-        ]
+        size = frame.image.width, frame.image.height
+        labels, places = named_places(result, size)
+        rows += [(count, label, *place) for label, place in zip(labels, places, strict=True)]
     if camera is None or not count:
         raise SourceError(f'{source.name}: there is no image to read')
     if not rows:

@@ -7,14 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.offline.calibrate_rig import name_lights
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.simulation.light_drawing import Light, LightProfile, add_lights
 from mvuav_ros.sources.opening import open_source
-from mvuav_ros.sources.source import SourceError
+from mvuav_ros.sources.source import FrameSource, SourceError
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.rig import TANKER_747
+
+CAMERA = CameraModel(640, 480, (600, 0, 319.5, 0, 600, 239.5, 0, 0, 1))
 
 
 @pytest.mark.parametrize('is_rectified', [False, True])
@@ -39,3 +46,30 @@ def test_images_of_another_size_in_the_middle_are_refused(tmp_path: Path) -> Non
         given = source, TANKER_747, frame.camera, MarkerTrackerParameters(), lambda _: None
         with pytest.raises(SourceError, match='for 640 x 480 px, the images are 640 x 240 px'):
             name_lights(*given)
+
+
+class SlidingOut(FrameSource):
+    """The tanker's lights move to the left, until the border cuts the left wing's off."""
+
+    places = CAMERA.project(
+        np.concatenate(
+            [
+                TANKER_747.positions @ OPTICAL_FROM_BODY.T + (x, 0, 90)
+                for x in np.linspace(-10.0, -11.5, 16)
+            ]
+        )
+    ).reshape(-1, 5, 2)
+
+    def frames(self):
+        for number, places in enumerate(self.places):
+            pixels = np.full((480, 640), 60, np.uint8)
+            add_lights(pixels, [Light(LightProfile(6.0), place[None]) for place in places])
+            yield Frame(number * 33_000_000, 'camera', Image(pixels, 'mono8'))
+
+
+def test_lights_that_the_border_cuts_off_are_not_measured() -> None:
+    given = SlidingOut(), TANKER_747, CAMERA, MarkerTrackerParameters(), lambda _: None
+    count, _, seen = name_lights(*given)
+    assert count == 16 and 5 * count - 10 < len(seen.frames) < 5 * count
+    true = SlidingOut.places[seen.frames - 1, seen.markers]
+    assert np.abs(seen.pixels - true).max() < 0.05
