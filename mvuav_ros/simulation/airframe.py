@@ -73,13 +73,13 @@ def paint_mesh(
     """
     rotation, translation = pose
     corners = mesh.corners @ rotation.T + translation
-    keep = corners[:, :, 2].min(axis=1) > MIN_DEPTH
+    pixels = camera.project(corners.reshape(-1, 3)).reshape(-1, 4, 2)
+    keep = (corners[:, :, 2].min(axis=1) > MIN_DEPTH) & np.isfinite(pixels).all(axis=(1, 2))
     if not keep.any():
         return
-    corners, albedo = corners[keep], mesh.albedo[keep]
+    corners, pixels, albedo = corners[keep], pixels[keep], mesh.albedo[keep]
     middle = corners.mean(axis=1)
     shade = albedo * _lit(mesh.normals[keep] @ rotation.T, middle, lighting)
-    pixels = camera.project(corners.reshape(-1, 3)).reshape(-1, 4, 2)
     lowest = np.maximum(np.floor(pixels.min(axis=(0, 1))) - 1, 0)
     highest = np.minimum(np.ceil(pixels.max(axis=(0, 1))) + 2, (camera.width, camera.height))
     (x0, y0), (x1, y1) = lowest.astype(int), highest.astype(int)

@@ -62,15 +62,17 @@ class PinholeCamera:
         """Where points (n, 3), m, in the optical frame are seen.
 
         Returns:
-            (n, 2), px; NaN for points that are not in front of the camera.
+            (n, 2), px; NaN for points that are not in front of the camera, or farther from its
+            axis than where its distortion would turn back.
         """
         depth = points[:, 2]
         with np.errstate(divide='ignore', invalid='ignore'):
             x, y = points[:, 0] / depth, points[:, 1] / depth
+            seen = (depth > 0.0) & (x * x + y * y < self._fold)
         if any(self.distortion):
             x, y = self._distort(x, y)
         pixels = np.column_stack((self.fx * x + self.cx, self.fy * y + self.cy))
-        pixels[~(depth > 0.0)] = np.nan
+        pixels[~seen] = np.nan
         return pixels
 
     def contains(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -90,11 +92,16 @@ class PinholeCamera:
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
         )
 
-    def _refuse_fold(self) -> None:
+    @cached_property
+    def _fold(self) -> float:
+        """Square of the tangent off the axis from where on the image would be folded back."""
         k1, k2, _, _, k3 = self.distortion
-        corner = math.hypot(0.5 * self.width / self.fx, 0.5 * self.height / self.fy)
-        r2 = np.linspace(0.0, corner, 200) ** 2
-        if np.any(1.0 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3)) <= 0.0):
+        roots = np.roots((7 * k3, 5 * k2, 3 * k1, 1.0))
+        return float(roots.real[(roots.imag == 0.0) & (roots.real > 0.0)].min(initial=math.inf))
+
+    def _refuse_fold(self) -> None:
+        x, y = 0.5 * self.width / self.fx, 0.5 * self.height / self.fy
+        if self._fold <= x * x + y * y:
             reason = 'folds the image onto itself within the field of view'
             raise ParameterError('distortion', reason)
 

@@ -46,7 +46,7 @@ class MarkerTruth(NamedTuple):
 
     Attributes:
         name: of the light.
-        x: px, where its centre is projected, in the frame or not; NaN behind the camera.
+        x: px, where its centre is projected, in the frame or not; NaN where no lens would show it.
         y: px.
         vx: px/s, the camera's shake included.
         vy: px/s.

@@ -50,6 +50,14 @@ def test_points_behind_the_camera_are_nowhere():
     assert camera.contains(pixels).tolist() == [False, False, True]
 
 
+def test_a_lens_folds_nothing_from_outside_into_the_image():
+    settings = {'motion': 'docking', 'fov_deg': 60.0, 'start_distance': 30.0, 'end_distance': 6.0}
+    flight = TankerFlight(TankerSettings(frames=97, distortion='-0.3 0 0 0', **settings))
+    frame = flight.frame(96)
+    assert not any(marker.visible for marker in frame.truth.markers)
+    assert frame.image.gray().max() < 200
+
+
 def test_field_of_view_reaches_the_edges_of_the_frame():
     camera = PinholeCamera.with_field_of_view(640, 480, 60.0)
     edge = camera.project(np.array([(math.tan(math.radians(30.0)), 0.0, 1.0)]))[0]
