@@ -133,7 +133,10 @@ class Attitude:
     def up(self) -> Vector:
         """The world's upward direction in the body's axes."""
         x, y, z, w = self.x, self.y, self.z, self.w
-        return np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+        scale = 2.0 / max(x * x + y * y + z * z + w * w, 1e-12)
+        return np.array(
+            [scale * (x * z - w * y), scale * (y * z + w * x), 1 - scale * (x * x + y * y)]
+        )
 
 
 def east_north_up(

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mvuav_ros.vision.frames import from_quaternion, from_rpy, quaternion, rpy
+from mvuav_ros.vision.frames import Attitude, from_quaternion, from_rpy, quaternion, rpy
 
 
 @pytest.mark.parametrize('angles', [(0.0, 0.0, 0.0), (0.3, -0.2, 3.0), (-2.9, 1.5, -0.4)])
@@ -21,3 +21,10 @@ def test_a_nose_straight_down_has_a_pitch():
 def test_the_angles_straight_up_and_down_make_the_rotation_again(pitch, yaw):
     rotation = from_quaternion(*quaternion(from_rpy(0.3, pitch, yaw)))
     assert from_rpy(*rpy(rotation)) == pytest.approx(rotation, abs=1e-7)
+
+
+def test_an_attitude_of_rounded_numbers_is_not_turned_by_their_length():
+    exact = Attitude.from_roll_pitch(-0.7, 0.35)
+    longer = Attitude(*(1.015 * value for value in (exact.x, exact.y, exact.z, exact.w)))
+    assert longer.valid
+    assert longer.up == pytest.approx(exact.up)
