@@ -29,7 +29,7 @@ from mvuav_ros.recordings.account import Account, RecordingError, counted
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_text
 from mvuav_ros.recordings.stored_file import RecordedMessage
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_unit_quaternion, rpy
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_quaternion, rpy
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
 from mvuav_ros.vision.runway.results import LineRole
 
@@ -211,7 +211,7 @@ def _pose(message: Any, outer: Matrix = _STRAIGHT) -> tuple[Columns, Iterable[Ro
     """A pose, with its angles against ``outer`` axes."""
     pose = getattr(message.pose, 'pose', message.pose)
     place, turn = pose.position, pose.orientation
-    rotation = outer @ from_unit_quaternion(turn.x, turn.y, turn.z, turn.w)
+    rotation = outer @ from_quaternion(turn.x, turn.y, turn.z, turn.w)
     angles = rpy(rotation) if np.isfinite(rotation).all() else (math.nan,) * 3
     row = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, *_angles(*angles))
     if pose is message.pose:

@@ -82,8 +82,8 @@ def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
 
 
 def from_quaternion(x: float, y: float, z: float, w: float) -> Matrix:
-    """The inverse of `quaternion`, of any length but 0."""
-    return from_unit_quaternion(*np.array((x, y, z, w)) / math.hypot(x, y, z, w))
+    """The inverse of `quaternion`, of any length; NaN for 0."""
+    return from_unit_quaternion(*np.array((x, y, z, w)) / (math.hypot(x, y, z, w) or math.nan))
 
 
 def from_unit_quaternion(x: float, y: float, z: float, w: float) -> Matrix:

@@ -46,12 +46,12 @@ def marker_result() -> MarkerResult:
     return MarkerTracker().process(Image(pixels, 'mono8'), STAMP_NS)
 
 
-def pose(x: float) -> bytes:
+def pose(x: float, turned: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)) -> bytes:
     types = STORE.types
     stamp = types['builtin_interfaces/msg/Time'](STAMP_NS // 10**9, STAMP_NS % 10**9)
     header = types['std_msgs/msg/Header'](stamp, 'camera')
     place = types['geometry_msgs/msg/Point'](x, 2.0, 3.0)
-    turn = types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
+    turn = types['geometry_msgs/msg/Quaternion'](*turned)
     return cdr(types[POSE](header, types['geometry_msgs/msg/Pose'](place, turn)))
 
 
@@ -341,6 +341,15 @@ def test_a_cloud_beyond_the_last_byte(tmp_path: Path) -> None:
 
     with pytest.raises(MalformedMessageError):
         view_points(Cloud)
+
+
+def test_angles_are_those_of_the_rotation_whatever_the_quaternions_length(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / 'a.mcap') as writer:
+        for turned in ((0.51, 0.0, 0.0, 0.88), (0.0, 0.0, 0.0, 0.0)):
+            writer.write('/pose', POSE, STAMP_NS, pose(0.1, turned))
+    (file,) = export(tmp_path / 'a.mcap', tmp_path / 'out', 'csv')
+    rounded, none = (float(row['roll']) for row in csv.DictReader(file.open()))
+    assert rounded == pytest.approx(2.0 * math.atan2(0.51, 0.88)) and math.isnan(none)
 
 
 def test_a_large_cloud_takes_no_memory(tmp_path: Path) -> None:
