@@ -166,8 +166,10 @@ class PoseEstimator:
             enough; `reason` says which.
 
         Raises:
-            ValueError: the rig has no such label.
+            ValueError: the rig has no such label, or there are more or fewer places than labels.
         """
+        if np.size(pixels) != 2 * len(labels):
+            raise ValueError(f'{len(labels)} labels need as many places, not {np.shape(pixels)}')
         if not all(0 <= label < len(self._points) for label in labels):
             raise ValueError(f'labels {list(labels)} of a rig of {len(self._points)}')
         # A float would be seconds, of which a caller would never hear.

@@ -309,6 +309,14 @@ def test_a_label_that_the_rig_has_not(label):
         PoseEstimator(TANKER_747).estimate(CAMERA, [0, 1, 2, 3, label], pixels, 0)
 
 
+@pytest.mark.parametrize('labels', [4, 5])
+def test_as_many_places_as_labels_are_needed(labels):
+    """Four of five labels had no pose, and five of four an IndexError."""
+    pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))
+    with pytest.raises(ValueError, match=f'{labels} labels need as many places'):
+        PoseEstimator(TANKER_747).estimate(CAMERA, range(labels), pixels[: 9 - labels], 0)
+
+
 def test_what_cannot_be_a_pose():
     estimator = PoseEstimator(TANKER_747)
     pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))
