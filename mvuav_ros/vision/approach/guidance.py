@@ -136,11 +136,11 @@ def _pose(
     forward /= np.linalg.norm(forward)
     if forward[2] < 1e-6:
         return np.full(6, np.nan)
-    # The horizon passes through the vanishing point, with the slope that was seen.
+    # The horizon passes through the vanishing point. Its slope was seen where it is nearest to the
+    # camera's axis, where no radial distortion turns it.
     slope = level.slope + values[4]
-    point = camera.project(forward[None])[0]
-    beside = camera.undistort(point + np.array((math.cos(slope), math.sin(slope))))[0]
-    up = np.cross(forward, (*beside, 1.0))
+    along = math.cos(slope) / camera.matrix[0, 0], math.sin(slope) / camera.matrix[1, 1], 0.0
+    up = np.cross(forward, along)
     up /= np.linalg.norm(up)
     if up[1] > 0:
         up = -up

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE
-from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.attitude import Derotation, horizon_from, mount_matrix
 from mvuav_ros.vision.approach.guidance import EdgeFit, locate
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_rpy, quaternion
 
 CAMERA = CameraModel(640, 480, (600.0, 0.0, 320.0, 0.0, 600.0, 240.0, 0.0, 0.0, 1.0))
 
@@ -30,3 +31,27 @@ def test_what_is_not_observed_has_no_variance_of_what_is(near_row, x):
     assert guidance.x == pytest.approx(x, nan_ok=True)
     assert (guidance.covariance[0, 0] == UNKNOWN_VARIANCE) == math.isnan(x)
     assert not guidance.covariance[0, 1:].any() or not math.isnan(x)
+
+
+@pytest.mark.parametrize(
+    ('model', 'd'), [('', ()), ('plumb_bob', (-0.25, 0.06, 0, 0)), ('equidistant', (0, 0, 0, 0))]
+)
+@pytest.mark.parametrize(('roll_deg', 'yaw_deg'), [(0, 0), (0, 10), (20, 10), (-20, 5)])
+def test_a_bent_horizon_does_not_roll_the_camera(model, d, roll_deg, yaw_deg):
+    """Beside the camera's axis a lens bends the horizon, but its slope is seen at the axis."""
+    camera = CameraModel(640, 480, CAMERA.k, d, model)
+    angles = np.radians((roll_deg, 12.0, yaw_deg))
+    position = np.array((-300.0, 5.0, 30.0))
+    body = from_rpy(*angles)
+    horizon = horizon_from(Attitude(*quaternion(body)), camera, mount_matrix((0, 0, 0)))
+    level = Derotation(640, 480, 1, horizon.slope)
+    # From the frame to the levelled image.
+    back = Derotation(640, 480, 1, -horizon.slope)
+    edges = []
+    for y in (15.0, -15.0):
+        ends = np.array([(700.0, y, 0.0), (-100.0, y, 0.0)]) - position
+        columns, rows = back.to_frame(*camera.project(ends @ body @ OPTICAL_FROM_BODY.T).T)
+        edges.append(EdgeFit(columns, rows, 0.01 * np.eye(2)))
+    found = locate(*edges, None, level, 0.001, camera, 30.0)
+    assert (found.y, found.z) == pytest.approx((5.0, 30.0), abs=0.02)
+    assert (found.roll, found.pitch, found.yaw) == pytest.approx(angles, abs=1e-3)
