@@ -76,7 +76,8 @@ class Pose:
         translation: (3,), m, of the body's origin.
         covariance: (6, 6), of x, y, z (m) and of small turns about the optical frame's x, y and
             z axes (rad), in geometry_msgs/PoseWithCovariance's order.
-        reprojections: (n, 2), px, where all of the rig's lights should be seen.
+        reprojections: (n, 2), px, where all of the rig's lights should be seen; NaN for those
+            that the camera cannot see.
         misfit: root mean square of the residuals per axis, px.
     """
 
@@ -290,7 +291,11 @@ class PoseEstimator:
             self.reason = 'the pose is too uncertain'
             return None
         if labels != self._all:
-            seen = camera.project(self._points.dot(rotation.T), tvec=translation)
+            places = self._points.dot(rotation.T) + translation
+            seen = camera.project(places)
+            # Behind the camera, or where its lens model may turn back.
+            ahead = np.abs(places[:, :2]) <= camera.widest * places[:, 2:]
+            seen[~ahead.all(axis=1)] = math.nan
         misfit = math.sqrt(squares / count)
         return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, misfit)
 

@@ -329,6 +329,16 @@ def test_what_cannot_be_a_pose():
     assert pose is None or np.isfinite(pose.translation).all()
 
 
+def test_a_light_behind_the_camera_is_seen_nowhere():
+    places = {'a': [0, 1, 0], 'b': [20, -4, 0], 'c': [30, 5, 0], 'd': [40, -6, 2], 'e': [45, 2, 6]}
+    deck = parse_rig({'markers': places})
+    above = np.array((0.0, 4.0, -5.0))
+    pixels = CAMERA.project(deck.positions @ OPTICAL_FROM_BODY.T + above)
+    pose = PoseEstimator(deck).estimate(CAMERA, range(1, 5), pixels[1:], 0)
+    assert np.isnan(pose.reprojections[0]).all()
+    assert pose.reprojections[1:] == pytest.approx(pixels[1:], abs=1e-3)
+
+
 def test_the_noise_follows_the_residuals():
     rng = np.random.default_rng(6)
     pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))
