@@ -41,7 +41,8 @@ ANGLE_COLUMNS = ('roll', 'pitch', 'yaw', 'roll_deg', 'pitch_deg', 'yaw_deg')
 _AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 _UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
 COVARIANCE_COLUMNS = tuple(f'cov_{_AXES[row]}_{_AXES[column]}' for row, column in _UPPER)
-"""m and rad: of the position, and of small turns about the axes of the pose's frame."""
+"""m and rad: of the position, and of small turns about the axes of the pose's frame; of roll, pitch
+and yaw in the runway detector's ``~/pose``."""
 _STRAIGHT: Matrix = np.eye(3)
 KEYS = ('flight', 'stamp_ns', 'stamp', 'row')
 """The columns that every table begins with."""
