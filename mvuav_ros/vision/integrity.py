@@ -285,7 +285,7 @@ def protection_levels(
     by_calibration = shifts[:, :, :3]
     variances = np.einsum('kii->ki', covariances)
     variances = variances + np.einsum('kij,kij->ki', by_calibration, by_calibration)
-    distance = math.hypot(*translation.tolist())
+    distance = rig.distance(rotation, translation)
     limits = np.array([(MAX_DISTANCE_SIGMA * distance) ** 2] * 3 + [MAX_TURN_SIGMA**2] * 3)
     # Rounding may make the variance of a degenerate set negative.
     monitored = ((variances >= 0.0) & (variances <= limits)).all(axis=1)

@@ -133,6 +133,7 @@ class PoseEstimator:
     """
 
     def __init__(self, rig: MarkerRig) -> None:
+        self._rig = rig
         self._points = np.ascontiguousarray(rig.positions)
         self._all = list(range(len(self._points)))
         self.reset()
@@ -287,7 +288,8 @@ class PoseEstimator:
             shown = math.sqrt(squares / (count - 6)) if count > 6 else 0.0
             spread = spread * max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2
         share = TUNING.of_three if count == 2 * MIN_MARKERS else 1.0
-        if spread is None or not _is_known(spread, translation, share):
+        distance = self._rig.distance(rotation, translation)
+        if spread is None or not _is_known(spread, distance, share):
             self.reason = 'the pose is too uncertain'
             return None
         if labels != self._all:
@@ -306,14 +308,13 @@ def _most_misfit(view: Reprojection) -> float:
     return max(TUNING.max_misfit, TUNING.max_relative_misfit * span)
 
 
-def _is_known(spread: Array, translation: Array, share: float) -> bool:
+def _is_known(spread: Array, distance: float, share: float) -> bool:
     """Whether turns and places are known well enough to publish, in a share of the limits."""
     variances: list[float] = spread.diagonal().tolist()
     if not math.isfinite(sum(variances)):
         return False
     turned = math.sqrt(max(*variances[:3], 0.0))
     moved = math.sqrt(max(*variances[3:], 0.0))
-    distance = math.hypot(*translation.tolist())
     known = moved <= share * TUNING.max_distance_error * distance
     return known and turned <= share * TUNING.max_turn_error
 

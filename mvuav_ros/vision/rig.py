@@ -87,6 +87,19 @@ class MarkerRig:
         positions.setflags(write=False)
         return positions
 
+    @cached_property
+    def middle(self) -> NDArray[np.float64]:
+        """(3,), m, the mean of the positions."""
+        return np.asarray(self.positions.mean(axis=0))
+
+    def distance(self, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> float:
+        """From the camera that sees it so (m) to its origin, or its middle where that is farther.
+
+        Errors of a pose are measured by it: a camera may come to the origin, but not to the lights.
+        """
+        middle = rotation.dot(self.middle) + translation
+        return max(math.hypot(*translation.tolist()), math.hypot(*middle.tolist()))
+
     @property
     def reach(self) -> float:
         """The greatest distance of a light from the x axis, m."""

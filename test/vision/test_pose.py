@@ -11,6 +11,7 @@ from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
+from mvuav_ros.vision.integrity import protection_levels
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.reprojection import Reprojection, projection_derivatives
@@ -337,6 +338,20 @@ def test_a_light_behind_the_camera_is_seen_nowhere():
     pose = PoseEstimator(deck).estimate(CAMERA, range(1, 5), pixels[1:], 0)
     assert np.isnan(pose.reprojections[0]).all()
     assert pose.reprojections[1:] == pytest.approx(pixels[1:], abs=1e-3)
+
+
+@pytest.mark.parametrize('distance', [20.0, 1.0, 0.0])
+def test_a_camera_may_come_to_the_origin_of_a_body_whose_lights_are_ahead(distance):
+    """As to a place to land at, from where the lights of a deck are seen."""
+    places = {'a': [20, 5, 0], 'b': [20, -5, 1], 'c': [21, 3, 5], 'd': [19, -4, 6], 'e': [24, 0, 3]}
+    deck, ahead = parse_rig({'markers': places}), np.array((0.0, 0.0, distance))
+    pixels = CAMERA.project(deck.positions @ OPTICAL_FROM_BODY.T + ahead)
+    estimator = PoseEstimator(deck)
+    pose = estimator.estimate(CAMERA, range(5), pixels, 0)
+    assert pose is not None, estimator.reason
+    assert pose.translation == pytest.approx(ahead, abs=1e-6)
+    given = CAMERA, deck, range(5), pixels, pose.rotation, pose.translation, 0.05
+    assert protection_levels(*given).reason == ''
 
 
 def test_the_noise_follows_the_residuals():
