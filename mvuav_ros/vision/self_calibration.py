@@ -162,8 +162,8 @@ class SelfCalibration:
     def __init__(self, points: Array, camera: CameraModel) -> None:
         """Begin with a rig's markers (n, 3), m, and the calibration that is to be checked."""
         self._points = np.asarray(points, np.float64)
-        middle = self._points.mean(axis=0)
-        self._size = float(np.linalg.norm(self._points - middle, axis=1).max()) or 1.0
+        self._middle = self._points.mean(axis=0)
+        self._size = float(np.linalg.norm(self._points - self._middle, axis=1).max()) or 1.0
         self._camera = camera
         self._frames: list[_Frame] = []
         self._estimate: Estimate | None = None
@@ -191,9 +191,12 @@ class SelfCalibration:
         frame = _Frame(*found, np.eye(3), np.zeros(3))
         model = self._model(self._value)
         poses = frame.view(*model).closed_forms()
-        if not poses or not np.isfinite(poses[0][0]).all() or poses[0][1][2] <= 0.0:
+        if not poses:
             return False
-        frame = _Frame(*found, *poses[0])
+        rotation, translation = poses[0]
+        if not rotation[2].dot(self._middle) + translation[2] > 0.0:
+            return False
+        frame = _Frame(*found, rotation, translation)
         if self._is_odd(frame, model) and self._refused < TUNING.max_refused:
             self._refused += 1
             return False

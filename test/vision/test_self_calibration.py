@@ -42,6 +42,18 @@ def test_a_wrong_focal_length_is_found_and_named(error, seed):
     assert abs(estimate.shift - math.log(TRUE_FOCAL / flight.matrix[0, 0])) < 3 * estimate.deviation
 
 
+def test_a_body_whose_origin_is_behind_the_camera_is_checked_as_well():
+    flight = MarkerFlight(Scene(focal_error=0.3), 7)
+    truth = flight.truth(0)
+    labels = np.flatnonzero(truth.whole)
+    estimates = []
+    for ahead in (0.0, 200.0):
+        check = SelfCalibration(np.add(flight.rig, (ahead, 0.0, 0.0)), camera_of(flight))
+        assert check.add(labels.tolist(), truth.pixels[labels])
+        estimates.append(check.estimate().shift)
+    assert estimates[0] == pytest.approx(estimates[1], abs=1e-4)
+
+
 def test_one_frame_is_enough_for_a_gross_error():
     estimate = checked(MarkerFlight(Scene(focal_error=0.3), 7), frames=[0])
     assert estimate.contradicts and estimate.deviation < 0.05
