@@ -87,7 +87,7 @@ class Board:
     def find(self, gray: Pixels) -> BoardView | None:
         """The board in an image (height, width), uint8 or uint16; None where it is not seen."""
         gray = np.ascontiguousarray(in_eight_bits(gray))
-        scale = min(1.0, SEARCH_SIDE / max(gray.shape))
+        scale = _scale_to(SEARCH_SIDE, gray)
         small = gray
         if scale < 1.0:
             small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -179,6 +179,11 @@ def _nearest(pixels: Array) -> float:
     return float(apart.min())
 
 
+def _scale_to(longest: float, gray: Pixels) -> float:
+    """By which an image is shrunk to a longest side (px), but not to no rows or columns at all."""
+    return float(min(1.0, max(longest / max(gray.shape), 1.0 / min(gray.shape))))
+
+
 def in_eight_bits(gray: Pixels) -> Pixels:
     """A grey image in uint8; of uint16 from its darkest to its brightest: a camera may use 12."""
     if gray.dtype == np.uint8:
@@ -189,7 +194,7 @@ def in_eight_bits(gray: Pixels) -> Pixels:
 
 def sharpness(gray: Pixels) -> float:
     """Of neighbouring images of one scene the sharper one has more; grey levels squared."""
-    scale = min(1.0, 0.5 * SEARCH_SIDE / max(gray.shape))
+    scale = _scale_to(0.5 * SEARCH_SIDE, gray)
     small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return float(cv2.Laplacian(small, cv2.CV_32F).var())
 

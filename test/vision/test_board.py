@@ -6,7 +6,7 @@ import pytest
 from support.boards import BOARD, LENSES, SIZE, view_of
 
 from mvuav_ros.simulation.board_video import BoardVideo
-from mvuav_ros.vision.board import Board, BoardError, different_views
+from mvuav_ros.vision.board import Board, BoardError, different_views, sharpness
 
 NO_ARUCO = not hasattr(cv2, 'aruco')
 
@@ -38,6 +38,12 @@ def test_an_image_without_a_board_has_none():
     rng = np.random.default_rng(1)
     assert BOARD.find(np.full((480, 640), 90, np.uint8)) is None
     assert BOARD.find(rng.integers(0, 256, (240, 320)).astype(np.uint8)) is None
+
+
+@pytest.mark.parametrize('shape', [(1, 2000), (2000, 1), (1, 1)])
+def test_an_image_of_one_row_has_none(shape):
+    line = np.full(shape, 90, np.uint8)
+    assert BOARD.find(line) is None and sharpness(line) == 0.0
 
 
 @pytest.mark.skipif(NO_ARUCO, reason='this OpenCV has no aruco')
