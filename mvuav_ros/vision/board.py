@@ -70,8 +70,13 @@ class Board:
     marker: float = 0.75
 
     def __post_init__(self) -> None:
-        if min(self.columns, self.rows) < 2 or max(self.columns, self.rows) < 3:
-            raise BoardError(f'{self.columns}x{self.rows} inner corners are too few: 3x2 at least')
+        # OpenCV looks for no smaller checkerboard, and `find` takes no smaller ChArUco board.
+        count, fewest = self.columns * self.rows, min(self.columns, self.rows)
+        if fewest < 2 or (count < MIN_CORNERS if self.dictionary else fewest < 3):
+            least = f'{MIN_CORNERS} in two rows' if self.dictionary else '3x3'
+            raise BoardError(
+                f'{self.columns}x{self.rows} inner corners are too few: {least} at least'
+            )
         if not 0.0 < self.square < 100.0:
             raise BoardError(f'squares of {self.square:g} m cannot be; write metres, such as 0.03')
         if self.dictionary and not 0.0 < self.marker < 1.0:

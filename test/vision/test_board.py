@@ -73,6 +73,11 @@ def test_a_charuco_board_is_found_in_part_as_well(rows):
 def test_boards_that_cannot_be():
     with pytest.raises(BoardError, match='too few'):
         Board(9, 1, 0.03)
+    with pytest.raises(BoardError, match='9x2 inner corners are too few: 3x3 at least'):
+        Board(9, 2, 0.03)
+    with pytest.raises(BoardError, match='too few: 12 in two rows at least'):
+        Board(5, 2, 0.03, 'DICT_5X5_100')
+    assert Board(3, 3, 0.03).find(np.full((100, 100), 90, np.uint8)) is None
     with pytest.raises(BoardError, match='write metres'):
         Board(9, 6, 0.0)
     with pytest.raises(BoardError, match=r'no ArUco dictionary|has no aruco'):
