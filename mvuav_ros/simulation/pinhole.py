@@ -14,6 +14,8 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.vision.frames import Matrix, Vector, read_only
 
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
+_MAX_COEFFICIENT = 1e6
+"""Of any distortion that a lens might have, and far below what overflows."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,7 @@ def parse_distortion(text: str) -> tuple[float, float, float, float, float]:
         numbers = [float(word) for word in text.replace(',', ' ').split()]
     except ValueError:
         numbers = []
-    if len(numbers) not in (4, 5) or not all(map(math.isfinite, numbers)):
+    if len(numbers) not in (4, 5) or not all(abs(number) < _MAX_COEFFICIENT for number in numbers):
         reason = f'takes k1, k2, p1, p2 and perhaps k3, not {text!r}'
         raise ParameterError('distortion', reason)
     k1, k2, p1, p2, k3 = (*numbers, 0.0)[:5]

@@ -282,6 +282,7 @@ def test_a_body_can_be_flown_past(tmp_path):
         ({'occlusions': 'rudder@1-3, left_wing@2-4'}, 'occlusions'),
         ({'distortion': '1 2 3'}, 'distortion'),
         ({'distortion': '-3 0 0 0'}, 'distortion'),
+        ({'distortion': '1e308 1e308 0 0 1e308'}, 'distortion'),
         ({'failures': 'nose@1-2'}, 'failures'),
         ({'layout': '/no/such/file.yaml'}, 'layout'),
     ],
