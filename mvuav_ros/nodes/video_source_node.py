@@ -29,12 +29,18 @@ SETTLING_TIME = 0.3
 """Seconds from the moment that we see a subscriber until it surely sees us."""
 _LONGEST_GAP = 5.0
 """Seconds; a recording that pauses longer goes on after this."""
+_LOOK_INTERVAL = 0.2
+"""Seconds after which another rate counts for the frame that is waited for."""
 
 
 class Pace:
-    """Waits until a frame is due, by its stamp or at a fixed rate."""
+    """Waits until a frame is due, by its stamp or at a fixed rate.
 
-    def __init__(self) -> None:
+    ``rate`` gives the latter, Hz, at any moment; 0: by the stamps.
+    """
+
+    def __init__(self, rate: Callable[[], float]) -> None:
+        self._rate = rate
         self._last_stamp_ns: int | None = None
         self._due = 0.0
 
@@ -42,22 +48,26 @@ class Pace:
         """Go on from the next frame, after a pause."""
         self._last_stamp_ns = None
 
-    def wait(self, stamp_ns: int, rate: float, stop: Event) -> None:
-        """Sleep until the frame is due or ``stop`` is set; a ``rate`` of 0: by the stamps, ns."""
-        now = time.monotonic()
-        if self._last_stamp_ns is None:
-            self._due = now
-        elif rate > 0:
-            self._due += 1.0 / rate
-        else:
-            gap = (stamp_ns - self._last_stamp_ns) * 1e-9
-            self._due += min(max(gap, 0.0), _LONGEST_GAP)
-        self._last_stamp_ns = stamp_ns
-        if self._due > now:
-            stop.wait(self._due - now)
-        elif now - self._due > 1.0:
+    def wait(self, stamp_ns: int, stop: Event) -> None:
+        """Sleep until the frame of a stamp, ns, is due or ``stop`` is set."""
+        last, self._last_stamp_ns = self._last_stamp_ns, stamp_ns
+        if last is None:
+            self._due = time.monotonic()
+            return
+        gap = (stamp_ns - last) * 1e-9
+        self._sleep(min(max(gap, 0.0), _LONGEST_GAP), stop)
+
+    def _sleep(self, gap: float, stop: Event) -> None:
+        before = self._due
+        while True:
+            rate = self._rate()
+            self._due = before + (1.0 / rate if rate > 0 else gap)
+            left = self._due - time.monotonic()
+            if left <= 0 or stop.wait(min(left, _LOOK_INTERVAL)):
+                break
+        if left < -1.0:
             # Too slow for the pace: go on from here instead of racing to catch up.
-            self._due = now
+            self._due -= left
 
 
 class SourcePlayer:
@@ -142,7 +152,7 @@ class SourcePlayer:
 
     def _play(self) -> None:
         """The source once from the start, then wait for a restart unless it loops."""
-        pace, count, bad = Pace(), 0, 0
+        pace, count, bad = Pace(lambda: self._node.current.rate), 0, 0
         try:
             for frame in self._source.frames():
                 if not self._due(frame, pace):
@@ -158,14 +168,17 @@ class SourcePlayer:
 
     def _due(self, frame: Frame | BadFrame, pace: Pace) -> bool:
         """Wait until a frame is due; False where it is not wanted any more."""
-        if not self._running.is_set():
-            self._running.wait()
-            pace.resume()
-        unwanted = self._stop.is_set() or self._rewind
-        if unwanted or self._source.live or isinstance(frame, BadFrame):
-            return not unwanted
-        pace.wait(frame.stamp_ns, self._node.current.rate, self._interrupt)
-        return not self._rewind
+        is_paced = not (self._source.live or isinstance(frame, BadFrame))
+        while not (self._stop.is_set() or self._rewind):
+            if self.paused:
+                self._running.wait()
+                pace.resume()
+            elif is_paced:
+                pace.wait(frame.stamp_ns, self._interrupt)
+                is_paced = self.paused
+            else:
+                return True
+        return False
 
     def _send(self, frame: Frame | BadFrame) -> bool:
         if isinstance(frame, BadFrame):
