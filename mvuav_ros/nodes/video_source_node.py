@@ -18,6 +18,7 @@ from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.publishing import FramePublisher, Listener
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.sources.calibration import load_calibration
+from mvuav_ros.sources.files import DEFAULT_RATE
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import ImageError
@@ -39,8 +40,9 @@ class Pace:
     ``rate`` gives the latter, Hz, at any moment; 0: by the stamps.
     """
 
-    def __init__(self, rate: Callable[[], float]) -> None:
-        self._rate = rate
+    def __init__(self, rate: Callable[[], float], spacing: float = 0.0) -> None:
+        """The first frame is due at once; a frame alone lasts for ``spacing``, s, by the stamps."""
+        self._rate, self._spacing = rate, spacing
         self._last_stamp_ns: int | None = None
         self._due = 0.0
 
@@ -55,7 +57,13 @@ class Pace:
             self._due = time.monotonic()
             return
         gap = (stamp_ns - last) * 1e-9
+        if gap > 0:
+            self._spacing = min(gap, _LONGEST_GAP)
         self._sleep(min(max(gap, 0.0), _LONGEST_GAP), stop)
+
+    def wait_for_end(self, stop: Event) -> None:
+        """Sleep until the last frame has lasted as long as the one before it."""
+        self._sleep(self._spacing, stop)
 
     def _sleep(self, gap: float, stop: Event) -> None:
         before = self._due
@@ -152,9 +160,10 @@ class SourcePlayer:
 
     def _play(self) -> None:
         """The source once from the start, then wait for a restart unless it loops."""
-        pace, count, bad = Pace(lambda: self._node.current.rate), 0, 0
+        source, count, bad = self._source, 0, 0
+        pace = Pace(lambda: self._node.current.rate, 1.0 / (source.rate or DEFAULT_RATE))
         try:
-            for frame in self._source.frames():
+            for frame in source.frames():
                 if not self._due(frame, pace):
                     return
                 sent = self._send(frame)
@@ -164,7 +173,7 @@ class SourcePlayer:
             self._status.state = 'retrying'
             self._stop.wait(RETRY_INTERVAL)
             return
-        self._at_end(count, bad)
+        self._at_end(count, bad, pace)
 
     def _due(self, frame: Frame | BadFrame, pace: Pace) -> bool:
         """Wait until a frame is due; False where it is not wanted any more."""
@@ -191,10 +200,11 @@ class SourcePlayer:
             return False
         return True
 
-    def _at_end(self, count: int, bad: int) -> None:
+    def _at_end(self, count: int, bad: int, pace: Pace) -> None:
         if errors := self._source.account.errors:
             self._warn('; '.join(errors), throttled=False)
         if self._node.current.loop and count:
+            pace.wait_for_end(self._interrupt)
             return
         self._status.state = 'ended'
         skipped = f', {bad} unusable' if bad else ''

@@ -343,3 +343,20 @@ def test_no_frame_comes_after_a_pause_although_it_is_waited_for(clock):
     player._play()
     assert [seen for _, seen in go_on] == [[0]]
     assert sent == [0, 1_000_000_000]
+
+
+def test_the_last_frame_of_a_pass_lasts_like_the_one_before_it(clock):
+    """A single image was published as fast as the machine could, whatever the rate."""
+    node = Logged()
+    node.current = VideoSourceParameters(loop=True)
+    player, sent = played(node, Two())
+    player._interrupt = clock.event
+    player._play()
+    assert (sent, clock.now) == ([0, 1_000_000_000], pytest.approx(2.0))
+    pace = Pace(lambda: 0.0, spacing=0.04)
+    for _ in range(2):
+        clock.now = 0.0
+        pace.resume()
+        pace.wait(0, clock.event)
+        pace.wait_for_end(clock.event)
+        assert clock.now == pytest.approx(0.04)
