@@ -164,6 +164,9 @@ class SourcePlayer:
         pace = Pace(lambda: self._node.current.rate, 1.0 / (source.rate or DEFAULT_RATE))
         try:
             for frame in source.frames():
+                if source.live and self.paused:
+                    # Held back, they would be old when the camera goes on.
+                    continue
                 if not self._due(frame, pace):
                     return
                 sent = self._send(frame)
@@ -179,7 +182,7 @@ class SourcePlayer:
         """Wait until a frame is due; False where it is not wanted any more."""
         is_paced = not (self._source.live or isinstance(frame, BadFrame))
         while not (self._stop.is_set() or self._rewind):
-            if self.paused:
+            if self.paused and not self._source.live:
                 self._running.wait()
                 pace.resume()
             elif is_paced:

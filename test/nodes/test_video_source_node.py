@@ -360,3 +360,21 @@ def test_the_last_frame_of_a_pass_lasts_like_the_one_before_it(clock):
         pace.wait(0, clock.event)
         pace.wait_for_end(clock.event)
         assert clock.now == pytest.approx(0.04)
+
+
+def test_what_a_camera_sees_during_a_pause_is_left():
+    """It was sent when the camera went on, with the stamp of the pause."""
+    player, sent = played(Logged(), camera := Two())
+
+    def frames():
+        yield Frame(0, '', None)
+        player.pause()
+        yield Frame(1, '', None)
+        player.resume()
+        yield Frame(2, '', None)
+
+    camera.live, camera.frames = True, frames
+    player._at_end = lambda *_: None
+    player._running.wait = player.resume  # in place of waiting for ever
+    player._play()
+    assert sent == [0, 2]
