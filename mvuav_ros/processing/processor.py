@@ -158,7 +158,7 @@ class Processor(ABC):
             frame: the image.
             given: the node's parameters.
         """
-        self.frames_problem, vehicle = '', camera
+        vehicle = camera
         # tf2 takes neither a frame without a name nor one that begins with a slash.
         own = given.camera_frame or frame.frame_id.lstrip('/')
         if given.base_frame:
@@ -264,5 +264,6 @@ class Processor(ABC):
             self.resets += 1
         if frame.camera is not None and self.uses_camera_info:
             self.set_camera(frame.camera)
+        self.frames_problem = ''
         yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))
         self._last_stamp_ns = frame.stamp_ns

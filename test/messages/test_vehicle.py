@@ -35,6 +35,7 @@ from mvuav_ros.vision.frames import (
     quaternion,
     rpy,
 )
+from mvuav_ros.vision.image import Image
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 TF = '/tf'
@@ -197,6 +198,10 @@ def test_a_mount_that_nobody_told_is_said():
     fly_tanker(processor)
     assert 'base_link is taken for the camera' in processor.frames_problem
     assert f'does not lead from base_link to {CAMERA}' in processor.frames_problem
+    # Of a frame without a pose nothing is missing there.
+    dark = Image(np.zeros((480, 640), np.uint8), 'mono8')
+    list(processor.process(Frame(2 * 10**18, CAMERA, dark)))
+    assert processor.frames_problem == ''
 
 
 def test_the_covariance_of_the_vehicle_has_the_cameras_lever():
