@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,7 @@ class TrackedFrame:
 
 
 def track(
-    source: str | Path | FrameSource,
+    source: str | Path | int | FrameSource,
     camera: CameraModel | str | Path | None = None,
     rig: MarkerRig | str | Path | None = None,
     parameters: MarkerTrackerParameters | None = None,
@@ -107,7 +108,9 @@ def track(
     given = load_calibration(camera) if isinstance(camera, (str, Path)) else camera
     body = load_rig(rig) if isinstance(rig, (str, Path)) else rig
     tracker = MarkerTracker(parameters, body)
-    opened = open_source(str(source)) if isinstance(source, (str, Path)) else source
+    opened: Any = source
+    if not hasattr(opened, 'frames'):
+        opened = open_source(opened)
     if given is not None and opened.is_rectified:
         given = given.rectified()
     return _tracked(opened, given, tracker)

@@ -32,7 +32,7 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.sources.opening import camera_model, make_flight
-from mvuav_ros.sources.source import FrameSource
+from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.image import ImageError
 from mvuav_ros.vision.rig import RigError
@@ -249,3 +249,12 @@ def test_without_a_calibration_there_is_a_reason_for_no_pose(tmp_path: Path) -> 
 def test_a_calibration_beyond_belief_is_none_to_be_tracked_with() -> None:
     bent = CameraModel(640, 480, (1, 0, 0, 0, 1, 0, 0, 0, 1), (-10, 100, 1, 1, -1000))
     assert len(list(track('sim:tanker?motion=roll&frames=25', camera=bent))) == 25
+
+
+def test_a_source_is_named_by_a_text_a_path_or_a_number(tmp_path: Path) -> None:
+    file = tmp_path / 'dark.png'
+    cv2.imwrite(str(file), GRAY)
+    assert open_source(file).count == len(list(track(file))) == 1
+    assert open_source(0).live
+    with pytest.raises(SourceError, match='None: there is no such file'):
+        track(None)  # type: ignore[arg-type]
