@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,6 +32,7 @@ from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.sources.opening import camera_model, make_flight
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError
@@ -258,3 +260,10 @@ def test_a_source_is_named_by_a_text_a_path_or_a_number(tmp_path: Path) -> None:
     assert open_source(0).live
     with pytest.raises(SourceError, match='None: there is no such file'):
         track(None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('made', [MarkerTracker, RunwayDetector, ApproachDetector])
+@pytest.mark.parametrize('wrong', [{'mode': 'track'}, 'mine.yaml', VideoSourceParameters()])
+def test_parameters_of_another_kind_are_refused_at_once(made: Any, wrong: object) -> None:
+    with pytest.raises(TypeError, match=r'must be .*DetectorParameters|must be MarkerTrackerP'):
+        made(wrong)
