@@ -51,6 +51,10 @@ class DetectorStatus:
         """``running`` or ``disabled``."""
         return 'running' if self._answerer.enabled else 'disabled'
 
+    def explain_no_images(self, images: InputState) -> str:
+        """Why no images come, by the newest `report`."""
+        return explain_no_images(images, self._monitor.lost)
+
     def report(self, name: str, images: InputState, notes: Sequence[str]) -> DiagnosticStatus:
         """The status of the last seconds; `FrameAnswerer.lock` is held by the caller.
 
@@ -63,7 +67,7 @@ class DetectorStatus:
             never = statistics.received == 0
             level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
             since = '' if never else f' for {WINDOW:.0f} s'
-            problems = [f'no images{since}: {explain_no_images(images)}']
+            problems = [f'no images{since}: {self.explain_no_images(images)}']
         elif self._answerer.enabled:
             problems += statistics.problems()
             if (count := len(images.publishers)) > 1:
@@ -286,5 +290,6 @@ class VisionNode(ManagedNode):
         """Warn once when no images have come for a while."""
         quiet = self._answerer.enabled and self._answerer.statistics.quiet_for >= WINDOW
         if quiet and not self._reported_silence:
-            self.get_logger().warning(f'no images for {WINDOW:.0f} s: {explain_no_images(images)}')
+            why = self._status.explain_no_images(images)
+            self.get_logger().warning(f'no images for {WINDOW:.0f} s: {why}')
         self._reported_silence = quiet
