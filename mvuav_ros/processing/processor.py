@@ -13,7 +13,7 @@ from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
 
 
 class DuplicateStampError(ValueError):
@@ -232,6 +232,10 @@ class Processor(ABC):
         camera = self._camera
         if camera is None:
             return 'none'
+        try:
+            camera.check(camera.width, camera.height)
+        except CalibrationError as error:
+            return f'none: {error}'
         if camera.is_rectified:
             return 'P: the images are rectified'
         return f'K and d ({camera.distortion_model or "without a name"})'

@@ -9,6 +9,8 @@ from support.marker_scenes import image, tanker_at
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import DuplicateStampError, resolve
+from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.pose import PoseEstimator
 
 STEP_NS = 100_000_000
@@ -62,3 +64,13 @@ def test_markers_can_be_sent_before_the_pose_is_worked_out(monkeypatch):
     assert not estimated
     assert [next(outputs).topic, next(outputs).topic] == ['rpy', 'pose']
     assert estimated
+
+
+def test_a_calibration_that_cannot_be_used_is_none():
+    """All zeros, as a driver without a calibration has it, were 'K and d (without a name)'."""
+    processor = RunwayDetectorProcessor()
+    assert processor.calibration == 'none'
+    processor.set_camera(CameraModel(640, 480, (0.0,) * 9, distortion_model=''))
+    assert processor.calibration == 'none: camera_info is all zeros: the camera is not calibrated'
+    processor.set_camera(CameraModel(640, 480, (500.0, 0, 320, 0, 500.0, 240, 0, 0, 1)))
+    assert processor.calibration == 'K and d (plumb_bob)'
