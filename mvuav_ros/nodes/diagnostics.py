@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from mvuav_ros.nodes.image_input import InputEvents, InputState
 from mvuav_ros.nodes.running import PROFILE
+from mvuav_ros.parameters.common_parameters import TRANSPORTS
 from mvuav_ros.vision.image import Image
 
 WINDOW = 5.0
@@ -242,9 +243,12 @@ def _lost_why(events: InputEvents) -> str:
 
 def _instead(topic: str, others: Sequence[tuple[str, str]]) -> str:
     """What there is in place of a topic that nobody publishes."""
-    coded = f'{topic}/compressed'
-    if (coded, 'CompressedImage') in others:
-        return f'; there is {coded}: set image_transport to compressed'
+    above, _, last = topic.rpartition('/')
+    images = above if last in TRANSPORTS else topic
+    beside = {'raw': (images, 'Image'), 'compressed': (f'{images}/compressed', 'CompressedImage')}
+    for transport, other in beside.items():
+        if other in others:
+            return f'; there is {other[0]}: set image_transport to {transport}'
     raw = [name for name, kind in others if kind == 'Image']
     return f'; there is {", ".join(raw[:_MAX_NAMED])}: remap image_raw' if raw else ''
 

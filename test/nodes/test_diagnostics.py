@@ -182,6 +182,8 @@ def test_reasons_for_silence():
     assert why(now) == '/cam publishes /image_raw with an incompatible QoS (best effort …)'
     coded = nothing._replace(others=[('/image_raw/compressed', 'CompressedImage')])
     assert 'set image_transport to compressed' in why(coded)
+    raw = coded._replace(topic='/image_raw/ffmpeg', others=[('/image_raw', 'Image')])
+    assert why(raw).endswith('there is /image_raw: set image_transport to raw')
     elsewhere = nothing._replace(others=[('/nose/image', 'Image')])
     assert why(elsewhere).endswith('there is /nose/image: remap image_raw')
 
