@@ -153,9 +153,11 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
 
     # ros2 launch does not take an empty value: '' reaches it as two quotes, or not at all.
     has_source = given['source'].strip('\'"') not in ('', 'none')
+    offered = ['raw'] if 'one_process' in switches else ['raw', 'compressed']
+    if has_source and given['transport'] not in offered:
+        words = ' or '.join(f'transport:={name}' for name in offered)
+        raise RuntimeError(f'transport: detectors take the images of a source by {words}')
     if 'one_process' in switches:
-        if has_source and given['transport'] != 'raw':
-            raise RuntimeError('one_process: a source and its detectors take transport:=raw')
         nodes = [NODES[name] for name in names] + ['video_source'] * has_source
         settings = {**(playing if has_source else {}), **seeing}
         return [node('vision_process', settings, '--nodes', ','.join(nodes))]

@@ -153,6 +153,7 @@ def test_every_transport_of_the_nodes_can_be_chosen(launch, transport):
         ({'params_file': '/nowhere.yaml'}, '/nowhere.yaml does not exist'),
         ({'detectors': 'markers,lights'}, "'lights' is not one of markers, runway"),
         ({'one_process': 'true', 'transport': 'compressed'}, 'transport:=raw'),
+        ({'transport': 'ffmpeg'}, 'transport:=raw or transport:=compressed'),
     ],
 )
 def test_mistakes_are_named(launch, given, words):
