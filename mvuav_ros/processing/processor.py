@@ -269,5 +269,6 @@ class Processor(ABC):
         if frame.camera is not None and self.uses_camera_info:
             self.set_camera(frame.camera)
         self.frames_problem = ''
-        yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))
+        # Beforehand, as what looks at a frame may know its stamp before it refuses the image.
         self._last_stamp_ns = frame.stamp_ns
+        yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))

@@ -2,15 +2,18 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.boards import LENSES
 from support.marker_scenes import image, tanker_at
 
 from mvuav_ros.messages.images import Frame
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import DuplicateStampError, resolve
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Image, ImageError
 from mvuav_ros.vision.pose import PoseEstimator
 
 STEP_NS = 100_000_000
@@ -74,3 +77,13 @@ def test_a_calibration_that_cannot_be_used_is_none():
     assert processor.calibration == 'none: camera_info is all zeros: the camera is not calibrated'
     processor.set_camera(CameraModel(640, 480, (500.0, 0, 320, 0, 500.0, 240, 0, 0, 1)))
     assert processor.calibration == 'K and d (plumb_bob)'
+
+
+def test_a_stamp_behind_that_of_an_image_that_is_refused_is_a_jump_back():
+    """It was an internal error."""
+    processor = MarkerTrackerProcessor(MarkerTrackerParameters(channel='red'))
+    results(processor, 1)
+    odd = Image(np.zeros((48, 65, 2), np.uint8), 'yuv422')
+    with pytest.raises(ImageError, match='does not convert'):
+        list(processor.process(replace(frame(3), image=odd)))
+    assert results(processor, 2) and processor.resets == 1
