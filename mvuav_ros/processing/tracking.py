@@ -19,7 +19,7 @@ from mvuav_ros.sources.source import FrameSource
 from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
-from mvuav_ros.vision.image import Image, as_image
+from mvuav_ros.vision.image import Image, ImageError, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.identity_tracker import Reporter
 from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, named_places
@@ -126,11 +126,7 @@ def _tracked(
         for frame in source.frames():
             if isinstance(frame, BadFrame) or frame.stamp_ns == last_ns:
                 reason = frame.reason if isinstance(frame, BadFrame) else 'a stamp came twice'
-                has_names = not tracker.parameters.mode.endswith('_any')
-                nothing = Reporter(tracker.rig).nothing(reason) if has_names else MarkerResult(())
-                yield TrackedFrame(
-                    frame.stamp_ns, None, nothing, math.nan, None, reason, used, tracker.rig
-                )
+                yield _without_image(frame, tracker, used, reason)
                 continue
             if last_ns is not None and frame.stamp_ns < last_ns:
                 tracker.reset()
@@ -145,9 +141,21 @@ def _tracked(
                 used = now
                 poses.reset()
                 tracker.set_camera(used if tracker.parameters.pose else None)
-            yield _answer(frame, tracker, poses, used)
+            try:
+                answer = _answer(frame, tracker, poses, used)
+            except ImageError as error:
+                answer = _without_image(frame, tracker, used, str(error))
+            yield answer
     finally:
         source.close()
+
+
+def _without_image(
+    frame: Frame | BadFrame, tracker: MarkerTracker, camera: CameraModel | None, reason: str
+) -> TrackedFrame:
+    has_names = not tracker.parameters.mode.endswith('_any')
+    nothing = Reporter(tracker.rig).nothing(reason) if has_names else MarkerResult(())
+    return TrackedFrame(frame.stamp_ns, None, nothing, math.nan, None, reason, camera, tracker.rig)
 
 
 def _answer(

@@ -176,10 +176,11 @@ class Broken(FrameSource):
 
 
 class Unreadable(Broken):
-    """Nothing but a frame that cannot be read."""
+    """Nothing but a frame that cannot be read, and one that cannot be used."""
 
     def frames(self):
         yield BadFrame(0, 'cut off')
+        yield Frame(1, 'camera', Image(np.zeros((4, 5, 2), np.uint8), 'yuyv'))
 
 
 def test_every_frame_is_answered_also_those_that_cannot_be_used() -> None:
@@ -191,9 +192,10 @@ def test_every_frame_is_answered_also_those_that_cannot_be_used() -> None:
     assert all(math.isnan(frame.roll) and frame.pose is None for frame in frames)
     assert [marker.state.name for marker in frames[2].markers.values()] == ['LOST'] * 5
     assert frames[2].markers.keys() == frames[0].markers.keys()
-    assert not next(
-        track(Unreadable(), parameters=MarkerTrackerParameters(mode='track_any'))
-    ).markers
+    parameters = MarkerTrackerParameters(mode='track_any', channel='red')
+    unread, unused = track(Unreadable(), parameters=parameters)
+    assert not unread.markers and not unused.markers
+    assert unused.image is None and 'yuyv of 5 x 4 does not convert' in unused.status
     assert source.closed
     assert draw(frames[0]).shape == (120, 160, 3)
     with pytest.raises(ValueError, match='no image'):
