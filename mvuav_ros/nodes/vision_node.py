@@ -29,6 +29,7 @@ from mvuav_ros.nodes.image_input import (
     InputState,
     IntraProcessInput,
     SynchronizedTopic,
+    camera_info_topic,
     image_topic,
 )
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
@@ -146,7 +147,7 @@ class VisionNode(ManagedNode):
         self._answerer.restart(self._results, transport, images)
         topic = image_topic(transport, images)
         # Before the images, so that a source that sees that one subscription has seen these.
-        synchronized = self._synchronized_topics(images)
+        synchronized = self._synchronized_topics()
         if self._handed_over:
             self._input = IntraProcessInput(self, images, answer, synchronized)
         else:
@@ -179,15 +180,11 @@ class VisionNode(ManagedNode):
         """Whether frames given to `take` are answered."""
         return self._input is not None
 
-    def _synchronized_topics(self, images: str) -> list[SynchronizedTopic]:
+    def _synchronized_topics(self) -> list[SynchronizedTopic]:
         processor, made = self._processor, []
         # A source in this process hands a frame over with its calibration.
         if processor.uses_camera_info and not self._handed_over:
-            # In the namespace of the images, as camera drivers and image_transport do, unless it
-            # is remapped itself.
-            topic = self.resolve_topic_name('camera_info')
-            if topic == self.resolve_topic_name('camera_info', only_expand=True):
-                topic = images.rsplit('/', 1)[0] + '/camera_info'
+            topic = camera_info_topic(self)
             made.append(
                 SynchronizedTopic(self, CameraInfo, topic, lambda: processor.awaits_camera_info)
             )
