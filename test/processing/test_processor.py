@@ -9,9 +9,13 @@ from support.marker_scenes import image, tanker_at
 
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import DuplicateStampError, resolve
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
+from mvuav_ros.simulation.runway_flight import RunwayFlight
+from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, ImageError
 from mvuav_ros.vision.pose import PoseEstimator
@@ -87,3 +91,19 @@ def test_a_stamp_behind_that_of_an_image_that_is_refused_is_a_jump_back():
     with pytest.raises(ImageError, match='does not convert'):
         list(processor.process(replace(frame(3), image=odd)))
     assert results(processor, 2) and processor.resets == 1
+
+
+def test_mode_approach_says_why_a_calibration_gives_no_pose():
+    """With one of another image size all seemed well, and there was no pose."""
+    flight = RunwayFlight(RunwaySettings(frames=1, width=320, height=240))
+    camera = camera_model(flight.camera)
+    (seen,) = (Frame(each.stamp_ns, 'camera', each.image, camera) for each in flight)
+    other = replace(seen, camera=replace(camera, width=640, height=480))
+    for shown, width, words in ((seen, 30.0, ''), (other, 0.0, ''), (other, 30.0, 'no pose: ')):
+        processor = RunwayDetectorProcessor(
+            RunwayDetectorParameters(mode='approach', runway_width=width)
+        )
+        list(processor.process(shown))
+        expected = words and f'{words}camera_info is for 640 x 480 px, the images are 320 x 240 px'
+        assert expected in processor.status
+        assert ('no pose' in processor.status) == bool(words)
