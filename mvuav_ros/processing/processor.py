@@ -178,7 +178,9 @@ class Processor(ABC):
                 f'no /tf: {child} is a child of {others} on /tf_static, and a frame has one '
                 'parent; set publish_tf to off, or name the frames otherwise'
             )
-        elif parent and child:
+        elif not (parent and child):
+            self.frames_problem = 'no /tf: the images have no frame_id; set camera_frame'
+        else:
             header = cdr_header(frame.stamp_ns, parent)
             make = partial(poses.encode_transform, placed, header, child)
             outputs.append(Output(poses.TF_TOPIC, make))

@@ -280,6 +280,15 @@ def test_a_camera_whose_frame_begins_with_a_slash():
             parameters(base_frame='/base_link')
 
 
+def test_images_without_a_frame_are_said():
+    """Nothing was on /tf, and nothing said why."""
+    processor = tanker()
+    assert TF not in fly_tanker(processor, '')[-1]
+    assert processor.frames_problem == 'no /tf: the images have no frame_id; set camera_frame'
+    assert TF in fly_tanker(named := tanker(camera_frame=CAMERA), '')[-1]
+    assert named.frames_problem == ''
+
+
 def test_a_static_transform_of_the_users_is_not_overruled():
     """robot_localization's recipe: the runway is in the map."""
     processor = runway()
