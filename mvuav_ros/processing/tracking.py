@@ -140,7 +140,7 @@ def _tracked(
             if now != used:
                 used = now
                 poses.reset()
-                tracker.set_camera(used if tracker.parameters.pose else None)
+                tracker.set_camera(used if tracker.parameters.has_pose else None)
             try:
                 answer = _answer(frame, tracker, poses, used)
             except ImageError as error:
@@ -153,7 +153,7 @@ def _tracked(
 def _without_image(
     frame: Frame | BadFrame, tracker: MarkerTracker, camera: CameraModel | None, reason: str
 ) -> TrackedFrame:
-    has_names = not tracker.parameters.mode.endswith('_any')
+    has_names = tracker.parameters.has_names
     nothing = Reporter(tracker.rig).nothing(reason) if has_names else MarkerResult(())
     return TrackedFrame(frame.stamp_ns, None, nothing, math.nan, None, reason, camera, tracker.rig)
 
@@ -163,9 +163,9 @@ def _answer(
 ) -> TrackedFrame:
     result = tracker.process(frame.image, frame.stamp_ns)
     pose, reason = None, ''
-    if camera is None and tracker.parameters.pose:
+    if camera is None and tracker.parameters.has_pose:
         reason = 'no pose: no calibration'
-    elif camera is not None and tracker.parameters.pose:
+    elif camera is not None and tracker.parameters.has_pose:
         labels, pixels = named_places(result)
         try:
             camera.check(frame.image.width, frame.image.height)

@@ -107,3 +107,11 @@ def test_mode_approach_says_why_a_calibration_gives_no_pose():
         expected = words and f'{words}camera_info is for 640 x 480 px, the images are 320 x 240 px'
         assert expected in processor.status
         assert ('no pose' in processor.status) == bool(words)
+
+
+def test_lights_without_names_need_no_calibration():
+    """Beside a camera without one a node in mode track_any warned for ever that it has no pose."""
+    processor = MarkerTrackerProcessor(MarkerTrackerParameters(mode='track_any'))
+    processor.set_camera(CameraModel(640, 480, (0.0,) * 9))
+    assert results(processor, 1) and processor.status == ''
+    assert not processor.awaits_camera_info

@@ -246,8 +246,9 @@ def test_without_a_calibration_there_is_a_reason_for_no_pose(tmp_path: Path) -> 
     cv2.imwrite(str(tmp_path / '0.png'), GRAY)
     (frame,) = track(tmp_path)
     assert frame.pose is None and 'no pose: no calibration' in frame.status
-    (frame,) = track(tmp_path, parameters=MarkerTrackerParameters(pose=False))
-    assert 'no pose' not in frame.status
+    for given in ({'pose': False}, {'mode': 'track_any'}, {'mode': 'detect_any'}):
+        (frame,) = track(tmp_path, parameters=MarkerTrackerParameters.from_mapping(given))
+        assert 'no pose' not in frame.status
 
 
 def test_a_calibration_beyond_belief_is_none_to_be_tracked_with() -> None:
