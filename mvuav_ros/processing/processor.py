@@ -265,12 +265,12 @@ class Processor(ABC):
         last = self._last_stamp_ns
         if frame.stamp_ns == last:
             raise DuplicateStampError(f'stamp {frame.stamp_ns} ns came twice')
+        self.frames_problem = ''
         if last is not None and frame.stamp_ns < last:
             self.reset()
             self.resets += 1
         if frame.camera is not None and self.uses_camera_info:
             self.set_camera(frame.camera)
-        self.frames_problem = ''
-        # Beforehand, as what looks at a frame may know its stamp before it refuses the image.
+        # Also of an image that cannot be used: the trackers have seen its stamp.
         self._last_stamp_ns = frame.stamp_ns
         yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))

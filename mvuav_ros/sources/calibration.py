@@ -50,7 +50,7 @@ def load_calibration(path: str | Path) -> CameraModel:
     except SourceError:
         raise
     except Exception as error:
-        # Beside YAMLError whatever its constructors stumble over, such as lists too deep.
+        # Beside YAMLError whatever its constructors stumble over: a width of ``.inf`` is one.
         raise SourceError(
             f'calibration {path}: not a calibration file of camera_calibration ({error})'
         ) from error

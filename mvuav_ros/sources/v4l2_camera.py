@@ -84,7 +84,7 @@ class Camera(FrameSource):
             capture.set(number, value)
         differences = []
         code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
-        got = code.to_bytes(4, 'little').decode('latin-1')
+        got = code.to_bytes(4, 'little').decode('latin-1').strip('\0')
         if wanted.pixel_format and got != wanted.pixel_format:
             differences.append(f'pixel_format is {got}, not {wanted.pixel_format}')
         for name, number, value in asked:
