@@ -6,6 +6,7 @@ import math
 from collections import deque
 from dataclasses import replace
 from functools import cache
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from mvuav_ros.parameters.common_parameters import TRANSPORTS
@@ -148,6 +149,8 @@ MAX_HELD = 5  # Images held back at a time
 _MAX_IN_VAIN = 3
 _MAX_INFOS = 50
 _MAX_ATTITUDES = 2000
+_MAX_LATE_NS = 250_000_000
+"""Of a message behind a later one on its topic, as best effort has them."""
 _MAX_GAP_NS = 250_000_000
 """Between two attitudes, for one in between to be interpolated."""
 _MAX_AGE_NS = 50_000_000  # Of an attitude after which none has come: older ones are stale
@@ -177,10 +180,13 @@ class _Pairing(Generic[InfoT, ImageT]):
 
     def add_info(self, stamp_ns: int, info: InfoT) -> None:
         """Take what belongs to images of a stamp, ns."""
-        if self._infos and stamp_ns < self._infos[-1][0]:
+        newest_ns = self._infos[-1][0] if self._infos else stamp_ns
+        if stamp_ns < newest_ns - _MAX_LATE_NS:
             # Time has jumped back, as in a bag that loops.
             self._infos.clear()
         self._infos.append((stamp_ns, info))
+        if stamp_ns < newest_ns:
+            self._infos = deque(sorted(self._infos, key=itemgetter(0)))
 
     def add_image(self, stamp_ns: int, image: ImageT) -> None:
         """Take an image with its stamp, ns."""

@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from mvuav_ros.nodes.image_input import InputEvents, InputState
 from mvuav_ros.nodes.running import PROFILE
+from mvuav_ros.parameters.common_parameters import TRANSPORTS
 from mvuav_ros.vision.image import Image
 
 WINDOW = 5.0
@@ -178,9 +179,14 @@ class StampMonitor:
 
 
 class InputMonitor:
-    """Turns counters into sentences: what happened in the last seconds, and the remedy."""
+    """Turns counters into sentences: what happened in the last seconds, and the remedy.
+
+    Attributes:
+        lost: images lost in transport in the last seconds.
+    """
 
     def __init__(self) -> None:
+        self.lost = 0
         self._history: deque[dict[str, int]] = deque(maxlen=round(WINDOW) + 1)
 
     def problems(self, events: InputEvents, stamps: StampMonitor) -> list[str]:
@@ -194,10 +200,11 @@ class InputMonitor:
         }
         self._history.append(counts)
         recent = {name: count - self._history[0][name] for name, count in counts.items()}
+        self.lost = recent['lost']
         problems = []
         skipped = max(recent['missing'] - recent['lost'], 0) + recent['skipped']
-        if recent['lost']:
-            problems.append(f'{recent["lost"]} images lost in transport: {_lost_why(events)}')
+        if self.lost:
+            problems.append(f'{self.lost} images lost in transport: {_lost_why(events)}')
         if skipped:
             problems.append(f'too slow for the camera: {skipped} images skipped; {SLOW_REMEDY}')
         elif recent['left out'] and not recent['lost']:
@@ -210,15 +217,15 @@ class InputMonitor:
         return problems
 
 
-def explain_no_images(images: InputState) -> str:
-    """Why no images come at all."""
+def explain_no_images(images: InputState, lost: int) -> str:
+    """Why no images come at all, where so many were lost in the last seconds."""
     topic, publishers, events, obstacle, others = images
     if not publishers:
         return f'nothing publishes {topic}{_instead(topic, others)}'
     said = f'{", ".join(publishers)} publishes {topic}'
     if obstacle:
         return f'{said} {obstacle}'
-    if events.lost:
+    if lost:
         return f'{said}, but every image is lost: {_lost_why(events)}'
     return f'{said}, but no image arrives: is it paused, or its camera silent? (docs/transport.md)'
 
@@ -236,9 +243,12 @@ def _lost_why(events: InputEvents) -> str:
 
 def _instead(topic: str, others: Sequence[tuple[str, str]]) -> str:
     """What there is in place of a topic that nobody publishes."""
-    coded = f'{topic}/compressed'
-    if (coded, 'CompressedImage') in others:
-        return f'; there is {coded}: set image_transport to compressed'
+    above, _, last = topic.rpartition('/')
+    images = above if last in TRANSPORTS else topic
+    beside = {'raw': (images, 'Image'), 'compressed': (f'{images}/compressed', 'CompressedImage')}
+    for transport, other in beside.items():
+        if other in others:
+            return f'; there is {other[0]}: set image_transport to {transport}'
     raw = [name for name, kind in others if kind == 'Image']
     return f'; there is {", ".join(raw[:_MAX_NAMED])}: remap image_raw' if raw else ''
 

@@ -194,6 +194,17 @@ def image_topic(transport: str, resolved: str) -> ImageTopic:
     return ImageTopic(f'{resolved}/{transport}', kind, transport)
 
 
+def camera_info_topic(node: Node) -> str:
+    """In the namespace of the images, as camera drivers and image_transport have it.
+
+    Unless it is remapped itself.
+    """
+    topic = node.resolve_topic_name('camera_info')
+    if topic == node.resolve_topic_name('camera_info', only_expand=True):
+        topic = node.resolve_topic_name('image_raw').rsplit('/', 1)[0] + '/camera_info'
+    return topic
+
+
 class _OwnThread(CallbackGroup):
     """Keeps the executor away."""
 

@@ -41,6 +41,7 @@ _ARGUMENTS = {
     'log_level': ('info', 'Log level of the nodes: debug, info, warn, error'),
 }
 """Default and description."""
+_SWITCH = ('true', 'false')
 _TRANSPORTS = list(MarkerTrackerParameters.spec('image_transport').choices)
 
 
@@ -71,7 +72,7 @@ def _declared(launch_file: str, defaults: Mapping[str, str]) -> list[DeclareLaun
     arguments = []
     for name, (default, words) in _ARGUMENTS.items():
         choices = _TRANSPORTS if name == 'transport' else None
-        if default in ('true', 'false'):
+        if default in _SWITCH:
             choices = ['true', 'false', 'True', 'False']
         more = {'choices': choices} if choices else {}
         value = defaults.get(name, default)
@@ -116,20 +117,30 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
     for name in names:
         if name not in NODES:
             raise RuntimeError(f'detectors: {name!r} is not one of {", ".join(NODES)}')
-    shared = {name: name in switches for name in ('use_sim_time', 'autostart')}
-    seeing = {**shared, 'image_transport': given['transport'], **(more or {})}
+
+    def chosen(**arguments: str) -> dict[str, Any]:
+        """Parameters by their arguments, but for those at their defaults: as the file has them."""
+        return {
+            parameter: name in switches if _ARGUMENTS[name][0] in _SWITCH else given[name]
+            for parameter, name in arguments.items()
+            if given[name] != _ARGUMENTS[name][0]
+        }
+
+    shared = chosen(use_sim_time='use_sim_time', autostart='autostart')
+    seeing = {**shared, **chosen(image_transport='transport'), **(more or {})}
     playing = {
         **shared,
-        'source': given['source'],
-        'loop': 'loop' in switches,
+        **chosen(source='source', loop='loop'),
+        **chosen(frame_id='frame_id', camera_info_url='camera_info_url'),
         'wait_for_subscribers': len(names),
-        **{name: given[name] for name in ('frame_id', 'camera_info_url') if given[name]},
     }
 
     def node(executable: str, settings: dict[str, Any], *arguments: str) -> Node:
         return Node(
             package='mvuav_ros',
             executable=executable,
+            # Settings of a named node win over a section /** of the file.
+            name=None if executable == 'vision_process' else executable,
             namespace=given['namespace'],
             parameters=[str(params_file), settings],
             remappings=_remappings(given['image_topic']),
@@ -142,12 +153,14 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
 
     # ros2 launch does not take an empty value: '' reaches it as two quotes, or not at all.
     has_source = given['source'].strip('\'"') not in ('', 'none')
+    offered = ['raw'] if 'one_process' in switches else ['raw', 'compressed']
+    if has_source and given['transport'] not in offered:
+        words = ' or '.join(f'transport:={name}' for name in offered)
+        raise RuntimeError(f'transport: detectors take the images of a source by {words}')
     if 'one_process' in switches:
-        if has_source and given['transport'] != 'raw':
-            raise RuntimeError('one_process: a source and its detectors take transport:=raw')
-        chosen = [NODES[name] for name in names] + ['video_source'] * has_source
+        nodes = [NODES[name] for name in names] + ['video_source'] * has_source
         settings = {**(playing if has_source else {}), **seeing}
-        return [node('vision_process', settings, '--nodes', ','.join(chosen))]
+        return [node('vision_process', settings, '--nodes', ','.join(nodes))]
     source = [node('video_source', playing)] if has_source else []
     return [*source, *(node(NODES[name], seeing) for name in names)]
 

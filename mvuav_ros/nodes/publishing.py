@@ -32,7 +32,7 @@ from mvuav_ros.messages.images import (
 )
 from mvuav_ros.messages.sensors import decode_camera_info, encode_camera_info, make_header
 from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes, StampMonitor
-from mvuav_ros.nodes.image_input import ReceivedImage
+from mvuav_ros.nodes.image_input import ReceivedImage, camera_info_topic
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
@@ -135,7 +135,7 @@ class FramePublisher:
         self._calibration = calibration
         self._listeners = listeners
         # Before the images, so that whoever sees those has seen these.
-        self._infos = create_result_publisher(node, CameraInfo, 'camera_info')
+        self._infos = create_result_publisher(node, CameraInfo, camera_info_topic(node))
         self._images = create_result_publisher(node, RosImage, 'image_raw')
         # Resolved first, so that a remapping of image_raw moves the compressed topic along.
         compressed = node.resolve_topic_name('image_raw') + '/compressed'

@@ -12,7 +12,7 @@ from functools import partial
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from threading import Timer
+from threading import Event, Thread
 from types import FrameType
 
 import rclpy
@@ -80,7 +80,7 @@ def _has_room(needed: int) -> bool:
 _LOG_INTERVAL = 5.0
 _PAUSE_AFTER_ERROR = 0.02
 _LONGEST_CLEANUP = 8.0
-"""Seconds; a camera that never answers must not keep a process that was asked to end."""
+"""Seconds; a camera or a server that never answers must not keep a process that is to end."""
 _USERS_MISTAKES = (
     ParameterError,
     SourceError,
@@ -99,16 +99,32 @@ class _StopRequest:
     """
 
     def __init__(self) -> None:
-        self.made = False
+        self._ends, self._status = Event(), 0
+        Thread(target=self._end_at_last, daemon=True).start()
         # From then on there is something to clean up.
         self.initialised = False
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
 
+    @property
+    def made(self) -> bool:
+        """Whether a signal came."""
+        return self._ends.is_set()
+
+    def end(self, status: int) -> None:
+        """Leave with a status at the latest when there was time enough to clean up."""
+        self._status = status
+        self._ends.set()
+
+    def _end_at_last(self) -> None:
+        self._ends.wait()
+        time.sleep(_LONGEST_CLEANUP)
+        os._exit(self._status)
+
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         if not self.initialised:
             os._exit(0)
-        self.made = True
+        self._ends.set()
 
 
 def run_nodes(
@@ -159,9 +175,7 @@ def run_nodes(
             print(_explained(error), file=sys.stderr)
             status = 2
     finally:
-        watchdog = Timer(_LONGEST_CLEANUP, os._exit, (status,))
-        watchdog.daemon = True
-        watchdog.start()
+        stop.end(status)
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()

@@ -18,6 +18,7 @@ from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.publishing import FramePublisher, Listener
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.sources.calibration import load_calibration
+from mvuav_ros.sources.files import DEFAULT_RATE
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import ImageError
@@ -29,12 +30,19 @@ SETTLING_TIME = 0.3
 """Seconds from the moment that we see a subscriber until it surely sees us."""
 _LONGEST_GAP = 5.0
 """Seconds; a recording that pauses longer goes on after this."""
+_LOOK_INTERVAL = 0.2
+"""Seconds after which another rate counts for the frame that is waited for."""
 
 
 class Pace:
-    """Waits until a frame is due, by its stamp or at a fixed rate."""
+    """Waits until a frame is due, by its stamp or at a fixed rate.
 
-    def __init__(self) -> None:
+    ``rate`` gives the latter, Hz, at any moment; 0: by the stamps.
+    """
+
+    def __init__(self, rate: Callable[[], float], spacing: float = 0.0) -> None:
+        """The first frame is due at once; a frame alone lasts for ``spacing``, s, by the stamps."""
+        self._rate, self._spacing = rate, spacing
         self._last_stamp_ns: int | None = None
         self._due = 0.0
 
@@ -42,22 +50,32 @@ class Pace:
         """Go on from the next frame, after a pause."""
         self._last_stamp_ns = None
 
-    def wait(self, stamp_ns: int, rate: float, stop: Event) -> None:
-        """Sleep until the frame is due or ``stop`` is set; a ``rate`` of 0: by the stamps, ns."""
-        now = time.monotonic()
-        if self._last_stamp_ns is None:
-            self._due = now
-        elif rate > 0:
-            self._due += 1.0 / rate
-        else:
-            gap = (stamp_ns - self._last_stamp_ns) * 1e-9
-            self._due += min(max(gap, 0.0), _LONGEST_GAP)
-        self._last_stamp_ns = stamp_ns
-        if self._due > now:
-            stop.wait(self._due - now)
-        elif now - self._due > 1.0:
+    def wait(self, stamp_ns: int, stop: Event) -> None:
+        """Sleep until the frame of a stamp, ns, is due or ``stop`` is set."""
+        last, self._last_stamp_ns = self._last_stamp_ns, stamp_ns
+        if last is None:
+            self._due = time.monotonic()
+            return
+        gap = (stamp_ns - last) * 1e-9
+        if gap > 0:
+            self._spacing = min(gap, _LONGEST_GAP)
+        self._sleep(min(max(gap, 0.0), _LONGEST_GAP), stop)
+
+    def wait_for_end(self, stop: Event) -> None:
+        """Sleep until the last frame has lasted as long as the one before it."""
+        self._sleep(self._spacing, stop)
+
+    def _sleep(self, gap: float, stop: Event) -> None:
+        before = self._due
+        while True:
+            rate = self._rate()
+            self._due = before + (1.0 / rate if rate > 0 else gap)
+            left = self._due - time.monotonic()
+            if left <= 0 or stop.wait(min(left, _LOOK_INTERVAL)):
+                break
+        if left < -1.0:
             # Too slow for the pace: go on from here instead of racing to catch up.
-            self._due = now
+            self._due -= left
 
 
 class SourcePlayer:
@@ -142,9 +160,13 @@ class SourcePlayer:
 
     def _play(self) -> None:
         """The source once from the start, then wait for a restart unless it loops."""
-        pace, count, bad = Pace(), 0, 0
+        source, count, bad = self._source, 0, 0
+        pace = Pace(lambda: self._node.current.rate, 1.0 / (source.rate or DEFAULT_RATE))
         try:
-            for frame in self._source.frames():
+            for frame in source.frames():
+                if source.live and self.paused:
+                    # Held back, they would be old when the camera goes on.
+                    continue
                 if not self._due(frame, pace):
                     return
                 sent = self._send(frame)
@@ -154,18 +176,21 @@ class SourcePlayer:
             self._status.state = 'retrying'
             self._stop.wait(RETRY_INTERVAL)
             return
-        self._at_end(count, bad)
+        self._at_end(count, bad, pace)
 
     def _due(self, frame: Frame | BadFrame, pace: Pace) -> bool:
         """Wait until a frame is due; False where it is not wanted any more."""
-        if not self._running.is_set():
-            self._running.wait()
-            pace.resume()
-        unwanted = self._stop.is_set() or self._rewind
-        if unwanted or self._source.live or isinstance(frame, BadFrame):
-            return not unwanted
-        pace.wait(frame.stamp_ns, self._node.current.rate, self._interrupt)
-        return not self._rewind
+        is_paced = not (self._source.live or isinstance(frame, BadFrame))
+        while not (self._stop.is_set() or self._rewind):
+            if self.paused and not self._source.live:
+                self._running.wait()
+                pace.resume()
+            elif is_paced:
+                pace.wait(frame.stamp_ns, self._interrupt)
+                is_paced = self.paused
+            else:
+                return True
+        return False
 
     def _send(self, frame: Frame | BadFrame) -> bool:
         if isinstance(frame, BadFrame):
@@ -178,10 +203,11 @@ class SourcePlayer:
             return False
         return True
 
-    def _at_end(self, count: int, bad: int) -> None:
+    def _at_end(self, count: int, bad: int, pace: Pace) -> None:
         if errors := self._source.account.errors:
             self._warn('; '.join(errors), throttled=False)
         if self._node.current.loop and count:
+            pace.wait_for_end(self._interrupt)
             return
         self._status.state = 'ended'
         skipped = f', {bad} unusable' if bad else ''

@@ -29,6 +29,7 @@ from mvuav_ros.nodes.image_input import (
     InputState,
     IntraProcessInput,
     SynchronizedTopic,
+    camera_info_topic,
     image_topic,
 )
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
@@ -51,6 +52,10 @@ class DetectorStatus:
         """``running`` or ``disabled``."""
         return 'running' if self._answerer.enabled else 'disabled'
 
+    def explain_no_images(self, images: InputState) -> str:
+        """Why no images come, by the newest `report`."""
+        return explain_no_images(images, self._monitor.lost)
+
     def report(self, name: str, images: InputState, notes: Sequence[str]) -> DiagnosticStatus:
         """The status of the last seconds; `FrameAnswerer.lock` is held by the caller.
 
@@ -63,7 +68,7 @@ class DetectorStatus:
             never = statistics.received == 0
             level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
             since = '' if never else f' for {WINDOW:.0f} s'
-            problems = [f'no images{since}: {explain_no_images(images)}']
+            problems = [f'no images{since}: {self.explain_no_images(images)}']
         elif self._answerer.enabled:
             problems += statistics.problems()
             if (count := len(images.publishers)) > 1:
@@ -142,7 +147,7 @@ class VisionNode(ManagedNode):
         self._answerer.restart(self._results, transport, images)
         topic = image_topic(transport, images)
         # Before the images, so that a source that sees that one subscription has seen these.
-        synchronized = self._synchronized_topics(images)
+        synchronized = self._synchronized_topics()
         if self._handed_over:
             self._input = IntraProcessInput(self, images, answer, synchronized)
         else:
@@ -175,15 +180,11 @@ class VisionNode(ManagedNode):
         """Whether frames given to `take` are answered."""
         return self._input is not None
 
-    def _synchronized_topics(self, images: str) -> list[SynchronizedTopic]:
+    def _synchronized_topics(self) -> list[SynchronizedTopic]:
         processor, made = self._processor, []
         # A source in this process hands a frame over with its calibration.
         if processor.uses_camera_info and not self._handed_over:
-            # In the namespace of the images, as camera drivers and image_transport do, unless it
-            # is remapped itself.
-            topic = self.resolve_topic_name('camera_info')
-            if topic == self.resolve_topic_name('camera_info', only_expand=True):
-                topic = images.rsplit('/', 1)[0] + '/camera_info'
+            topic = camera_info_topic(self)
             made.append(
                 SynchronizedTopic(self, CameraInfo, topic, lambda: processor.awaits_camera_info)
             )
@@ -286,5 +287,6 @@ class VisionNode(ManagedNode):
         """Warn once when no images have come for a while."""
         quiet = self._answerer.enabled and self._answerer.statistics.quiet_for >= WINDOW
         if quiet and not self._reported_silence:
-            self.get_logger().warning(f'no images for {WINDOW:.0f} s: {explain_no_images(images)}')
+            why = self._status.explain_no_images(images)
+            self.get_logger().warning(f'no images for {WINDOW:.0f} s: {why}')
         self._reported_silence = quiet

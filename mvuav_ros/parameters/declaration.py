@@ -186,6 +186,18 @@ class ParameterSet:
         """
         return cls().changed(values)
 
+    @classmethod
+    def given(cls: type[_Set], parameters: _Set | None) -> _Set:
+        """What a program gives, or the defaults for None.
+
+        Raises:
+            TypeError: it is something else.
+        """
+        if parameters is not None and not isinstance(parameters, cls):
+            kind = type(parameters).__name__
+            raise TypeError(f'parameters must be {cls.__name__} (see load_parameters), not {kind}')
+        return parameters or cls()
+
     def changed(self: _Set, values: Mapping[str, object]) -> _Set:
         """This set with some values replaced.
 

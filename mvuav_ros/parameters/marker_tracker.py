@@ -224,6 +224,16 @@ class MarkerTrackerParameters(ParameterSet):
         return self._is_ours if self.grouping == 'auto' else self.grouping == 'components'
 
     @property
+    def has_names(self) -> bool:
+        """Whether lights are those of the rig."""
+        return not self.mode.endswith('_any')
+
+    @property
+    def has_pose(self) -> bool:
+        """Whether a pose is estimated; lights without names have none."""
+        return self.pose and self.has_names
+
+    @property
     def _is_ours(self) -> bool:
         """Whether tracking is not the thesis's."""
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')

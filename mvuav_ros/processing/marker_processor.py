@@ -144,12 +144,12 @@ class MarkerTrackerProcessor(Processor):
     @property
     def awaits_camera_info(self) -> bool:
         """See `Processor.awaits_camera_info`."""
-        return self._parameters.pose
+        return self._parameters.has_pose
 
     @property
     def lacks_camera_info(self) -> bool:
         """See `Processor.lacks_camera_info`."""
-        return self._parameters.pose and self._camera is None
+        return self._parameters.has_pose and self._camera is None
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
@@ -162,7 +162,7 @@ class MarkerTrackerProcessor(Processor):
 
     def _share_camera(self) -> None:
         # Without a pose nobody waits for a calibration, so names must not depend on one.
-        self._tracker.set_camera(self._camera if self._parameters.pose else None)
+        self._tracker.set_camera(self._camera if self._parameters.has_pose else None)
 
     def _forget(self) -> None:
         self._newest = None
@@ -204,7 +204,7 @@ class MarkerTrackerProcessor(Processor):
 
     def _estimate(self, frame: Frame, result: MarkerResult) -> Pose | None:
         self._warnings = []
-        if self._camera is None or not self._parameters.pose:
+        if self._camera is None or not self._parameters.has_pose:
             return None
         self._check(self._camera, frame.image)
         if self._rejection:

@@ -13,7 +13,7 @@ from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
 
 
 class DuplicateStampError(ValueError):
@@ -158,7 +158,7 @@ class Processor(ABC):
             frame: the image.
             given: the node's parameters.
         """
-        self.frames_problem, vehicle = '', camera
+        vehicle = camera
         # tf2 takes neither a frame without a name nor one that begins with a slash.
         own = given.camera_frame or frame.frame_id.lstrip('/')
         if given.base_frame:
@@ -178,7 +178,9 @@ class Processor(ABC):
                 f'no /tf: {child} is a child of {others} on /tf_static, and a frame has one '
                 'parent; set publish_tf to off, or name the frames otherwise'
             )
-        elif parent and child:
+        elif not (parent and child):
+            self.frames_problem = 'no /tf: the images have no frame_id; set camera_frame'
+        else:
             header = cdr_header(frame.stamp_ns, parent)
             make = partial(poses.encode_transform, placed, header, child)
             outputs.append(Output(poses.TF_TOPIC, make))
@@ -232,6 +234,10 @@ class Processor(ABC):
         camera = self._camera
         if camera is None:
             return 'none'
+        try:
+            camera.check(camera.width, camera.height)
+        except CalibrationError as error:
+            return f'none: {error}'
         if camera.is_rectified:
             return 'P: the images are rectified'
         return f'K and d ({camera.distortion_model or "without a name"})'
@@ -259,10 +265,12 @@ class Processor(ABC):
         last = self._last_stamp_ns
         if frame.stamp_ns == last:
             raise DuplicateStampError(f'stamp {frame.stamp_ns} ns came twice')
+        self.frames_problem = ''
         if last is not None and frame.stamp_ns < last:
             self.reset()
             self.resets += 1
         if frame.camera is not None and self.uses_camera_info:
             self.set_camera(frame.camera)
-        yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))
+        # Also of an image that cannot be used: the trackers have seen its stamp.
         self._last_stamp_ns = frame.stamp_ns
+        yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))

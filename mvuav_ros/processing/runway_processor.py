@@ -167,13 +167,16 @@ class RunwayDetectorProcessor(Processor):
 
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
         result: RunwayResult | ApproachResult
+        camera, unusable = self._usable_camera(frame.image)
         if self._parameters.mode == 'approach':
             result = self._approach.process(frame.image, frame.stamp_ns, frame.attitude)
-            self.status = '; '.join(filter(None, (result.status, self._approach.attitude_problem)))
+            wants_pose = self._parameters.runway_width > 0
+            no_pose = f'no pose: {unusable}' if unusable and wants_pose else ''
+            said = (result.status, self._approach.attitude_problem, no_pose)
+            self.status = '; '.join(filter(None, said))
         else:
             result = self._thesis.process(frame.image, frame.stamp_ns)
             self.status = result.status
-        camera = self._usable_camera(frame.image)
         outputs = [
             Output('line_params', partial(encode_line_params, result, header)),
             Output('lines', partial(encode_lines, result, header, camera)),
@@ -215,14 +218,15 @@ class RunwayDetectorProcessor(Processor):
         runway = poses.runway_in_camera(guidance)
         return outputs + self._placements(camera, runway, name, frame, self._parameters)
 
-    def _usable_camera(self, image: Image) -> CameraModel | None:
+    def _usable_camera(self, image: Image) -> tuple[CameraModel | None, str]:
+        """The camera, if it is one of such images, else why it is not."""
         if self._camera is None:
-            return None
+            return None, ''
         try:
             self._camera.check(image.width, image.height)
-        except CalibrationError:
-            return None
-        return self._camera
+        except CalibrationError as error:
+            return None, str(error)
+        return self._camera, ''
 
     def draw(self, debug: Collection[str]) -> list[Output]:
         """See `Processor.draw`."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from mvuav_ros.sources.source import FrameSource
 from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
-from mvuav_ros.vision.image import Image, as_image
+from mvuav_ros.vision.image import Image, ImageError, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.identity_tracker import Reporter
 from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, named_places
@@ -69,7 +70,7 @@ class TrackedFrame:
 
 
 def track(
-    source: str | Path | FrameSource,
+    source: str | Path | int | FrameSource,
     camera: CameraModel | str | Path | None = None,
     rig: MarkerRig | str | Path | None = None,
     parameters: MarkerTrackerParameters | None = None,
@@ -107,7 +108,9 @@ def track(
     given = load_calibration(camera) if isinstance(camera, (str, Path)) else camera
     body = load_rig(rig) if isinstance(rig, (str, Path)) else rig
     tracker = MarkerTracker(parameters, body)
-    opened = open_source(str(source)) if isinstance(source, (str, Path)) else source
+    opened: Any = source
+    if not hasattr(opened, 'frames'):
+        opened = open_source(opened)
     if given is not None and opened.is_rectified:
         given = given.rectified()
     return _tracked(opened, given, tracker)
@@ -123,11 +126,7 @@ def _tracked(
         for frame in source.frames():
             if isinstance(frame, BadFrame) or frame.stamp_ns == last_ns:
                 reason = frame.reason if isinstance(frame, BadFrame) else 'a stamp came twice'
-                has_names = not tracker.parameters.mode.endswith('_any')
-                nothing = Reporter(tracker.rig).nothing(reason) if has_names else MarkerResult(())
-                yield TrackedFrame(
-                    frame.stamp_ns, None, nothing, math.nan, None, reason, used, tracker.rig
-                )
+                yield _without_image(frame, tracker, used, reason)
                 continue
             if last_ns is not None and frame.stamp_ns < last_ns:
                 tracker.reset()
@@ -141,10 +140,22 @@ def _tracked(
             if now != used:
                 used = now
                 poses.reset()
-                tracker.set_camera(used if tracker.parameters.pose else None)
-            yield _answer(frame, tracker, poses, used)
+                tracker.set_camera(used if tracker.parameters.has_pose else None)
+            try:
+                answer = _answer(frame, tracker, poses, used)
+            except ImageError as error:
+                answer = _without_image(frame, tracker, used, str(error))
+            yield answer
     finally:
         source.close()
+
+
+def _without_image(
+    frame: Frame | BadFrame, tracker: MarkerTracker, camera: CameraModel | None, reason: str
+) -> TrackedFrame:
+    has_names = tracker.parameters.has_names
+    nothing = Reporter(tracker.rig).nothing(reason) if has_names else MarkerResult(())
+    return TrackedFrame(frame.stamp_ns, None, nothing, math.nan, None, reason, camera, tracker.rig)
 
 
 def _answer(
@@ -152,9 +163,9 @@ def _answer(
 ) -> TrackedFrame:
     result = tracker.process(frame.image, frame.stamp_ns)
     pose, reason = None, ''
-    if camera is None and tracker.parameters.pose:
+    if camera is None and tracker.parameters.has_pose:
         reason = 'no pose: no calibration'
-    elif camera is not None and tracker.parameters.pose:
+    elif camera is not None and tracker.parameters.has_pose:
         labels, pixels = named_places(result, (frame.image.width, frame.image.height))
         try:
             camera.check(frame.image.width, frame.image.height)

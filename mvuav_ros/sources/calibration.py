@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlparse
 
 import yaml
@@ -38,15 +39,18 @@ def load_calibration(path: str | Path) -> CameraModel:
         return CameraModel(
             width=int(content['image_width']),
             height=int(content['image_height']),
-            k=content['camera_matrix']['data'],
-            d=content['distortion_coefficients']['data'],
+            k=_data(content, 'camera_matrix'),
+            d=_data(content, 'distortion_coefficients'),
             distortion_model=str(content['distortion_model']),
-            r=content['rectification_matrix']['data'],
-            p=content['projection_matrix']['data'],
+            r=_data(content, 'rectification_matrix'),
+            p=_data(content, 'projection_matrix'),
         )
     except OSError as error:
         raise SourceError(f'calibration {path}: {error.strerror}') from error
-    except (yaml.YAMLError, LookupError, TypeError, ValueError) as error:
+    except SourceError:
+        raise
+    except Exception as error:
+        # Beside YAMLError whatever its constructors stumble over: a width of ``.inf`` is one.
         raise SourceError(
             f'calibration {path}: not a calibration file of camera_calibration ({error})'
         ) from error
@@ -83,6 +87,16 @@ def save_calibration(camera: CameraModel, path: Path, name: str = 'camera') -> N
 
 def _matrix(rows: int, data: Sequence[float]) -> dict[str, object]:
     return {'rows': rows, 'cols': len(data) // rows, 'data': [*map(float, data)]}
+
+
+def _data(content: Mapping[str, Any], name: str) -> Any:
+    """The numbers of a matrix, which are as many as its shape says."""
+    matrix = content[name]
+    data = matrix['data']
+    rows, cols = matrix.get('rows', 1), matrix.get('cols', len(data))
+    if rows * cols != len(data):
+        raise ValueError(f'{name} is {rows} x {cols} and has {len(data)} numbers')
+    return data
 
 
 def _path(url: str) -> Path:

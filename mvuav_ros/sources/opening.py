@@ -28,7 +28,7 @@ from mvuav_ros.vision.camera import CameraModel
 
 
 def open_source(
-    text: str,
+    text: str | Path | int,
     *,
     topic: str | None = None,
     rate: float | None = None,
@@ -60,6 +60,7 @@ def open_source(
         >>> source.count, frame.stamp_ns, frame.image.width, frame.image.encoding
         (180, 1700000000000000000, 640, 'mono8')
     """
+    text = str(text)
     if text.startswith(SIMULATED):
         return SimulatedFlight(text, rate)
     if is_url(text):

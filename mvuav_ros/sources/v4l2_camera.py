@@ -77,15 +77,14 @@ class Camera(FrameSource):
         ]
         if wanted.pixel_format:
             # First, as the sizes and rates that there are depend on it.
-            letters = wanted.pixel_format.ljust(4)
-            capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*letters))
+            capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wanted.pixel_format))
         for name, number, value in asked:
             if name == 'exposure_time_absolute':
                 capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
             capture.set(number, value)
         differences = []
         code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
-        got = code.to_bytes(4, 'little').decode('latin-1').strip('\0 ')
+        got = code.to_bytes(4, 'little').decode('latin-1').strip('\0')
         if wanted.pixel_format and got != wanted.pixel_format:
             differences.append(f'pixel_format is {got}, not {wanted.pixel_format}')
         for name, number, value in asked:

@@ -35,6 +35,7 @@ from mvuav_ros.vision.frames import (
     quaternion,
     rpy,
 )
+from mvuav_ros.vision.image import Image
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 TF = '/tf'
@@ -197,6 +198,10 @@ def test_a_mount_that_nobody_told_is_said():
     fly_tanker(processor)
     assert 'base_link is taken for the camera' in processor.frames_problem
     assert f'does not lead from base_link to {CAMERA}' in processor.frames_problem
+    # Of a frame without a pose nothing is missing there.
+    dark = Image(np.zeros((480, 640), np.uint8), 'mono8')
+    list(processor.process(Frame(2 * 10**18, CAMERA, dark)))
+    assert processor.frames_problem == ''
 
 
 def test_the_covariance_of_the_vehicle_has_the_cameras_lever():
@@ -273,6 +278,15 @@ def test_a_camera_whose_frame_begins_with_a_slash():
     for parameters in (MarkerTrackerParameters, RunwayDetectorParameters):
         with pytest.raises(ParameterError, match='base_frame: must not begin with a slash'):
             parameters(base_frame='/base_link')
+
+
+def test_images_without_a_frame_are_said():
+    """Nothing was on /tf, and nothing said why."""
+    processor = tanker()
+    assert TF not in fly_tanker(processor, '')[-1]
+    assert processor.frames_problem == 'no /tf: the images have no frame_id; set camera_frame'
+    assert TF in fly_tanker(named := tanker(camera_frame=CAMERA), '')[-1]
+    assert named.frames_problem == ''
 
 
 def test_a_static_transform_of_the_users_is_not_overruled():

@@ -1,6 +1,7 @@
 """What /diagnostics says, and the small parts that it is made of."""
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from mvuav_ros.nodes.diagnostics import (
     explain_no_images,
 )
 from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState, IntraProcessInput
+from mvuav_ros.nodes.vision_node import DetectorStatus
 from mvuav_ros.vision.image import Image
 
 
@@ -158,27 +160,32 @@ def test_reasons_for_silence():
     events = InputEvents()
     published = InputState('/image_raw', ['/cam'], events)
     nothing = InputState('/image_raw', [], events)
-    assert explain_no_images(nothing) == 'nothing publishes /image_raw'
-    assert 'no image arrives: is it paused' in explain_no_images(published)
+
+    def why(images):
+        return explain_no_images(images, events.lost)
+
+    assert why(nothing) == 'nothing publishes /image_raw'
+    assert 'no image arrives: is it paused' in why(published)
     events.lost = 3
-    assert 'every image is lost: they may not fit the shared-' in explain_no_images(published)
+    assert 'every image is lost: they may not fit the shared-' in explain_no_images(
+        published, events.lost
+    )
     events.size = 921_600
-    assert 'lost: 0.9 MB may not fit the shared-' in explain_no_images(published)
-    assert 'FASTRTPS_DEFAULT_PROFILES_FILE=/' in explain_no_images(published)
+    assert 'lost: 0.9 MB may not fit the shared-' in why(published)
+    assert 'FASTRTPS_DEFAULT_PROFILES_FILE=/' in why(published)
     events.size = 307_200
-    assert 'the network drops' in explain_no_images(published)
+    assert 'the network drops' in why(published)
     # What was once does not count, what is now does.
     events.incompatible = 1
-    assert 'QoS' not in explain_no_images(published)
+    assert 'QoS' not in why(published)
     now = published._replace(obstacle='with an incompatible QoS (best effort …)')
-    assert (
-        explain_no_images(now)
-        == '/cam publishes /image_raw with an incompatible QoS (best effort …)'
-    )
+    assert why(now) == '/cam publishes /image_raw with an incompatible QoS (best effort …)'
     coded = nothing._replace(others=[('/image_raw/compressed', 'CompressedImage')])
-    assert 'set image_transport to compressed' in explain_no_images(coded)
+    assert 'set image_transport to compressed' in why(coded)
+    raw = coded._replace(topic='/image_raw/ffmpeg', others=[('/image_raw', 'Image')])
+    assert why(raw).endswith('there is /image_raw: set image_transport to raw')
     elsewhere = nothing._replace(others=[('/nose/image', 'Image')])
-    assert explain_no_images(elsewhere).endswith('there is /nose/image: remap image_raw')
+    assert why(elsewhere).endswith('there is /nose/image: remap image_raw')
 
 
 def test_what_is_left_out_on_purpose_is_no_gap_of_the_camera(graph):
@@ -230,3 +237,18 @@ def test_a_handover_never_holds_up_the_source(graph):
     assert handover.poll().events.skipped == 4
     # The source may be in the middle of a frame by then.
     handover.put(10)
+
+
+def test_a_loss_of_long_ago_is_not_why_no_image_comes_now():
+    """A source that was paused after one lost image was said to lose every image."""
+    answerer = SimpleNamespace(
+        enabled=True, statistics=FrameStatistics(), stamps=StampMonitor(), image_format=''
+    )
+    status = DetectorStatus(answerer, SimpleNamespace(resets=0, calibration='none'))
+    images = InputState('/image_raw', ['/cam'], InputEvents())
+    status.report('node', images, [])
+    images.events.lost = 1
+    assert 'every image is lost' in status.report('node', images, []).message
+    for _ in range(6):
+        last = status.report('node', images, [])
+    assert 'no image arrives: is it paused' in last.message

@@ -210,3 +210,16 @@ def test_camera_info_is_taken_from_where_it_is_remapped_to(graph):
             lambda t=topic: graph.probe.count_subscribers(t) == 1, f'a subscriber of {topic}'
         )
     assert graph.probe.count_subscribers('/nose/camera_info') == 0
+
+
+def test_source_and_detector_with_one_remapping_agree_about_camera_info(graph):
+    """The source kept /camera_info, which the detector did not look at: no pose."""
+    rules = ('image_raw:=/nose/image',)
+    source = ROOT / 'bags' / 'tanker.mcap'
+    graph.start('video_source', remap=rules, source=source, wait_for_subscribers=9)
+    graph.start(MARKERS, remap=rules)
+    topic = '/nose/camera_info'
+    graph.until(
+        lambda: graph.probe.count_publishers(topic) == graph.probe.count_subscribers(topic) == 1,
+        f'a publisher and a subscriber of {topic}',
+    )

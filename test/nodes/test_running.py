@@ -199,3 +199,32 @@ def test_the_terminal_tells_the_start_the_first_image_and_silence(graph, tmp_pat
         'no images for 5 s: nothing publishes /image_raw',
         "first image: 640x480 mono8, frame 'nose'",
     ]
+
+
+BLOCKED = """
+import sys, time
+from mvuav_ros.nodes import running, video_source_node
+
+def never(*_, **__):
+    print('opening', flush=True)
+    while True:
+        time.sleep(1.0)
+
+running._LONGEST_CLEANUP = 0.2
+video_source_node.open_source = never
+sys.exit(running.run_nodes(running.nodes_of(['video_source'])))
+"""
+
+
+def test_a_signal_ends_a_node_whose_source_never_opens(domain):
+    """As a server does that accepts a connection and says nothing."""
+    command = [sys.executable, '-c', BLOCKED]
+    variables = {**CLEAN, 'ROS_DOMAIN_ID': str(domain)}
+    process = subprocess.Popen(command, cwd=ROOT, env=variables, stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == 'opening\n'
+    process.send_signal(signal.SIGINT)
+    try:
+        process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 0

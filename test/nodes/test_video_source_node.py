@@ -4,6 +4,7 @@ import subprocess
 import sys
 import time
 from threading import Event
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,7 +15,8 @@ from std_srvs.srv import SetBool, Trigger
 from support.graph import ROOT, image_message
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.messages.images import BadFrame, decode_compressed_image, decode_image
+from mvuav_ros.messages.images import BadFrame, Frame, decode_compressed_image, decode_image
+from mvuav_ros.nodes import video_source_node
 from mvuav_ros.nodes.diagnostics import SourceStatus
 from mvuav_ros.nodes.video_source_node import Pace, SourcePlayer
 from mvuav_ros.parameters.video_source import VideoSourceParameters
@@ -272,14 +274,107 @@ def test_a_restart_is_seen_after_its_interrupt():
     assert seen == [False] and player._rewind
 
 
-def test_a_pause_is_no_delay_to_be_caught_up_with():
-    pace, stop = Pace(), Event()
-    stop.wait = lambda seconds: waits.append(seconds)
-    waits = []
-    pace.wait(0, 0.0, stop)
-    pace.wait(10_000_000_000, 0.0, stop)
-    assert waits == [pytest.approx(5.0, abs=0.1)]
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that only waiting moves: its time, s, and an event whose waits do so."""
+    clock, event = SimpleNamespace(now=0.0), Event()
+
+    def wait(seconds):
+        clock.now += seconds
+
+    event.wait, clock.event = wait, event
+    monkeypatch.setattr(video_source_node.time, 'monotonic', lambda: clock.now)
+    return clock
+
+
+def test_a_pause_is_no_delay_to_be_caught_up_with(clock):
+    pace = Pace(lambda: 0.0)
+    pace.wait(0, clock.event)
+    pace.wait(10_000_000_000, clock.event)
+    assert clock.now == pytest.approx(5.0, abs=0.1)
     pace.resume()
-    pace.wait(20_000_000_000, 0.0, stop)
-    pace.wait(21_000_000_000, 0.0, stop)
-    assert len(waits) == 2 and waits[1] > 0.5
+    pace.wait(20_000_000_000, clock.event)
+    assert clock.now == pytest.approx(5.0, abs=0.1)
+    pace.wait(21_000_000_000, clock.event)
+    assert clock.now > 5.5
+
+
+def test_another_rate_counts_while_a_frame_is_waited_for(clock):
+    pace = Pace(lambda: 0.01 if clock.now < 3.0 else 10.0)
+    pace.wait(0, clock.event)
+    pace.wait(1, clock.event)
+    assert clock.now == pytest.approx(3.0, abs=0.5)
+    pace.wait(2, clock.event)
+    assert clock.now == pytest.approx(3.1, abs=0.5)
+
+
+def played(node, source):
+    """A player for this thread, and the stamps that it sends."""
+    player, sent = SourcePlayer(node, source), []
+    node.publish = lambda frame: sent.append(frame.stamp_ns)
+    return player, sent
+
+
+class Two(Damaged):
+    """A recording of two frames, 1 s apart."""
+
+    def __init__(self):
+        self.account = Account('fake')
+
+    def frames(self):
+        return iter([Frame(0, '', None), Frame(1_000_000_000, '', None)])
+
+
+def test_no_frame_comes_after_a_pause_although_it_is_waited_for(clock):
+    player, sent = played(Logged(), Two())
+    go_on = []
+
+    def wait(seconds):
+        clock.now += seconds
+        player.pause()
+
+    def resumed():
+        go_on.append((clock.now, list(sent)))
+        player.resume()
+
+    player._interrupt, player._running.wait = clock.event, resumed
+    player._at_end = lambda *_: None
+    clock.event.wait = wait
+    player._play()
+    assert [seen for _, seen in go_on] == [[0]]
+    assert sent == [0, 1_000_000_000]
+
+
+def test_the_last_frame_of_a_pass_lasts_like_the_one_before_it(clock):
+    """A single image was published as fast as the machine could, whatever the rate."""
+    node = Logged()
+    node.current = VideoSourceParameters(loop=True)
+    player, sent = played(node, Two())
+    player._interrupt = clock.event
+    player._play()
+    assert (sent, clock.now) == ([0, 1_000_000_000], pytest.approx(2.0))
+    pace = Pace(lambda: 0.0, spacing=0.04)
+    for _ in range(2):
+        clock.now = 0.0
+        pace.resume()
+        pace.wait(0, clock.event)
+        pace.wait_for_end(clock.event)
+        assert clock.now == pytest.approx(0.04)
+
+
+def test_what_a_camera_sees_during_a_pause_is_left():
+    """It was sent when the camera went on, with the stamp of the pause."""
+    player, sent = played(Logged(), camera := Two())
+
+    def frames():
+        yield Frame(0, '', None)
+        player.pause()
+        yield Frame(1, '', None)
+        player.resume()
+        yield Frame(2, '', None)
+
+    camera.live, camera.frames = True, frames
+    player._at_end = lambda *_: None
+    player._running.wait = player.resume  # in place of waiting for ever
+    player._play()
+    assert sent == [0, 2]

@@ -2,13 +2,22 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.boards import LENSES
 from support.marker_scenes import image, tanker_at
 
 from mvuav_ros.messages.images import Frame
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import DuplicateStampError, resolve
+from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
+from mvuav_ros.simulation.runway_flight import RunwayFlight
+from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.sources.opening import camera_model
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Image, ImageError
 from mvuav_ros.vision.pose import PoseEstimator
 
 STEP_NS = 100_000_000
@@ -62,3 +71,47 @@ def test_markers_can_be_sent_before_the_pose_is_worked_out(monkeypatch):
     assert not estimated
     assert [next(outputs).topic, next(outputs).topic] == ['rpy', 'pose']
     assert estimated
+
+
+def test_a_calibration_that_cannot_be_used_is_none():
+    """All zeros, as a driver without a calibration has it, were 'K and d (without a name)'."""
+    processor = RunwayDetectorProcessor()
+    assert processor.calibration == 'none'
+    processor.set_camera(CameraModel(640, 480, (0.0,) * 9, distortion_model=''))
+    assert processor.calibration == 'none: camera_info is all zeros: the camera is not calibrated'
+    processor.set_camera(CameraModel(640, 480, (500.0, 0, 320, 0, 500.0, 240, 0, 0, 1)))
+    assert processor.calibration == 'K and d (plumb_bob)'
+
+
+def test_a_stamp_behind_that_of_an_image_that_is_refused_is_a_jump_back():
+    """It was an internal error."""
+    processor = MarkerTrackerProcessor(MarkerTrackerParameters(channel='red'))
+    results(processor, 1)
+    odd = Image(np.zeros((48, 65, 2), np.uint8), 'yuv422')
+    with pytest.raises(ImageError, match='does not convert'):
+        list(processor.process(replace(frame(3), image=odd)))
+    assert results(processor, 2) and processor.resets == 1
+
+
+def test_mode_approach_says_why_a_calibration_gives_no_pose():
+    """With one of another image size all seemed well, and there was no pose."""
+    flight = RunwayFlight(RunwaySettings(frames=1, width=320, height=240))
+    camera = camera_model(flight.camera)
+    (seen,) = (Frame(each.stamp_ns, 'camera', each.image, camera) for each in flight)
+    other = replace(seen, camera=replace(camera, width=640, height=480))
+    for shown, width, words in ((seen, 30.0, ''), (other, 0.0, ''), (other, 30.0, 'no pose: ')):
+        processor = RunwayDetectorProcessor(
+            RunwayDetectorParameters(mode='approach', runway_width=width)
+        )
+        list(processor.process(shown))
+        expected = words and f'{words}camera_info is for 640 x 480 px, the images are 320 x 240 px'
+        assert expected in processor.status
+        assert ('no pose' in processor.status) == bool(words)
+
+
+def test_lights_without_names_need_no_calibration():
+    """Beside a camera without one a node in mode track_any warned for ever that it has no pose."""
+    processor = MarkerTrackerProcessor(MarkerTrackerParameters(mode='track_any'))
+    processor.set_camera(CameraModel(640, 480, (0.0,) * 9))
+    assert results(processor, 1) and processor.status == ''
+    assert not processor.awaits_camera_info

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -32,8 +33,9 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.light_drawing import Light, LightProfile, add_lights
+from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.sources.opening import camera_model, make_flight
-from mvuav_ros.sources.source import FrameSource
+from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import ImageError
@@ -178,10 +180,11 @@ class Broken(FrameSource):
 
 
 class Unreadable(Broken):
-    """Nothing but a frame that cannot be read."""
+    """Nothing but a frame that cannot be read, and one that cannot be used."""
 
     def frames(self):
         yield BadFrame(0, 'cut off')
+        yield Frame(1, 'camera', Image(np.zeros((4, 5, 2), np.uint8), 'yuyv'))
 
 
 def test_every_frame_is_answered_also_those_that_cannot_be_used() -> None:
@@ -193,9 +196,10 @@ def test_every_frame_is_answered_also_those_that_cannot_be_used() -> None:
     assert all(math.isnan(frame.roll) and frame.pose is None for frame in frames)
     assert [marker.state.name for marker in frames[2].markers.values()] == ['LOST'] * 5
     assert frames[2].markers.keys() == frames[0].markers.keys()
-    assert not next(
-        track(Unreadable(), parameters=MarkerTrackerParameters(mode='track_any'))
-    ).markers
+    parameters = MarkerTrackerParameters(mode='track_any', channel='red')
+    unread, unused = track(Unreadable(), parameters=parameters)
+    assert not unread.markers and not unused.markers
+    assert unused.image is None and 'yuyv of 5 x 4 does not convert' in unused.status
     assert source.closed
     assert draw(frames[0]).shape == (120, 160, 3)
     with pytest.raises(ValueError, match='no image'):
@@ -269,10 +273,27 @@ def test_without_a_calibration_there_is_a_reason_for_no_pose(tmp_path: Path) -> 
     cv2.imwrite(str(tmp_path / '0.png'), GRAY)
     (frame,) = track(tmp_path)
     assert frame.pose is None and 'no pose: no calibration' in frame.status
-    (frame,) = track(tmp_path, parameters=MarkerTrackerParameters(pose=False))
-    assert 'no pose' not in frame.status
+    for given in ({'pose': False}, {'mode': 'track_any'}, {'mode': 'detect_any'}):
+        (frame,) = track(tmp_path, parameters=MarkerTrackerParameters.from_mapping(given))
+        assert 'no pose' not in frame.status
 
 
 def test_a_calibration_beyond_belief_is_none_to_be_tracked_with() -> None:
     bent = CameraModel(640, 480, (1, 0, 0, 0, 1, 0, 0, 0, 1), (-10, 100, 1, 1, -1000))
     assert len(list(track('sim:tanker?motion=roll&frames=25', camera=bent))) == 25
+
+
+def test_a_source_is_named_by_a_text_a_path_or_a_number(tmp_path: Path) -> None:
+    file = tmp_path / 'dark.png'
+    cv2.imwrite(str(file), GRAY)
+    assert open_source(file).count == len(list(track(file))) == 1
+    assert open_source(0).live
+    with pytest.raises(SourceError, match='None: there is no such file'):
+        track(None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('made', [MarkerTracker, RunwayDetector, ApproachDetector])
+@pytest.mark.parametrize('wrong', [{'mode': 'track'}, 'mine.yaml', VideoSourceParameters()])
+def test_parameters_of_another_kind_are_refused_at_once(made: Any, wrong: object) -> None:
+    with pytest.raises(TypeError, match=r'must be .*DetectorParameters|must be MarkerTrackerP'):
+        made(wrong)

@@ -96,3 +96,14 @@ def test_a_jump_back_forgets_the_future():
     pairing.add_image(10 * MS, 0)
     assert taken(pairing, wait=True) == []
     assert roll_of(taken(pairing, wait=False)[0][0]) == pytest.approx(1.0)
+
+
+def test_a_late_attitude_forgets_none():
+    """As over a lossy link: the images at the later ones had no attitude."""
+    pairing = AttitudePairing()
+    for stamp in (100, 120, 140, 110):
+        pairing.add_info(stamp * MS, rolled(stamp / 10))
+    for stamp in (105, 115, 130):
+        pairing.add_image(stamp * MS, stamp)
+    found = taken(pairing, wait=True)
+    assert [roll_of(attitude) for attitude, _ in found] == pytest.approx([10.5, 11.5, 13.0])

@@ -64,3 +64,19 @@ def test_a_saved_calibration_is_read_by_every_url(share):
 def test_what_cannot_be_read_is_one_line(share, url, words):
     with pytest.raises(SourceError, match=words):
         load_calibration(url)
+
+
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [
+        (SAVED.replace('cols: 5', 'cols: 4'), 'coefficients is 1 x 4 and has 5 numbers'),
+        (SAVED.replace('width: 640', 'width: .inf'), 'cannot convert float infinity'),
+        ('[' * 5000, 'recursion'),
+        ('a: !!timestamp noon', 'NoneType'),
+    ],
+)
+def test_a_file_that_is_no_calibration_is_one_line(tmp_path, content, words):
+    file = tmp_path / 'camera.yaml'
+    file.write_text(content)
+    with pytest.raises(SourceError, match=f'not a calibration file.*{words}'):
+        load_calibration(file)

@@ -44,7 +44,7 @@ DETECTOR = {
     'stamp_jumps_forward': f'gaps of more than {WINDOW:.0f} s',
     'image': 'size and encoding of the newest image',
     'image_topic': 'the resolved input topic',
-    'calibration': 'what of camera_info is used: none, K and d, or P of rectified images',
+    'calibration': 'what of camera_info is used: none (with the reason), K and d, or P of rectified images',
     'image_publishers': 'nodes that publish it',
     'incompatible_publishers': 'publishers whose QoS does not match',
 }

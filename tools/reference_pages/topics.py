@@ -49,7 +49,7 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
     'video_source': {
         'image_raw': 'Images of the source.',
         'image_raw/compressed': 'The same as JPEG, while somebody subscribes.',
-        'camera_info': 'The calibration; all zeros where there is none.',
+        'camera_info': 'The calibration, beside `image_raw`; all zeros where there is none.',
         'diagnostics': 'Once a second, see [Diagnostics](diagnostics.md).',
     },
     **{

@@ -60,7 +60,7 @@ class ApproachDetector:
     """
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
-        self._parameters = parameters or RunwayDetectorParameters()
+        self._parameters = RunwayDetectorParameters.given(parameters)
         self._mount = mount_matrix(self._parameters.camera_mount_rpy_deg)
         self.attitude_problem = ''
         self._statistics = RunwayStatistics()

@@ -75,7 +75,7 @@ class MarkerTracker:
             ParameterError: the rig's file cannot be used, or its names or pose are ambiguous and
                 the parameter ``allow_ambiguous`` is not set.
         """
-        self.parameters = parameters or MarkerTrackerParameters()
+        self.parameters = MarkerTrackerParameters.given(parameters)
         self.rig = rig or rig_of(self.parameters)
         self.doubts = examine(self.rig)
         if self.doubts and not self.parameters.allow_ambiguous:

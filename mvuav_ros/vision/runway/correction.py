@@ -5,6 +5,7 @@ Which measured line is compared with which known one is decided by their order, 
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -158,6 +159,9 @@ class RhoThetaCorrection:
         """Use other parameters; rows that remain keep what they know."""
         self._parameters, rows = parameters, parameters.num_peaks
         self._known = self._known[:rows] + [None] * (rows - len(self._known))
+        if rows > _MAX_TRIED:
+            # Not in the second frame of a flight: on a busy machine it takes seconds.
+            importlib.import_module('scipy.optimize')
 
     def reset(self) -> None:
         """Forget all lines."""

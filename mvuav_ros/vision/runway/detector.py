@@ -42,7 +42,7 @@ class RunwayDetector:
         Raises:
             ParameterError: the mode is ``approach``, which `ApproachDetector` runs.
         """
-        self._parameters = _of_thesis(parameters or RunwayDetectorParameters())
+        self._parameters = _of_thesis(RunwayDetectorParameters.given(parameters))
         self._last_stamp_ns: int | None = None
         self._correction = RhoThetaCorrection(self._parameters)
         self._statistics = RunwayStatistics()

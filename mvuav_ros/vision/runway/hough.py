@@ -87,7 +87,8 @@ class HoughGrid:
 
     def count(self, pixels: NDArray[np.intp]) -> Accumulator:
         """As `accumulate`, of edge pixels that are given by their indices in the flat image."""
-        block = max(1, _BLOCK_VOTES // self.theta.size)
+        # Each block makes all cells anew, which is not to take longer than to count its votes.
+        block = max(1, max(_BLOCK_VOTES, math.prod(self.shape)) // self.theta.size)
         votes = self._count(pixels[:block])
         for start in range(block, pixels.size, block):
             votes += self._count(pixels[start : start + block])

@@ -70,3 +70,13 @@ def test_a_runway_of_few_lines_starts_without_scipy():
         "sys.exit('scipy' in sys.modules)"
     )
     subprocess.run([sys.executable, '-c', code], check=True)
+
+
+def test_a_runway_of_many_lines_does_not_import_scipy_in_a_frame():
+    code = (
+        'import sys, mvuav_ros.parameters.runway_detector as p;'
+        'from mvuav_ros.vision.runway.detector import RunwayDetector;'
+        'RunwayDetector(p.RunwayDetectorParameters(num_peaks=5));'
+        "sys.exit('scipy.optimize' not in sys.modules)"
+    )
+    subprocess.run([sys.executable, '-c', code], check=True)

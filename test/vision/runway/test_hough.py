@@ -107,3 +107,14 @@ def test_the_votes_of_a_video_are_those_of_each_of_its_images(table_bytes, monke
 def test_too_many_cells_are_refused_before_any_memory_is_taken():
     with pytest.raises(ValueError, match='coarser resolutions'):
         HoughGrid(2160, 3840, 0.1, 0.1)
+
+
+def test_many_cells_are_not_made_anew_for_few_votes(monkeypatch):
+    """A frame took 0.6 s where cells were 0.1 px high and 0.1 degrees wide."""
+    monkeypatch.setattr(hough, '_BLOCK_VOTES', 1)
+    grid = HoughGrid(30, 40, 1.0, 1.0)
+    edges = (np.random.default_rng(0).random((30, 40)) < 0.1).astype(np.uint8)
+    expected, count, counted = grid.accumulate(edges), grid._count, []
+    monkeypatch.setattr(grid, '_count', lambda p: counted.append(p.size * 180) or count(p))
+    np.testing.assert_array_equal(grid.accumulate(edges), expected)
+    assert len(counted) <= sum(counted) / np.prod(grid.shape) + 1
