@@ -8,8 +8,9 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -477,7 +478,7 @@ def run_job(
             outcome.interrupted = True
             return
         progress(JobProgress(source.name, 0, source.count))
-        with _writing(job) as writer:
+        with ExitStack() as outputs:
             items = source.items(
                 keep=settings.keep_inputs,
                 camera=any(processor.uses_camera_info for processor in processors),
@@ -487,7 +488,7 @@ def run_job(
                 given: Iterator[Item] = items
                 if settings.gamma != 1.0:
                     given = gamma_corrected(items, settings.gamma)
-                output = _Output(job, writer, outcome, source.account)
+                output = _Output(job, outputs, outcome, source.account)
                 if threads == 1:
                     steps = replay(given, processors, debug=settings.debug_images)
                 else:
@@ -565,15 +566,18 @@ def _write(
 
 
 class _Output:
-    """Writes results, and copies of the input's messages except onto the results' own topics."""
+    """Writes results, and copies of the input's messages except onto the results' own topics.
+
+    What is there already is replaced by the first message, as there may be none.
+    """
 
     def __init__(
-        self, job: ReplayJob, writer: Writer, outcome: ReplayOutcome, account: Account
+        self, job: ReplayJob, outputs: ExitStack, outcome: ReplayOutcome, account: Account
     ) -> None:
         self.outcome = outcome
         self._account = account
         self._results = tuple(f'/{name}/' for name in job.settings.parameters)
-        self._writer = writer
+        self._job, self._outputs = job, outputs
 
     def take(self, step: FrameResults | RecordedMessage) -> None:
         if isinstance(step, FrameResults):
@@ -586,6 +590,10 @@ class _Output:
             self._account.note(('left out', step.topic), said)
         else:
             self._writer.write(*step)
+
+    @cached_property
+    def _writer(self) -> Writer:
+        return self._outputs.enter_context(_writing(self._job))
 
 
 def refuse_own_input(job: ReplayJob) -> None:

@@ -235,6 +235,20 @@ def test_nothing_in_that_part(bag: Path, tmp_path: Path) -> None:
     assert 'not a single frame is there' in run.error
 
 
+@pytest.mark.parametrize('form', ['mcap', 'rosbag2'])
+def test_an_output_stays_where_nothing_is_there_to_replace_it(
+    bag: Path, tmp_path: Path, form: str
+) -> None:
+    out = tmp_path / ('out.mcap' if form == 'mcap' else 'out')
+    replay = ('replay', bag, '-o', out, *NODE, '--format', form)
+    assert mvuav(*replay).status == 0
+    before = read(out)
+    for mistake in (('--start', 100), ('--every', 2, '--duration', 0)):
+        run = mvuav(*replay, '--force', *mistake)
+        assert 'not a single frame is there' in run.error
+        assert read(out) == before
+
+
 def test_several_image_topics_are_listed(tmp_path: Path) -> None:
     other = [s._replace(topic='/belly/image_raw') for s in SAMPLES[:3]]
     bag = write_mcap(tmp_path / 'in.mcap', [*SAMPLES, *other])
