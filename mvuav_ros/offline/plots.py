@@ -169,7 +169,7 @@ class FlightPlot:
 
 
 def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) -> list[Path]:
-    """Draw a page for each flight and an overview, as PNG.
+    """Draw a page for each flight that has something to draw, and an overview, as PNG.
 
     Args:
         flights: recordings of results by the names of their flights.
@@ -185,17 +185,21 @@ def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) 
     for path in paths:
         if path.exists() and not overwrite:
             raise RecordingError(f'{path} exists; choose another folder, or overwrite it (--force)')
-    drawn = []
+    drawn: dict[Path, FlightPlot] = {}
     for (flight, source), path in zip(flights.items(), paths, strict=False):
         with open_recording(source) as recording:
             collected = collect(recording, flight)
-        if not collected.parts:
-            raise RecordingError(f'{source} holds no results that can be drawn')
+            if not collected.parts:
+                recording.account.note('plot', f'{source} holds no results that can be drawn')
+                continue
         _save(page(collected), path)
         _summarise(collected)
-        drawn.append(collected)
-    _save(overview(drawn), paths[-1])
-    return paths
+        drawn[path] = collected
+    if not drawn:
+        names = ', '.join(map(str, flights.values()))
+        raise RecordingError(f'{names} holds no results that can be drawn')
+    _save(overview([*drawn.values()]), paths[-1])
+    return [*drawn, paths[-1]]
 
 
 _NEEDS = {'markers': {'label', 'state', 'name'}, 'line_params': {'x', 'theta_deg'}}

@@ -15,7 +15,7 @@ import pytest
 from support.commands import mvuav
 
 from mvuav_ros.messages import marker_messages
-from mvuav_ros.messages.cdr import PointLayout, cdr_header
+from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
 from mvuav_ros.offline.plots import Curves, collect, page
 from mvuav_ros.recordings.reading import open_recording
@@ -230,6 +230,22 @@ def test_a_flight_may_be_called_overview(season: Path, tmp_path: Path) -> None:
     assert run.status == 0
     names = {path.name for path in (tmp_path / 'out' / 'plots').iterdir()}
     assert names == {'overview.png', 'overview_of_all.png'}
+
+
+def test_a_flight_without_results_to_draw_does_not_keep_the_others_from_a_page(
+    season: Path, tmp_path: Path
+) -> None:
+    bare = tmp_path / 'bare.mcap'
+    with RecordingWriter(bare) as writer:
+        writer.write(
+            '/aim', POINT, 10**9, stamped_doubles(cdr_header(10**9, 'nose'), 1.0, 2.0, 0.0)
+        )
+    run = mvuav('export', bare, season / 'flight_0.mcap', '-o', tmp_path / 'out', '--plot')
+    assert run.status == 0
+    assert f'note: {bare} holds no results that can be drawn' in run.err
+    plots = tmp_path / 'out' / 'plots'
+    assert {path.name for path in plots.iterdir()} == {'flight_0.png', 'overview.png'}
+    assert 'bare' not in run.out
 
 
 @pytest.mark.parametrize('kind', ['markers', 'line_params'])
