@@ -8,16 +8,22 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mvuav_ros
-from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.cdr import CdrReader, cdr_header
 from mvuav_ros.messages.images import IMAGE, BadFrame, Frame, serialize_image
-from mvuav_ros.messages.sensors import type_name
+from mvuav_ros.messages.sensors import (
+    CAMERA_INFO,
+    encode_camera_info,
+    make_header,
+    topic_beside,
+    type_name,
+)
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
@@ -155,6 +161,7 @@ class JobProgress(NamedTuple):
 Item = Frame | BadFrame | EncodedFrame | RecordedMessage
 IMAGE_TOPIC = '/image_raw'
 """Of the frames of a video or of image files."""
+CAMERA_TOPIC = topic_beside(IMAGE_TOPIC, 'camera_info')
 
 
 class ReplayInput:
@@ -209,13 +216,22 @@ class ReplayInput:
     def items(self, *, keep: bool, camera: bool, attitude: bool) -> Generator[Item, None, None]:
         """Frames, and the messages to be copied (``keep``).
 
-        Those of a bag have their calibrations and the body's attitude, if asked for.
+        Those of a bag have their calibrations and the body's attitude, if asked for. A calibration
+        that was given is copied in place of those.
         """
-        for item in self._items(keep, camera and self._camera is None, attitude):
-            if self._camera is None or isinstance(item, RecordedMessage | BadFrame):
+        given = self._camera
+        source = self._source
+        image_topic = source.topic if isinstance(source, BagImages) else IMAGE_TOPIC
+        beside = topic_beside(image_topic, 'camera_info')
+        for item in self._items(keep, camera and given is None, attitude):
+            if given is None or isinstance(item, BadFrame):
                 yield item
-            else:
-                yield replace(item, camera=self._camera)
+            elif not isinstance(item, RecordedMessage):
+                yield replace(item, camera=given)
+            elif item.topic != beside:
+                if item.topic == image_topic:
+                    yield from _calibration(item, given, beside)
+                yield item
 
     def _items(self, keep: bool, camera: bool, attitude: bool) -> Iterator[Item]:
         if isinstance(self._source, BagImages):
@@ -225,7 +241,10 @@ class ReplayInput:
             return
         for index, frame in enumerate(self._selection.stretch(self._source.frames())):
             if keep and isinstance(frame, Frame):
-                yield _message(frame)
+                image = _message(frame)
+                if frame.camera is not None:
+                    yield from _calibration(image, frame.camera, CAMERA_TOPIC)
+                yield image
             if index % self._selection.every == 0:
                 yield frame
 
@@ -237,6 +256,18 @@ class ReplayInput:
 def _message(frame: Frame) -> RecordedMessage:
     data = serialize_image(frame.image, cdr_header(frame.stamp_ns, frame.frame_id))
     return RecordedMessage(IMAGE_TOPIC, IMAGE, frame.stamp_ns, data, None, RELIABLE_QOS)
+
+
+def _calibration(
+    image: RecordedMessage, camera: CameraModel, topic: str
+) -> Iterator[RecordedMessage]:
+    """The CameraInfo of an image's message; none of one that is damaged."""
+    from rclpy.serialization import serialize_message
+
+    with suppress(ImageError):
+        info = encode_camera_info(camera, make_header(*CdrReader(image.data).header()))
+        data = serialize_message(info)
+        yield RecordedMessage(topic, CAMERA_INFO, image.stamp_ns, data, None, RELIABLE_QOS)
 
 
 _MAX_UNDER_WAY, _MIN_UNDER_WAY = 16, 3
