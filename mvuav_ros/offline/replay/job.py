@@ -294,6 +294,7 @@ class FrameResults:
         stamp_ns: the frame's, ns.
         messages: the results, node after node.
         reasons: why a node has none; empty where every node could use the frame.
+        statuses: what was missing, in the words of each node that could use the frame.
         seconds: that the nodes took for it.
         is_frame: False for what nodes say once, at the end.
     """
@@ -301,6 +302,7 @@ class FrameResults:
     stamp_ns: int
     messages: list[ResultMessage] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
+    statuses: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     is_frame: bool = True
 
@@ -430,6 +432,7 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     start = time.perf_counter()
     try:
         results.messages += _messages(processor, processor.process(frame))
+        results.statuses[processor.name] = processor.status
         if debug:
             results.messages += _messages(processor, processor.draw(processor.debug_topics))
     except DuplicateStampError:
@@ -457,6 +460,7 @@ def merged(stamp_ns: int, parts: Sequence[FrameResults], *, is_frame: bool = Tru
         stamp_ns,
         [message for part in parts for message in part.messages],
         list(dict.fromkeys(reason for part in parts for reason in part.reasons)),
+        {name: status for part in parts for name, status in part.statuses.items()},
         sum(part.seconds for part in parts),
         is_frame,
     )
@@ -589,6 +593,8 @@ def _write(
             if time.monotonic() >= reported + PROGRESS_INTERVAL:
                 progress(JobProgress(source.name, outcome.frames, source.count))
                 reported = time.monotonic()
+        else:
+            output.note_statuses()
     finally:
         outcome.account = source.account
         outcome.errors, outcome.warnings = source.account.errors, source.account.warnings
@@ -609,6 +615,7 @@ class _Output:
         self._account = account
         self._results = tuple(f'/{name}/' for name in job.settings.parameters)
         self._job, self._outputs = job, outputs
+        self._always: dict[str, dict[str, None]] = {}
 
     def take(self, step: FrameResults | RecordedMessage) -> None:
         if isinstance(step, FrameResults):
@@ -616,11 +623,21 @@ class _Output:
                 self._writer.write(topic, kind, step.stamp_ns, data)
             if step.is_frame:
                 self.outcome.count(step)
+                for node, status in step.statuses.items():
+                    parts = dict.fromkeys(filter(None, status.split('; ')))
+                    known = self._always.setdefault(node, parts)
+                    self._always[node] = {part: None for part in known if part in parts}
         elif step.topic.startswith(self._results):
             said = f'{step.topic} of the input is not copied, because the replay writes it'
             self._account.note(('left out', step.topic), said)
         else:
             self._writer.write(*step)
+
+    def note_statuses(self) -> None:
+        """Say what each node has said of every frame: a mistake in the settings, as a rule."""
+        for node, parts in self._always.items():
+            if parts:
+                self._account.note(('status', node), f'{node}, every frame: {"; ".join(parts)}')
 
     @cached_property
     def _writer(self) -> Writer:
