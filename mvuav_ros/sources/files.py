@@ -9,7 +9,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file
+from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file, tiff_images
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account
@@ -41,10 +41,14 @@ class ImageFolder(FrameSource):
             try:
                 if file.stat().st_size > _MAX_FILE:
                     raise ImageError(f'the file is larger than {_MAX_FILE >> 20} MB')
-                image = decode_image_file(np.fromfile(file, np.uint8))
+                data = np.fromfile(file, np.uint8)
+                image = decode_image_file(data)
             except (ImageError, OSError) as error:
                 yield BadFrame(stamp_ns, f'{file.name}: {error}')
             else:
+                if (more := tiff_images(data) - 1) > 0:
+                    said = f'{file.name}: only the first of its {more + 1} images is read'
+                    self.account.lose('', file, said, more)
                 self.account.kept += 1
                 yield Frame(stamp_ns, OPTICAL_FRAME, image)
 

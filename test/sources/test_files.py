@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from support.coded_videos import (
@@ -197,3 +198,13 @@ def test_a_video_of_any_name(tmp_path: Path, name: bytes) -> None:
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b'/' + name))
     write_video(tmp_path / 'plain.mp4', [0, 33]).rename(path)
     assert len(list(open_source(str(path)).frames())) == 2
+
+
+def test_a_tiff_of_several_images_is_not_taken_for_one_in_silence(tmp_path: Path) -> None:
+    image = np.full((HEIGHT, WIDTH), 9, np.uint8)
+    cv2.imwrite(str(tmp_path / '1.tiff'), image)
+    cv2.imwritemulti(str(tmp_path / '2.tiff'), [image] * 3)
+    source = open_source(str(tmp_path))
+    assert [frame.image.width for frame in source.frames()] == [WIDTH] * 2
+    assert source.account.errors == ['2.tiff: only the first of its 3 images is read']
+    assert (source.account.kept, source.account.lost) == (2, 2)
