@@ -19,11 +19,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from mvuav_ros.messages.images import stamp_ns_in
 from mvuav_ros.messages.untrusted import MalformedMessageError, visible
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.recordings.tables import ResultRows
+from mvuav_ros.vision.image import ImageError
 
 Array = NDArray[np.float64]
 
@@ -234,11 +236,9 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
             if not _NEEDS.get(kind, set()) <= set(columns):
                 continue
             points = [dict(zip(columns, row, strict=True)) for row in values]
-        except MalformedMessageError:
+            stamp_ns = stamp_ns_in(message.data)
+        except (MalformedMessageError, ImageError):
             continue
-        if not points:
-            continue
-        stamp_ns = int(points[0]['stamp_ns'])
         # The first, the earliest and the latest, which may be any where clocks jump.
         first, earliest, latest = stamps or [stamp_ns] * 3
         stamps = [first, min(earliest, stamp_ns), max(latest, stamp_ns)]
@@ -248,10 +248,10 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
 
 
 def _take(part: NodePart, topic: str, seconds: float, points: list[dict[str, Any]]) -> None:
-    said = points[0]
+    said = points[0] if points else {}
     if topic == 'markers':
         part.frames += 1
-        if not any('id' in of or of.get('label') == 255 for of in points):
+        if points and not any('id' in of or of.get('label') == 255 for of in points):
             _take_markers(part, seconds, points)
             return
         # Without names there is nothing to withhold: how many lights there are.

@@ -301,6 +301,21 @@ def test_every_loss_of_one_frame_is_seen_on_the_page_of_a_long_flight(tmp_path: 
     assert np.count_nonzero(np.diff(is_grey.astype(int)) == 1) == 7
 
 
+def test_frames_without_a_light_are_drawn_as_zero_lights(tmp_path: Path) -> None:
+    path = tmp_path / 'flight.mcap'
+    encode = PointLayout(marker_messages.POINT).encode
+    with RecordingWriter(path) as writer:
+        for number, lights in enumerate((0, 2, 0, 1, 0)):
+            rows = [(1.0,) * 8 + (255, 1, 1.0)] * lights
+            data = encode(rows, cdr_header(number * 10**9, 'camera'))
+            writer.write('/marker_tracker/markers', CLOUD, number * 10**9, data)
+    with open_recording(path) as recording:
+        flight = collect(recording, 'flight')
+    (part,) = flight.parts
+    assert (part.frames, flight.seconds) == (5, 4.0)
+    assert part.curves['markers'].by_name()['lights'][0].tolist() == [0, 2, 0, 1, 0]
+
+
 def test_a_flight_whose_clock_jumps_back_has_a_length(tmp_path: Path) -> None:
     path = tmp_path / 'flight.mcap'
     result = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
