@@ -133,6 +133,9 @@ def test_topics_of_video_packets(tmp_path: Path, codec: str, make, kind: str, na
     assert topic.images.formats == [f'{WIDTH}x{HEIGHT} {ffmpegs_name} video']
     third = list(BagImages(path).items(Selection(every=3)))
     assert [number_in(frame.image.pixels) for frame in third] == [0, 3, 6, 9]
+    # A part need not begin with a key frame.
+    part = list(BagImages(path).items(Selection(start_s=3e-9, duration_s=6e-9)))
+    assert [number_in(frame.image.pixels) for frame in part] == [3, 4, 5, 6, 7, 8]
 
 
 def test_frames_in_the_order_of_showing(tmp_path: Path) -> None:
