@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import time
 from collections import Counter, deque
@@ -46,14 +47,20 @@ DESCRIPTION = 'mvuav_replay'
 def description(source: str, settings: ReplaySettings) -> dict[str, str]:
     """What distinguishes results of the same input, version and parameters from others.
 
+    Files that parameters name, such as the rig's, count by their content.
+
     Raises:
         RecordingError: the input cannot be reached.
         OSError: likewise.
     """
+    values = (value for given in settings.parameters.values() for value in given.values())
+    files = [Path(value).expanduser() for value in values if isinstance(value, str)]
+    content = b''.join(file.read_bytes() for file in files if file.is_file())
     return {
         'version': mvuav_ros.__version__,
         **fingerprint(source),
         'settings': json.dumps(dataclasses.asdict(settings), sort_keys=True),
+        **({'parameter_files': hashlib.sha256(content).hexdigest()} if content else {}),
     }
 
 
