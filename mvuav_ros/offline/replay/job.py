@@ -658,12 +658,13 @@ def refuse_own_input(job: ReplayJob) -> None:
 
 
 def is_own_input(job: ReplayJob) -> bool:
-    """Whether the output is the input, or a file among those of the input."""
-    source, output = Path(job.source).expanduser(), Path(job.output)
+    """Whether the output is the input, a file among those of the input, or a folder around it."""
     if is_url(job.output):
         return job.source == job.output
-    if source.exists() and output.resolve() == source.resolve():
+    source, output = Path(job.source).expanduser(), Path(job.output)
+    own, target = source.resolve(), output.resolve()
+    if source.exists() and target in (own, *own.parents):
         return True
-    if source.is_dir() and looks_like_bag(source) and output.resolve().parent == source.resolve():
+    if source.is_dir() and looks_like_bag(source) and target.parent == own:
         return True
     return source.is_file() and output.exists() and output.samefile(source)

@@ -118,6 +118,14 @@ def test_the_input_is_never_overwritten(tmp_path: Path, force: tuple[str, ...]) 
     folder = write_rosbag2(tmp_path / 'folder', SAMPLES)
     for source, out in ((bag, bag), (bag, link), (folder, folder / 'folder.mcap')):
         assert 'is (in) the input itself' in mvuav('replay', source, '-o', out, *force).error
+    # Neither by the name of one of its files.
+    form = ('--format', 'rosbag2')
+    (part,) = folder.glob('*.mcap')
+    for source, out, more in ((part, folder, form), (folder / 'metadata.yaml', part, ())):
+        before = part.read_bytes()
+        assert 'is (in) the input itself' in mvuav('replay', source, '-o', out, *more, *force).error
+        assert 'the input itself' in mvuav('repair', source, '-o', out, *more, '--force').error
+        assert part.read_bytes() == before
     run = mvuav('replay', bag, folder, '-o', tmp_path, *force)
     assert f'{bag} is (in) the input itself' in run.err
     assert bag.read_bytes() == content
