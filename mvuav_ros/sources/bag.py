@@ -227,12 +227,13 @@ class BagImages(FrameSource):
         origin_ns = 0
         is_part = selection.is_part
         if is_part:
-            paired.look_ahead(recording)
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
         images = 0
         video = VideoDecoder()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
+        if is_part:
+            paired.look_ahead(recording, window[0] or origin_ns)
         if window[0] is not None:
             self._lead_in(video, window[0])
         topics = None if others else {self.topic, *paired.topics}
@@ -323,13 +324,15 @@ class SynchronizedTopics:
         self._cameras = StampPairing[CameraModel, AnyFrame]()
         self._attitudes = AttitudePairing[AnyFrame]()
 
-    def look_ahead(self, recording: Recording) -> None:
+    def look_ahead(self, recording: Recording, start_ns: int) -> None:
         """The calibration of a part may have been published once, before the part begins."""
         if self._camera_topic is None:
             return
+        is_known = False
         for message in recording.messages({self._camera_topic}):
-            if self._add_camera(message):
+            if is_known and message.stamp_ns >= start_ns:
                 return
+            is_known = self._add_camera(message) or is_known
 
     def take(self, message: RecordedMessage) -> None:
         """Look at a message of any topic; one topic may have messages of several types."""

@@ -455,6 +455,13 @@ def test_the_camera_comes_with_the_bag(tmp_path: Path, monkeypatch: pytest.Monke
     assert mvuav('replay', bag, '-o', tmp_path / 'part.mcap', *NODE, *part).status == 0
     assert 0 < len(seen) < 6 and set(seen) == {500.0}
     seen.clear()
+    # Of several the newest before the part.
+    samples = [_calibration(0, 500.0), SAMPLES[0], _calibration(1, 600.0), *SAMPLES[1:6]]
+    bag = write_mcap(tmp_path / 'twice.mcap', samples)
+    part = (*part, '--force')
+    assert mvuav('replay', bag, '-o', tmp_path / 'part.mcap', *NODE, *part).status == 0
+    assert 0 < len(seen) < 6 and set(seen) == {600.0}
+    seen.clear()
     assert mvuav('replay', 'sim:tanker?frames=2', '-o', tmp_path / 'sim.mcap', *NODE).status == 0
     assert len(seen) == 2 and all(focal_length and focal_length > 0 for focal_length in seen)
 
