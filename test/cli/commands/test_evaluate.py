@@ -132,6 +132,14 @@ def test_sweep_writes_table_and_trends_and_reports_a_failed_run(tmp_path):
         run('sweep', flight, *given)
 
 
+def test_a_run_over_a_url_has_the_bags_truth(tmp_path):
+    pytest.importorskip('fsspec', reason='fsspec is not installed')
+    bag = write_bag(tmp_path / 'flight.mcap', results=False)
+    here, there = (replay(text, {'marker_tracker': {}}) for text in (str(bag), f'file://{bag}'))
+    assert len(there.truth) == len(here.truth) > 0
+    assert {m.name for m in metrics_of(there)} == {m.name for m in metrics_of(here)}
+
+
 @pytest.mark.parametrize('finished', [0, 2])
 def test_an_interrupted_sweep_leaves_the_finished_runs(tmp_path, monkeypatch, finished):
     def interrupted(runs, *_):
