@@ -612,7 +612,8 @@ def _write(
 class _Output:
     """Writes results, and copies of the input's messages except onto the results' own topics.
 
-    What is there already is replaced by the first message, as there may be none.
+    What is there already is replaced by the first message, as there may be none. Beside copies
+    results are logged at their time: stamps may be of another clock, decades away.
     """
 
     def __init__(
@@ -622,19 +623,23 @@ class _Output:
         self._account = account
         self._results = tuple(f'/{name}/' for name in job.settings.parameters)
         self._job, self._outputs = job, outputs
+        self._logged_ns: int | None = None
         self._always: dict[str, dict[str, None]] = {}
 
     def take(self, step: FrameResults | RecordedMessage) -> None:
         if isinstance(step, FrameResults):
+            logged_ns = step.stamp_ns if self._logged_ns is None else self._logged_ns
             for topic, kind, data in step.messages:
-                self._writer.write(topic, kind, step.stamp_ns, data)
+                self._writer.write(topic, kind, logged_ns, data)
             if step.is_frame:
                 self.outcome.count(step)
                 for node, status in step.statuses.items():
                     parts = dict.fromkeys(filter(None, status.split('; ')))
                     known = self._always.setdefault(node, parts)
                     self._always[node] = {part: None for part in known if part in parts}
-        elif step.topic.startswith(self._results):
+            return
+        self._logged_ns = step.stamp_ns
+        if step.topic.startswith(self._results):
             said = f'{step.topic} of the input is not copied, because the replay writes it'
             self._account.note(('left out', step.topic), said)
         else:

@@ -166,6 +166,21 @@ def test_keep_inputs_does_not_mix_old_results_with_new_ones(bag: Path, tmp_path:
     assert counts(second) == counts(first)
 
 
+def test_keep_inputs_leaves_results_beside_images_whose_stamps_count_from_another_time(
+    tmp_path: Path,
+) -> None:
+    """A camera may stamp its images by the time since it was switched on."""
+    messages = [image(n) for n in range(3)]
+    for message in messages:
+        message.header.stamp.sec = 5
+    samples = [Sample(TOPIC, IMAGE, stamp(n), cdr(message)) for n, message in enumerate(messages)]
+    bag, out = write_mcap(tmp_path / 'in.mcap', samples), tmp_path / 'out.mcap'
+    assert mvuav('replay', bag, '-o', out, *NODE, '--keep-inputs').status == 0
+    assert stamps(out) == stamps(out, TOPIC) == [stamp(n) for n in range(3)]
+    clouds = [decode_message(m.type, m.data) for m in read(out) if m.topic == MARKERS]
+    assert [cloud.header.stamp.sec for cloud in clouds] == [5, 5, 5]
+
+
 @pytest.mark.parametrize('kind', ['video', 'folder'])
 def test_keep_inputs_of_images_are_images(tmp_path: Path, kind: str) -> None:
     rows = np.linspace(0, 255, 48, dtype=np.uint8)[:, None, None]
