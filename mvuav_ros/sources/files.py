@@ -12,7 +12,7 @@ import numpy as np
 from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file, tiff_images
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.untrusted import words
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, counted
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, natural_key, start_of
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import ImageError
@@ -126,12 +126,13 @@ class VideoFile(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
         stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
-        packets = damaged = end = self.account.kept = 0
+        packets = damaged = doubtful = end = self.account.kept = 0
         with self._open() as container:
             stream = container.streams.video[0]
             stream.thread_type = 'AUTO'
             for packet in _packets(container, stream):
                 packets += packet.size > 0
+                doubtful += packet.is_corrupt  # as MPEG-TS says where a part is missing
                 end = max(end, (packet.pts or 0) + (packet.duration or 1))
                 try:
                     for frame in packet.decode():
@@ -142,6 +143,9 @@ class VideoFile(FrameSource):
         if damaged:
             said = f'{damaged} packets of the video do not decode'
             self.account.lose('', 'packets', said, damaged)
+        if doubtful:
+            said = f'parts of {counted(doubtful, "packet")} of the video are missing: '
+            self.account.lose('', 'parts', f'{said}images up to the next key frame may be false', 0)
         self._note_end(packets, end)
 
     def _note_end(self, packets: int, end: int) -> None:

@@ -203,6 +203,22 @@ def test_a_video_of_any_name(tmp_path: Path, name: bytes) -> None:
     assert len(list(open_source(str(path)).frames())) == 2
 
 
+def test_a_video_with_parts_missing_inside_says_so(tmp_path: Path) -> None:
+    """As a downlink loses them."""
+    whole = write_video(tmp_path / 'a.ts', range(0, 2000, 50), 'libx264').read_bytes()
+    parts = [whole[at : at + 188] for at in range(0, len(whole), 188)]
+    video = 0x100
+    ours = [at for at, part in enumerate(parts) if (part[1] & 0x1F) << 8 | part[2] == video]
+    del parts[ours[len(ours) // 2]]
+    (tmp_path / 'b.ts').write_bytes(b''.join(parts))
+    for name, damage in (('a.ts', 0), ('b.ts', 1)):
+        source = VideoFile(tmp_path / name)
+        assert len(list(source.frames())) > 30
+        assert [error.split(':')[0] for error in source.account.errors] == [
+            'parts of 1 packet of the video are missing'
+        ] * damage
+
+
 def test_a_tiff_of_several_images_is_not_taken_for_one_in_silence(tmp_path: Path) -> None:
     image = np.full((HEIGHT, WIDTH), 9, np.uint8)
     cv2.imwrite(str(tmp_path / '1.tiff'), image)
