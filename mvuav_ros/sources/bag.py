@@ -53,7 +53,7 @@ _STAMP_START, _STAMP_END = 4, 12
 _STAMPS = (struct.Struct('>iI'), struct.Struct('<iI'))
 """Of a message that begins with a header, by the last bit of its CDR's second byte."""
 _LEAD_IN_NS = 30 * _NS
-"""Longer than a video's groups of pictures."""
+"""Before a part: longer than a video's groups of pictures, and than between two calibrations."""
 _DECODER = ImageDecoder()
 """Of this process; what it remembers of the last message makes it faster, and nothing else."""
 
@@ -328,11 +328,18 @@ class SynchronizedTopics:
         """The calibration of a part may have been published once, before the part begins."""
         if self._camera_topic is None:
             return
-        is_known = False
-        for message in recording.messages({self._camera_topic}):
-            if is_known and message.stamp_ns >= start_ns:
+        counts = {topic.name: topic.message_count for topic in recording.topics}
+        # As a rule it is published often, and not all before the part need be read.
+        for window in ((start_ns - _LEAD_IN_NS, start_ns), (None, None)):
+            is_known = False
+            for number, message in enumerate(recording.messages({self._camera_topic}, *window), 1):
+                if is_known and message.stamp_ns >= start_ns:
+                    return
+                is_known = self._add_camera(message) or is_known
+                if is_known and number == counts[self._camera_topic]:
+                    return
+            if is_known:
                 return
-            is_known = self._add_camera(message) or is_known
 
     def take(self, message: RecordedMessage) -> None:
         """Look at a message of any topic; one topic may have messages of several types."""
