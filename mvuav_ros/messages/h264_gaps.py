@@ -72,13 +72,13 @@ class _Bits:
         return int(self._bits[start : self._at], 2)
 
     def exponential(self) -> int:
-        """ue(v)."""
+        """An Exp-Golomb code, without a sign."""
         zeros = self._bits.index('1', self._at) - self._at
         self._at += zeros
         return self.number(zeros + 1) - 1
 
     def signed(self) -> int:
-        """se(v)."""
+        """An Exp-Golomb code with a sign."""
         code = self.exponential()
         return (code + 1) // 2 if code % 2 else -code // 2
 
