@@ -127,6 +127,7 @@ class VideoFile(FrameSource):
         """Read from the start."""
         stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
         packets = damaged = doubtful = end = self.account.kept = 0
+        before: list[int] = []
         with self._open() as container:
             stream = container.streams.video[0]
             stream.thread_type = 'AUTO'
@@ -136,10 +137,16 @@ class VideoFile(FrameSource):
                 end = max(end, (packet.pts or 0) + (packet.duration or 1))
                 try:
                     for frame in packet.decode():
+                        if not self.account.kept:
+                            self._note_start(sum(pts < (frame.pts or 0) for pts in before))
                         self.account.kept += 1
                         yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
                 except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
                     damaged += 1
+                else:
+                    # Below 0 is what an edit list leaves out.
+                    if not self.account.kept and packet.pts is not None and packet.pts >= 0:
+                        before.append(packet.pts)
         if damaged:
             said = f'{damaged} packets of the video do not decode'
             self.account.lose('', 'packets', said, damaged)
@@ -147,6 +154,12 @@ class VideoFile(FrameSource):
             said = f'parts of {counted(doubtful, "packet")} of the video are missing: '
             self.account.lose('', 'parts', f'{said}images up to the next key frame may be false', 0)
         self._note_end(packets, end)
+
+    def _note_start(self, missing: int) -> None:
+        """Say how many packets there are of images before the first that decodes."""
+        if missing:
+            said = f'{counted(missing, "frame")} before the first key frame of the video not read'
+            self.account.lose('', 'start', said, missing)
 
     def _note_end(self, packets: int, end: int) -> None:
         """Say what is missing behind the last packet, which ends at that tick."""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from support.coded_videos import (
     compressed_image,
     compressed_video,
     ffmpeg_packet,
+    image,
     number_in,
     packets,
     turn,
@@ -201,6 +203,27 @@ def test_a_video_of_any_name(tmp_path: Path, name: bytes) -> None:
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b'/' + name))
     write_video(tmp_path / 'plain.mp4', [0, 33]).rename(path)
     assert len(list(open_source(str(path)).frames())) == 2
+
+
+@pytest.mark.parametrize('first', [0, 1])
+def test_a_video_that_begins_between_key_frames_says_so(tmp_path: Path, first: int) -> None:
+    """As a recording of a stream does."""
+    path = tmp_path / 'a.mkv'
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('libx264', rate=20)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
+        stream.codec_context.gop_size = 5
+        stream.options = {'tune': 'zerolatency'}
+        frames = [av.VideoFrame.from_ndarray(image(n), format='bgr24') for n in range(12)]
+        coded = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
+        lost = next(n for n, packet in enumerate(coded[first:]) if packet.is_keyframe)
+        container.mux(coded[first:])
+    video = VideoFile(path)
+    assert len(list(video.frames())) == 12 - first - lost
+    assert video.account.lost == lost
+    assert [error.split(' of the')[0] for error in video.account.errors] == [
+        f'{lost} frames before the first key frame'
+    ] * first
 
 
 def test_a_video_with_parts_missing_inside_says_so(tmp_path: Path) -> None:
