@@ -9,12 +9,14 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext, redirect_stdout
 from importlib import import_module
 from io import StringIO
+from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, NoReturn
 from urllib.parse import unquote
@@ -71,8 +73,13 @@ def account_for_inputs(app: typer.Typer) -> None:
 
 def _annotated(work: Callable[..., Any]) -> Callable[..., Any]:
     """A command whose annotations are no texts: those typer 0.9, which apt has, does not read."""
-    take_options(work, inspect.signature(work, eval_str=True).parameters.values(), {})
-    return work
+
+    def run(**given: Any) -> Any:
+        return work(**{name: _named(value) for name, value in given.items()})
+
+    run.__name__, run.__doc__ = work.__name__, work.__doc__
+    take_options(run, inspect.signature(work, eval_str=True).parameters.values(), {})
+    return run
 
 
 def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
@@ -107,11 +114,19 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
 
 
 def _named(value: Any) -> Any:
-    """An option's value; a place that a file:// URL names is its path, whoever looks at it."""
+    """An option's value; a place that a file:// URL or ~ names is its path, whoever looks at it.
+
+    The shell leaves ~ as it is in ``--output=~/flight``.
+    """
     if isinstance(value, list):
         return [_named(each) for each in value]
-    is_file = isinstance(value, str) and value.startswith('file://')
-    return unquote(value.removeprefix('file://')) if is_file else value
+    if isinstance(value, Path):
+        return Path(_named(str(value).replace('file:/', 'file:///', 1)))
+    if not isinstance(value, str):
+        return value
+    if value.startswith('file://'):
+        return unquote(value.removeprefix('file://'))
+    return os.path.expanduser(value)  # noqa: PTH111  Keeps a slash at the end.
 
 
 def _of_each_input(accounts: Iterable[Account]) -> list[Account]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from typing import Any
 
 import cv2
@@ -22,7 +23,9 @@ _JPEG_SCAN, _JPEG_END = 0xDA, 0xD9
 _MAX_SEGMENTS = 10_000
 _TIFF_ORDERS = {b'II*\0': '<', b'MM\0*': '>'}
 _TIFF_SIZES = {3: 'H', 4: 'I'}
-_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+_TIFF_KIND, _TIFF_WIDTH, _TIFF_HEIGHT = 254, 256, 257
+_TIFF_REDUCED, _TIFF_MASK = 1, 4
+"""Bits of the kind."""
 
 
 def compressed_size(data: Any) -> tuple[int, int] | None:
@@ -59,21 +62,42 @@ def _webp_size(view: memoryview) -> tuple[int, int] | None:
     return None
 
 
+def tiff_images(data: Any) -> int:
+    """The number of images in a TIFF, without reduced copies and masks; 0 of anything else."""
+    view = memoryview(data).cast('B') if len(data) else memoryview(b'')
+    order = _TIFF_ORDERS.get(bytes(view[:4]))
+    if order is None:
+        return 0
+    kinds = [tags.get(_TIFF_KIND, 0) for tags in _tiff_directories(view, order)]
+    return sum(not kind & (_TIFF_REDUCED | _TIFF_MASK) for kind in kinds)
+
+
 def _tiff_size(view: memoryview, order: str) -> tuple[int, int] | None:
     """By the first directory."""
-    found: dict[int, int] = {}
-    try:
-        (offset,) = struct.unpack_from(f'{order}I', view, 4)
-        (count,) = struct.unpack_from(f'{order}H', view, offset)
-        for entry in range(offset + 2, offset + 2 + 12 * count, 12):
-            tag, kind = struct.unpack_from(f'{order}HH', view, entry)
-            if tag in (_TIFF_WIDTH, _TIFF_HEIGHT) and kind in _TIFF_SIZES:
-                (found[tag],) = struct.unpack_from(order + _TIFF_SIZES[kind], view, entry + 8)
-    except struct.error:
-        return None
-    if len(found) < 2:
+    found = next(_tiff_directories(view, order), {})
+    if not {_TIFF_WIDTH, _TIFF_HEIGHT} <= found.keys():
         return None
     return found[_TIFF_WIDTH], found[_TIFF_HEIGHT]
+
+
+def _tiff_directories(view: memoryview, order: str) -> Iterator[dict[int, int]]:
+    """Each image's whole numbers by their tags, as far as the directories can be read."""
+    place = 4
+    for _ in range(_MAX_SEGMENTS):
+        found: dict[int, int] = {}
+        try:
+            (offset,) = struct.unpack_from(f'{order}I', view, place)
+            if offset == 0:
+                return
+            (count,) = struct.unpack_from(f'{order}H', view, offset)
+            place = offset + 2 + 12 * count
+            for entry in range(offset + 2, place, 12):
+                tag, kind = struct.unpack_from(f'{order}HH', view, entry)
+                if kind in _TIFF_SIZES:
+                    (found[tag],) = struct.unpack_from(order + _TIFF_SIZES[kind], view, entry + 8)
+        except struct.error:
+            return
+        yield found
 
 
 def _jpeg_size(view: memoryview) -> tuple[int, int] | None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.cdr import CdrReader, CdrWriter
+from mvuav_ros.messages.h264_gaps import PictureNumbers
 from mvuav_ros.messages.image_files import (
     MAX_PIXELS,
     check_size,
@@ -390,6 +391,7 @@ class VideoDecoder:
         self._decoder: Any = None
         self._number = 0
         self._waiting: dict[int, tuple[CodedImage, bool]] = {}
+        self._h264 = PictureNumbers()
 
     def frames(self, packet: CodedImage, wanted: bool) -> Iterator[Frame | BadFrame]:
         """Decode a packet; frames that are not wanted are only needed for those after them."""
@@ -400,9 +402,11 @@ class VideoDecoder:
         if codec != self._codec:
             yield from self.end()
             self._codec, self._decoder = codec, None
+        data = bytes(packet.data)
+        if codec == 'h264' and self._h264.follows_loss(data):
+            yield from self.end()
         self._number += 1
         self._waiting[self._number] = packet, wanted
-        data = bytes(packet.data)
         if data:
             yield from self._decode(data)
         else:

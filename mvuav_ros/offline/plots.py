@@ -19,11 +19,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from mvuav_ros.messages.images import stamp_ns_in
 from mvuav_ros.messages.untrusted import MalformedMessageError, visible
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.recordings.tables import ResultRows
+from mvuav_ros.vision.image import ImageError
 
 Array = NDArray[np.float64]
 
@@ -169,7 +171,7 @@ class FlightPlot:
 
 
 def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) -> list[Path]:
-    """Draw a page for each flight and an overview, as PNG.
+    """Draw a page for each flight that has something to draw, and an overview, as PNG.
 
     Args:
         flights: recordings of results by the names of their flights.
@@ -185,17 +187,21 @@ def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) 
     for path in paths:
         if path.exists() and not overwrite:
             raise RecordingError(f'{path} exists; choose another folder, or overwrite it (--force)')
-    drawn = []
+    drawn: dict[Path, FlightPlot] = {}
     for (flight, source), path in zip(flights.items(), paths, strict=False):
         with open_recording(source) as recording:
             collected = collect(recording, flight)
-        if not collected.parts:
-            raise RecordingError(f'{source} holds no results that can be drawn')
+            if not collected.parts:
+                recording.account.note('plot', f'{source} holds no results that can be drawn')
+                continue
         _save(page(collected), path)
         _summarise(collected)
-        drawn.append(collected)
-    _save(overview(drawn), paths[-1])
-    return paths
+        drawn[path] = collected
+    if not drawn:
+        names = ', '.join(map(str, flights.values()))
+        raise RecordingError(f'{names} holds no results that can be drawn')
+    _save(overview([*drawn.values()]), paths[-1])
+    return [*drawn, paths[-1]]
 
 
 _NEEDS = {'markers': {'label', 'state', 'name'}, 'line_params': {'x', 'theta_deg'}}
@@ -230,11 +236,9 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
             if not _NEEDS.get(kind, set()) <= set(columns):
                 continue
             points = [dict(zip(columns, row, strict=True)) for row in values]
-        except MalformedMessageError:
+            stamp_ns = stamp_ns_in(message.data)
+        except (MalformedMessageError, ImageError):
             continue
-        if not points:
-            continue
-        stamp_ns = int(points[0]['stamp_ns'])
         # The first, the earliest and the latest, which may be any where clocks jump.
         first, earliest, latest = stamps or [stamp_ns] * 3
         stamps = [first, min(earliest, stamp_ns), max(latest, stamp_ns)]
@@ -244,10 +248,10 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
 
 
 def _take(part: NodePart, topic: str, seconds: float, points: list[dict[str, Any]]) -> None:
-    said = points[0]
+    said = points[0] if points else {}
     if topic == 'markers':
         part.frames += 1
-        if not any('id' in of or of.get('label') == 255 for of in points):
+        if points and not any('id' in of or of.get('label') == 255 for of in points):
             _take_markers(part, seconds, points)
             return
         # Without names there is nothing to withhold: how many lights there are.

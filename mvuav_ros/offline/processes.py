@@ -297,7 +297,8 @@ def each(
             partial(_plain, work), tasks, min(jobs, len(tasks)), stop, closing_time=0.0
         )
         for message in done:
-            if isinstance(message, Done):
+            # What is cut off by the stop has not failed.
+            if isinstance(message, Done) and not (stop and message.error):
                 yield message
         if stop:
             raise Interrupted(stop.number)

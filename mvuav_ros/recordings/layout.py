@@ -30,8 +30,7 @@ def recording_files(path: Path, account: Account) -> list[Path]:
     try:
         if not path.exists():
             raise RecordingError(f'{path} does not exist; give {_ACCEPTED}')
-        if path.name == METADATA:
-            path = path.parent
+        path = named_recording(path)
         if not path.is_dir():
             return [path]
         present = [
@@ -54,6 +53,11 @@ def recording_files(path: Path, account: Account) -> list[Path]:
         names = ', '.join(entry.name for entry in present)
         raise RecordingError(f'{path} holds several recordings; give one of them: {names}')
     return present
+
+
+def named_recording(path: Path) -> Path:
+    """The recording that a path names: a folder's ``metadata.yaml`` names the folder."""
+    return path.parent if path.name == METADATA else path
 
 
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
@@ -225,7 +229,11 @@ def recordings_in(source: str) -> list[str]:
     folder or by a date, and a number.
     """
     path = Path(source).expanduser()
-    if is_url(source) or not path.is_dir() or _is_one(path):
+    if is_url(source):
+        return [source]
+    if path.name == METADATA:
+        return [str(named_recording(path))]
+    if not path.is_dir() or _is_one(path):
         return [source]
     found = [entry for entry in _entries(path) if _is_recording(entry)]
     return [str(Path(source) / entry.name) for entry in found] or [source]
@@ -239,9 +247,8 @@ def flight_name(source: str) -> str:
     """What a recording's results are called: its name without what says how it is stored."""
     if source.startswith(SIMULATED):
         return re.sub(r'[^\w.=-]+', '_', source.removeprefix(SIMULATED))
-    path = Path(source.split('?')[0] if is_url(source) else source).expanduser()
-    if path.name == METADATA:
-        path = path.parent
+    named = source.split('?')[0] if is_url(source) else source
+    path = named_recording(Path(named).expanduser())
     name = path.absolute().name
     if any(sign in name for sign in '*?[') and not path.exists():
         name = path.absolute().parent.name

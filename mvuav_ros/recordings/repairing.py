@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.layout import named_recording
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.rosbag2_folder import open_writer
 
@@ -39,7 +40,7 @@ def repair(
     Raises:
         RecordingError: nothing can be read, or the output not be written.
     """
-    target, own = output.resolve(), source.resolve()
+    target, own = output.resolve(), named_recording(source).resolve()
     if target == own or target in own.parents or own in target.parents:
         raise RecordingError(f'{output} is in or around the input itself; give another output')
     messages: Counter[str] = Counter()

@@ -57,9 +57,10 @@ class ImageSummary:
 class TopicSummary:
     """One topic; stamps are log times in ns since the epoch, None without messages.
 
-    ``rate_hz`` is the inverse of the median interval, None for fewer than two messages. ``gaps``
-    are intervals of more than 1.5 times the median one; ``jumps_back`` counts log stamps earlier
-    than the one before.
+    ``rate_hz`` is the inverse of the median interval, or of the mean one where most stamps repeat
+    the one before; None where all do, and for fewer than two messages. ``gaps`` are intervals of
+    more than 1.5 times the median one; ``jumps_back`` counts log stamps earlier than the one
+    before.
     """
 
     name: str
@@ -215,9 +216,12 @@ class _Tally:
         intervals = np.frombuffer(self._intervals, np.int64)
         forward = intervals[intervals >= 0]
         summary.jumps_back = len(intervals) - len(forward)
-        if len(forward) and (median := float(np.median(forward))) > 0:
+        if not forward.any():
+            return summary
+        median = float(np.median(forward))
+        summary.rate_hz = _NS / (median or float(forward.mean()))
+        if median:
             gaps = forward[forward > GAP_FACTOR * median]
-            summary.rate_hz = _NS / median
             summary.gaps = len(gaps)
             summary.longest_gap_s = int(gaps.max(initial=0)) / _NS
         return summary

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Generator, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import (
     IMAGE,
     BadFrame,
+    CodedImage,
     Frame,
     ImageDecoder,
     VideoDecoder,
@@ -50,6 +52,8 @@ _END_OF_TIME = 1 << 31
 _STAMP_START, _STAMP_END = 4, 12
 _STAMPS = (struct.Struct('>iI'), struct.Struct('<iI'))
 """Of a message that begins with a header, by the last bit of its CDR's second byte."""
+_LEAD_IN_NS = 30 * _NS
+"""Before a part: longer than a video's groups of pictures, and than between two calibrations."""
 _DECODER = ImageDecoder()
 """Of this process; what it remembers of the last message makes it faster, and nothing else."""
 
@@ -223,12 +227,15 @@ class BagImages(FrameSource):
         origin_ns = 0
         is_part = selection.is_part
         if is_part:
-            paired.look_ahead(recording)
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
         images = 0
         video = VideoDecoder()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
+        if is_part:
+            paired.look_ahead(recording, window[0] or origin_ns)
+        if window[0] is not None:
+            self._lead_in(video, window[0])
         topics = None if others else {self.topic, *paired.topics}
         for message in recording.messages(topics, *window):
             if others:
@@ -244,6 +251,17 @@ class BagImages(FrameSource):
             yield from paired.ready(wait=True)
         yield from paired.add(video.end())
         yield from paired.ready(wait=False)
+
+    def _lead_in(self, video: VideoDecoder, start_ns: int) -> None:
+        """Decode a video's packets before a part, whose first frames may need them."""
+        before = self._recording.messages({self.topic}, start_ns - _LEAD_IN_NS, start_ns)
+        for message in before:
+            with suppress(ImageError):
+                packet = _video_packet(message)
+                if packet is None:
+                    return
+                for _ in video.frames(packet, wanted=False):
+                    pass
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
         """The number of frames that a pass gives, from the rate so far."""
@@ -267,18 +285,28 @@ def _frames(
     recorded: RecordedMessage, video: VideoDecoder, wanted: bool
 ) -> Iterator[EncodedFrame | Frame | BadFrame]:
     """What becomes of an image's message, or of a packet of a video."""
-    if normalised_type(recorded.type) != IMAGE:
-        try:
-            coded = view_coded_image(recorded.type, recorded.data)
-        except ImageError as error:
-            yield BadFrame(recorded.stamp_ns, str(error))
-            return
-        if coded.is_video:
-            coded.stamp_ns = coded.stamp_ns or recorded.stamp_ns
-            yield from video.frames(coded, wanted)
-            return
-    if wanted:
+    try:
+        packet = _video_packet(recorded)
+    except ImageError as error:
+        yield BadFrame(recorded.stamp_ns, str(error))
+        return
+    if packet is not None:
+        yield from video.frames(packet, wanted)
+    elif wanted:
         yield EncodedFrame(recorded, stamp_ns_of_image(recorded))
+
+
+def _video_packet(recorded: RecordedMessage) -> CodedImage | None:
+    """A video's packet; None of an image by itself.
+
+    Raises:
+        ImageError: the bytes are no such message.
+    """
+    if normalised_type(recorded.type) == IMAGE:
+        return None
+    coded = view_coded_image(recorded.type, recorded.data)
+    coded.stamp_ns = coded.stamp_ns or recorded.stamp_ns
+    return coded if coded.is_video else None
 
 
 AnyFrame = EncodedFrame | Frame
@@ -296,12 +324,21 @@ class SynchronizedTopics:
         self._cameras = StampPairing[CameraModel, AnyFrame]()
         self._attitudes = AttitudePairing[AnyFrame]()
 
-    def look_ahead(self, recording: Recording) -> None:
+    def look_ahead(self, recording: Recording, start_ns: int) -> None:
         """The calibration of a part may have been published once, before the part begins."""
         if self._camera_topic is None:
             return
-        for message in recording.messages({self._camera_topic}):
-            if self._add_camera(message):
+        counts = {topic.name: topic.message_count for topic in recording.topics}
+        # As a rule it is published often, and not all before the part need be read.
+        for window in ((start_ns - _LEAD_IN_NS, start_ns), (None, None)):
+            is_known = False
+            for number, message in enumerate(recording.messages({self._camera_topic}, *window), 1):
+                if is_known and message.stamp_ns >= start_ns:
+                    return
+                is_known = self._add_camera(message) or is_known
+                if is_known and number == counts[self._camera_topic]:
+                    return
+            if is_known:
                 return
 
     def take(self, message: RecordedMessage) -> None:

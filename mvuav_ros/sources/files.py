@@ -9,10 +9,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file
+from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file, tiff_images
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.untrusted import words
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, counted
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, natural_key, start_of
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import ImageError
@@ -41,10 +41,14 @@ class ImageFolder(FrameSource):
             try:
                 if file.stat().st_size > _MAX_FILE:
                     raise ImageError(f'the file is larger than {_MAX_FILE >> 20} MB')
-                image = decode_image_file(np.fromfile(file, np.uint8))
+                data = np.fromfile(file, np.uint8)
+                image = decode_image_file(data)
             except (ImageError, OSError) as error:
                 yield BadFrame(stamp_ns, f'{file.name}: {error}')
             else:
+                if (more := tiff_images(data) - 1) > 0:
+                    said = f'{file.name}: only the first of its {more + 1} images is read'
+                    self.account.lose('', file, said, more)
                 self.account.kept += 1
                 yield Frame(stamp_ns, OPTICAL_FRAME, image)
 
@@ -122,23 +126,40 @@ class VideoFile(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
         stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
-        packets = damaged = end = self.account.kept = 0
+        packets = damaged = doubtful = end = self.account.kept = 0
+        before: list[int] = []
         with self._open() as container:
             stream = container.streams.video[0]
             stream.thread_type = 'AUTO'
             for packet in _packets(container, stream):
                 packets += packet.size > 0
+                doubtful += packet.is_corrupt  # as MPEG-TS says where a part is missing
                 end = max(end, (packet.pts or 0) + (packet.duration or 1))
                 try:
                     for frame in packet.decode():
+                        if not self.account.kept:
+                            self._note_start(sum(pts < (frame.pts or 0) for pts in before))
                         self.account.kept += 1
                         yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
                 except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
                     damaged += 1
+                else:
+                    # Below 0 is what an edit list leaves out.
+                    if not self.account.kept and packet.pts is not None and packet.pts >= 0:
+                        before.append(packet.pts)
         if damaged:
             said = f'{damaged} packets of the video do not decode'
             self.account.lose('', 'packets', said, damaged)
+        if doubtful:
+            said = f'parts of {counted(doubtful, "packet")} of the video are missing: '
+            self.account.lose('', 'parts', f'{said}images up to the next key frame may be false', 0)
         self._note_end(packets, end)
+
+    def _note_start(self, missing: int) -> None:
+        """Say how many packets there are of images before the first that decodes."""
+        if missing:
+            said = f'{counted(missing, "frame")} before the first key frame of the video not read'
+            self.account.lose('', 'start', said, missing)
 
     def _note_end(self, packets: int, end: int) -> None:
         """Say what is missing behind the last packet, which ends at that tick."""

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from support.commands import mvuav
 from support.places import ROOT
 
 from mvuav_ros.cli.app import application
@@ -66,6 +67,27 @@ def test_no_option_is_annotated_with_text():
     for callback in callbacks:
         for parameter in inspect.signature(callback).parameters.values():
             assert not isinstance(parameter.annotation, str), (callback, parameter)
+
+
+@pytest.mark.parametrize('place', ['~/out', 'file://{}/out'])
+def test_a_home_and_a_file_url_are_places_whatever_command_writes_there(
+    tmp_path, monkeypatch, place
+):
+    """The shell leaves ~ as it is behind ``--output=``."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    (tmp_path / 'here').mkdir()
+    monkeypatch.chdir(tmp_path / 'here')
+    place = place.format(tmp_path)
+    for command in (
+        ('simulate', 'tanker', '--frames', 2, f'--output={place}/flight.mcap'),
+        ('replay', f'{place}/flight.mcap', f'--output={place}/results.mcap'),
+        ('export', f'{place}/results.mcap', f'--output={place}/tables'),
+        ('sweep', f'{place}/flight.mcap', '--nodes', 'marker_tracker', f'--output={place}/sweep'),
+    ):
+        assert mvuav(*command).status == 0
+    names = {path.name for path in (tmp_path / 'out').iterdir()}
+    assert names == {'flight.mcap', 'results.mcap', 'tables', 'sweep'}
+    assert list((tmp_path / 'here').iterdir()) == []
 
 
 @pytest.mark.parametrize('group', [(), ('rig',), ('evaluate',)])

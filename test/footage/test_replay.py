@@ -56,10 +56,11 @@ def test_an_incomplete_folder_is_told_and_not_strict(bags: Path, tmp_path: Path)
     folder = bags / 'amber_zstd_message_compressed'
     run = mvuav('replay', folder, '-o', tmp_path / 'out.mcap', '--strict')
     assert run.status == 1
-    missing, unlisted, *kept_and_why = run.err.splitlines()
+    missing, unlisted, kept, throughout, why = run.err.splitlines()
     assert '12 of the 13 files that metadata.yaml lists are missing' in missing
     assert 'not listed in metadata.yaml, not read' in unlisted
-    assert len(kept_and_why) == 2
+    assert '2 kept' in kept and '--strict' in why
+    assert throughout.startswith('note: marker_tracker, every frame: ')
 
 
 @pytest.mark.parametrize('name', MALFORMED)

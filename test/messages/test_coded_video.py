@@ -25,3 +25,15 @@ def test_an_empty_packet_is_one_bad_frame_and_not_the_end_of_the_video(at):
     good = [number_in(frame.image.pixels) for frame in frames if isinstance(frame, Frame)]
     assert bad == [at]
     assert good == list(range(8))
+
+
+def test_no_false_image_is_made_of_what_follows_a_lost_packet():
+    """A bag does not say that there was one; the next key frame is the sixth."""
+    video, frames = VideoDecoder(), []
+    for stamp, data in enumerate(packets('libx264', 12)):
+        if stamp != 2:
+            frames += video.frames(CodedImage(stamp, 'nose', 'h264', data, True), True)
+    frames += video.end()
+    good = {f.stamp_ns: number_in(f.image.pixels) for f in frames if isinstance(f, Frame)}
+    assert good == {stamp: stamp for stamp in (0, 1, *range(5, 12))}
+    assert [f.stamp_ns for f in frames if isinstance(f, BadFrame)] == [3, 4]

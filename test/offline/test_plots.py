@@ -15,7 +15,7 @@ import pytest
 from support.commands import mvuav
 
 from mvuav_ros.messages import marker_messages
-from mvuav_ros.messages.cdr import PointLayout, cdr_header
+from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
 from mvuav_ros.offline.plots import Curves, collect, page
 from mvuav_ros.recordings.reading import open_recording
@@ -232,6 +232,22 @@ def test_a_flight_may_be_called_overview(season: Path, tmp_path: Path) -> None:
     assert names == {'overview.png', 'overview_of_all.png'}
 
 
+def test_a_flight_without_results_to_draw_does_not_keep_the_others_from_a_page(
+    season: Path, tmp_path: Path
+) -> None:
+    bare = tmp_path / 'bare.mcap'
+    with RecordingWriter(bare) as writer:
+        writer.write(
+            '/aim', POINT, 10**9, stamped_doubles(cdr_header(10**9, 'nose'), 1.0, 2.0, 0.0)
+        )
+    run = mvuav('export', bare, season / 'flight_0.mcap', '-o', tmp_path / 'out', '--plot')
+    assert run.status == 0
+    assert f'note: {bare} holds no results that can be drawn' in run.err
+    plots = tmp_path / 'out' / 'plots'
+    assert {path.name for path in plots.iterdir()} == {'flight_0.png', 'overview.png'}
+    assert 'bare' not in run.out
+
+
 @pytest.mark.parametrize('kind', ['markers', 'line_params'])
 def test_other_programs_topics_of_that_name_are_not_drawn(
     season: Path, tmp_path: Path, kind: str
@@ -283,6 +299,21 @@ def test_every_loss_of_one_frame_is_seen_on_the_page_of_a_long_flight(tmp_path: 
     row = cv2.imread(str(tmp_path / 'page.png'))[-low - 9, left + 2 : right - 2]
     is_grey = row[:, 0].astype(int) > 190
     assert np.count_nonzero(np.diff(is_grey.astype(int)) == 1) == 7
+
+
+def test_frames_without_a_light_are_drawn_as_zero_lights(tmp_path: Path) -> None:
+    path = tmp_path / 'flight.mcap'
+    encode = PointLayout(marker_messages.POINT).encode
+    with RecordingWriter(path) as writer:
+        for number, lights in enumerate((0, 2, 0, 1, 0)):
+            rows = [(1.0,) * 8 + (255, 1, 1.0)] * lights
+            data = encode(rows, cdr_header(number * 10**9, 'camera'))
+            writer.write('/marker_tracker/markers', CLOUD, number * 10**9, data)
+    with open_recording(path) as recording:
+        flight = collect(recording, 'flight')
+    (part,) = flight.parts
+    assert (part.frames, flight.seconds) == (5, 4.0)
+    assert part.curves['markers'].by_name()['lights'][0].tolist() == [0, 2, 0, 1, 0]
 
 
 def test_a_flight_whose_clock_jumps_back_has_a_length(tmp_path: Path) -> None:

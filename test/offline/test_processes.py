@@ -1,11 +1,15 @@
-"""How processes are started."""
+"""How processes are started, and ended."""
 
+import signal
 import subprocess
 import sys
 from _thread import start_new_thread
 from threading import Event
 
-from mvuav_ros.offline.processes import quick_method
+import pytest
+
+from mvuav_ros.offline.processes import all_of, quick_method
+from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 
 
 def test_a_process_with_threads_is_not_forked():
@@ -22,3 +26,14 @@ def test_a_command_without_threads_forks_quickly():
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == 'fork'
+
+
+def test_ctrl_c_in_the_middle_of_tasks_is_no_failure_of_theirs():
+    task = 'import os, time; os.kill(os.getppid(), 2); time.sleep(600)'
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    try:
+        with pytest.raises(Interrupted):
+            all_of(exec, [task, task], 2)
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)

@@ -63,6 +63,18 @@ def test_gaps_jumps_and_malformed_images(tmp_path: Path) -> None:
     assert topic.images.formats == ['64x48 mono8', '32x16 mono8']
 
 
+def test_messages_that_were_logged_in_batches_have_the_mean_rate(tmp_path: Path) -> None:
+    batches = [
+        s._replace(stamp_ns=START_NS + n // 5 * 10**9) for n, s in enumerate(image_samples(26))
+    ]
+    (topic,) = summarise(write_mcap(tmp_path / 'a.mcap', batches)).topics
+    assert topic.rate_hz == pytest.approx(5.0)
+    assert (topic.gaps, topic.jumps_back) == (0, 0)
+    at_once = [sample._replace(stamp_ns=START_NS) for sample in image_samples(5)]
+    (topic,) = summarise(write_mcap(tmp_path / 'b.mcap', at_once)).topics
+    assert topic.rate_hz is None
+
+
 def test_damage_is_named(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / 'a.mcap', image_samples(30), encodings={'/web': 'json'})
     path.write_bytes(path.read_bytes()[:-10_000])

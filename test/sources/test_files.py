@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import av
+import cv2
 import numpy as np
 import pytest
 from support.coded_videos import (
@@ -19,6 +21,7 @@ from support.coded_videos import (
     compressed_image,
     compressed_video,
     ffmpeg_packet,
+    image,
     number_in,
     packets,
     turn,
@@ -132,6 +135,9 @@ def test_topics_of_video_packets(tmp_path: Path, codec: str, make, kind: str, na
     assert topic.images.formats == [f'{WIDTH}x{HEIGHT} {ffmpegs_name} video']
     third = list(BagImages(path).items(Selection(every=3)))
     assert [number_in(frame.image.pixels) for frame in third] == [0, 3, 6, 9]
+    # A part need not begin with a key frame.
+    part = list(BagImages(path).items(Selection(start_s=3e-9, duration_s=6e-9)))
+    assert [number_in(frame.image.pixels) for frame in part] == [3, 4, 5, 6, 7, 8]
 
 
 def test_frames_in_the_order_of_showing(tmp_path: Path) -> None:
@@ -197,3 +203,50 @@ def test_a_video_of_any_name(tmp_path: Path, name: bytes) -> None:
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b'/' + name))
     write_video(tmp_path / 'plain.mp4', [0, 33]).rename(path)
     assert len(list(open_source(str(path)).frames())) == 2
+
+
+@pytest.mark.parametrize('first', [0, 1])
+def test_a_video_that_begins_between_key_frames_says_so(tmp_path: Path, first: int) -> None:
+    """As a recording of a stream does."""
+    path = tmp_path / 'a.mkv'
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('libx264', rate=20)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
+        stream.codec_context.gop_size = 5
+        stream.options = {'tune': 'zerolatency'}
+        frames = [av.VideoFrame.from_ndarray(image(n), format='bgr24') for n in range(12)]
+        coded = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
+        lost = next(n for n, packet in enumerate(coded[first:]) if packet.is_keyframe)
+        container.mux(coded[first:])
+    video = VideoFile(path)
+    assert len(list(video.frames())) == 12 - first - lost
+    assert video.account.lost == lost
+    assert [error.split(' of the')[0] for error in video.account.errors] == [
+        f'{lost} frames before the first key frame'
+    ] * first
+
+
+def test_a_video_with_parts_missing_inside_says_so(tmp_path: Path) -> None:
+    """As a downlink loses them."""
+    whole = write_video(tmp_path / 'a.ts', range(0, 2000, 50), 'libx264').read_bytes()
+    parts = [whole[at : at + 188] for at in range(0, len(whole), 188)]
+    video = 0x100
+    ours = [at for at, part in enumerate(parts) if (part[1] & 0x1F) << 8 | part[2] == video]
+    del parts[ours[len(ours) // 2]]
+    (tmp_path / 'b.ts').write_bytes(b''.join(parts))
+    for name, damage in (('a.ts', 0), ('b.ts', 1)):
+        source = VideoFile(tmp_path / name)
+        assert len(list(source.frames())) > 30
+        assert [error.split(':')[0] for error in source.account.errors] == [
+            'parts of 1 packet of the video are missing'
+        ] * damage
+
+
+def test_a_tiff_of_several_images_is_not_taken_for_one_in_silence(tmp_path: Path) -> None:
+    image = np.full((HEIGHT, WIDTH), 9, np.uint8)
+    cv2.imwrite(str(tmp_path / '1.tiff'), image)
+    cv2.imwritemulti(str(tmp_path / '2.tiff'), [image] * 3)
+    source = open_source(str(tmp_path))
+    assert [frame.image.width for frame in source.frames()] == [WIDTH] * 2
+    assert source.account.errors == ['2.tiff: only the first of its 3 images is read']
+    assert (source.account.kept, source.account.lost) == (2, 2)

@@ -21,6 +21,10 @@ from support.places import ROOT
 from support.recording_samples import START_NS, STEP_NS, cdr, image
 
 MARKERS = '/marker_tracker/markers'
+NO_LIGHT = (
+    'note: marker_tracker, every frame: 0 of 5 markers in view; no pixel is above the threshold\n'
+)
+"""What a replay of dark images says at its end."""
 COMMAND = [sys.executable, '-m', 'mvuav_ros', 'mvuav']
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': '200'}
 

@@ -211,7 +211,11 @@ def replay(
     ] = False,
     keep_inputs: Annotated[
         bool,
-        typer.Option('--keep-inputs', help="Also copy the input's topics; images as /image_raw."),
+        typer.Option(
+            '--keep-inputs',
+            help="Also copy the input's topics; images as /image_raw, with the calibration that "
+            'was used.',
+        ),
     ] = False,
     debug_images: Annotated[
         bool, typer.Option('--debug-images', help='Also write the debug images.')

@@ -16,6 +16,7 @@ from mvuav_ros.cli.options import (
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.detectors import DETECTORS
+from mvuav_ros.offline.stopping import Interrupted
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.parameter_sweep import RunResult
@@ -51,7 +52,8 @@ def sweep(
     """Run every combination of parameters on every INPUT; keep the numbers and draw trends.
 
     Leaves sweep.csv, index.html, and every table and figure. A run that fails is reported and
-    does not stop the others; the exit status is 1 then.
+    does not stop the others; the exit status is 1 then. Interrupted, it leaves the same of the
+    runs that are finished.
     """
     from mvuav_ros.offline import report_figures  # noqa: F401  What it lacks is said before the runs.
     from mvuav_ros.offline.parameter_sweep import (
@@ -72,9 +74,18 @@ def sweep(
     runs = plan_runs(sources, axes, base, image_topic)
     for name in (CSV, PAGE):
         take_folder(output, name, force)
+    finished: list[RunResult] = []
+    interruption = None
     with frame_progress() as progress:
         made = run_sweep(runs, jobs, dask)
-        results = in_order(progress.track(made, total=len(runs), description='sweep'))
+        try:
+            for result in progress.track(made, total=len(runs), description='sweep'):
+                finished.append(result)  # noqa: PERF402  As they come: the next may be the last.
+        except Interrupted as ended:
+            interruption = ended
+            if not finished:
+                raise
+    results = in_order(finished)
     described = {
         'inputs': ', '.join(sources),
         'parameters swept': ', '.join(
@@ -85,16 +96,20 @@ def sweep(
     }
     write_csv(sweep_table(results, axes), output / CSV)
     page = write_report(sweep_report(results, axes, described), output)
-    _report(results, page)
+    is_good = _report(results, page, len(runs))
+    if interruption is not None:
+        raise interruption
+    if not is_good:
+        raise typer.Exit(1)
 
 
-def _report(results: list[RunResult], page: Path) -> None:
+def _report(results: list[RunResult], page: Path, runs: int) -> bool:
+    """Say what became of so many runs; whether none failed."""
     failed = [result for result in results if result.error]
     for result in failed:
         say(
             f'warning: run {result.run.number} ({result.run.source}) failed: {result.error}',
             err=True,
         )
-    say(f'{page}: {len(results) - len(failed)} of {len(results)} runs')
-    if failed:
-        raise typer.Exit(1)
+    say(f'{page}: {len(results) - len(failed)} of {runs} runs')
+    return not failed

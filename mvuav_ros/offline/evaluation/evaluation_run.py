@@ -24,6 +24,7 @@ from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import counted
 from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.remote import is_url, local_copy
 from mvuav_ros.recordings.tables import marker_names
 from mvuav_ros.sources.opening import camera_model, looks_like_bag, open_source, planned_flight
 from mvuav_ros.sources.source import SourceError
@@ -182,6 +183,10 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
     """The input's frames; its truth goes to ``run`` meanwhile."""
     if text.startswith(SIMULATED):
         yield from _flown(text, run.truth)
+        return
+    if is_url(text):
+        with local_copy(text) as copied:
+            yield from _frames(str(copied), topic, run)
         return
     if path := _bag(text):
         stored = read_bag(path)

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mvuav_ros
-from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.cdr import CdrReader, cdr_header
 from mvuav_ros.messages.images import IMAGE, BadFrame, Frame, serialize_image
-from mvuav_ros.messages.sensors import type_name
+from mvuav_ros.messages.sensors import (
+    CAMERA_INFO,
+    encode_camera_info,
+    make_header,
+    topic_beside,
+    type_name,
+)
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
@@ -39,14 +47,20 @@ DESCRIPTION = 'mvuav_replay'
 def description(source: str, settings: ReplaySettings) -> dict[str, str]:
     """What distinguishes results of the same input, version and parameters from others.
 
+    Files that parameters name, such as the rig's, count by their content.
+
     Raises:
         RecordingError: the input cannot be reached.
         OSError: likewise.
     """
+    values = (value for given in settings.parameters.values() for value in given.values())
+    files = [Path(value).expanduser() for value in values if isinstance(value, str)]
+    content = b''.join(file.read_bytes() for file in files if file.is_file())
     return {
         'version': mvuav_ros.__version__,
         **fingerprint(source),
         'settings': json.dumps(dataclasses.asdict(settings), sort_keys=True),
+        **({'parameter_files': hashlib.sha256(content).hexdigest()} if content else {}),
     }
 
 
@@ -154,6 +168,7 @@ class JobProgress(NamedTuple):
 Item = Frame | BadFrame | EncodedFrame | RecordedMessage
 IMAGE_TOPIC = '/image_raw'
 """Of the frames of a video or of image files."""
+CAMERA_TOPIC = topic_beside(IMAGE_TOPIC, 'camera_info')
 
 
 class ReplayInput:
@@ -208,13 +223,22 @@ class ReplayInput:
     def items(self, *, keep: bool, camera: bool, attitude: bool) -> Generator[Item, None, None]:
         """Frames, and the messages to be copied (``keep``).
 
-        Those of a bag have their calibrations and the body's attitude, if asked for.
+        Those of a bag have their calibrations and the body's attitude, if asked for. A calibration
+        that was given is copied in place of those.
         """
-        for item in self._items(keep, camera and self._camera is None, attitude):
-            if self._camera is None or isinstance(item, RecordedMessage | BadFrame):
+        given = self._camera
+        source = self._source
+        image_topic = source.topic if isinstance(source, BagImages) else IMAGE_TOPIC
+        beside = topic_beside(image_topic, 'camera_info')
+        for item in self._items(keep, camera and given is None, attitude):
+            if given is None or isinstance(item, BadFrame):
                 yield item
-            else:
-                yield replace(item, camera=self._camera)
+            elif not isinstance(item, RecordedMessage):
+                yield replace(item, camera=given)
+            elif item.topic != beside:
+                if item.topic == image_topic:
+                    yield from _calibration(item, given, beside)
+                yield item
 
     def _items(self, keep: bool, camera: bool, attitude: bool) -> Iterator[Item]:
         if isinstance(self._source, BagImages):
@@ -224,7 +248,10 @@ class ReplayInput:
             return
         for index, frame in enumerate(self._selection.stretch(self._source.frames())):
             if keep and isinstance(frame, Frame):
-                yield _message(frame)
+                image = _message(frame)
+                if frame.camera is not None:
+                    yield from _calibration(image, frame.camera, CAMERA_TOPIC)
+                yield image
             if index % self._selection.every == 0:
                 yield frame
 
@@ -236,6 +263,18 @@ class ReplayInput:
 def _message(frame: Frame) -> RecordedMessage:
     data = serialize_image(frame.image, cdr_header(frame.stamp_ns, frame.frame_id))
     return RecordedMessage(IMAGE_TOPIC, IMAGE, frame.stamp_ns, data, None, RELIABLE_QOS)
+
+
+def _calibration(
+    image: RecordedMessage, camera: CameraModel, topic: str
+) -> Iterator[RecordedMessage]:
+    """The CameraInfo of an image's message; none of one that is damaged."""
+    from rclpy.serialization import serialize_message
+
+    with suppress(ImageError):
+        info = encode_camera_info(camera, make_header(*CdrReader(image.data).header()))
+        data = serialize_message(info)
+        yield RecordedMessage(topic, CAMERA_INFO, image.stamp_ns, data, None, RELIABLE_QOS)
 
 
 _MAX_UNDER_WAY, _MIN_UNDER_WAY = 16, 3
@@ -262,6 +301,7 @@ class FrameResults:
         stamp_ns: the frame's, ns.
         messages: the results, node after node.
         reasons: why a node has none; empty where every node could use the frame.
+        statuses: what was missing, in the words of each node that could use the frame.
         seconds: that the nodes took for it.
         is_frame: False for what nodes say once, at the end.
     """
@@ -269,6 +309,7 @@ class FrameResults:
     stamp_ns: int
     messages: list[ResultMessage] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
+    statuses: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     is_frame: bool = True
 
@@ -398,6 +439,7 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     start = time.perf_counter()
     try:
         results.messages += _messages(processor, processor.process(frame))
+        results.statuses[processor.name] = processor.status
         if debug:
             results.messages += _messages(processor, processor.draw(processor.debug_topics))
     except DuplicateStampError:
@@ -425,6 +467,7 @@ def merged(stamp_ns: int, parts: Sequence[FrameResults], *, is_frame: bool = Tru
         stamp_ns,
         [message for part in parts for message in part.messages],
         list(dict.fromkeys(reason for part in parts for reason in part.reasons)),
+        {name: status for part in parts for name, status in part.statuses.items()},
         sum(part.seconds for part in parts),
         is_frame,
     )
@@ -477,7 +520,7 @@ def run_job(
             outcome.interrupted = True
             return
         progress(JobProgress(source.name, 0, source.count))
-        with _writing(job) as writer:
+        with ExitStack() as outputs:
             items = source.items(
                 keep=settings.keep_inputs,
                 camera=any(processor.uses_camera_info for processor in processors),
@@ -487,7 +530,7 @@ def run_job(
                 given: Iterator[Item] = items
                 if settings.gamma != 1.0:
                     given = gamma_corrected(items, settings.gamma)
-                output = _Output(job, writer, outcome, source.account)
+                output = _Output(job, outputs, outcome, source.account)
                 if threads == 1:
                     steps = replay(given, processors, debug=settings.debug_images)
                 else:
@@ -557,6 +600,8 @@ def _write(
             if time.monotonic() >= reported + PROGRESS_INTERVAL:
                 progress(JobProgress(source.name, outcome.frames, source.count))
                 reported = time.monotonic()
+        else:
+            output.note_statuses()
     finally:
         outcome.account = source.account
         outcome.errors, outcome.warnings = source.account.errors, source.account.warnings
@@ -565,27 +610,50 @@ def _write(
 
 
 class _Output:
-    """Writes results, and copies of the input's messages except onto the results' own topics."""
+    """Writes results, and copies of the input's messages except onto the results' own topics.
+
+    What is there already is replaced by the first message, as there may be none. Beside copies
+    results are logged at their time: stamps may be of another clock, decades away.
+    """
 
     def __init__(
-        self, job: ReplayJob, writer: Writer, outcome: ReplayOutcome, account: Account
+        self, job: ReplayJob, outputs: ExitStack, outcome: ReplayOutcome, account: Account
     ) -> None:
         self.outcome = outcome
         self._account = account
         self._results = tuple(f'/{name}/' for name in job.settings.parameters)
-        self._writer = writer
+        self._job, self._outputs = job, outputs
+        self._logged_ns: int | None = None
+        self._always: dict[str, dict[str, None]] = {}
 
     def take(self, step: FrameResults | RecordedMessage) -> None:
         if isinstance(step, FrameResults):
+            logged_ns = step.stamp_ns if self._logged_ns is None else self._logged_ns
             for topic, kind, data in step.messages:
-                self._writer.write(topic, kind, step.stamp_ns, data)
+                self._writer.write(topic, kind, logged_ns, data)
             if step.is_frame:
                 self.outcome.count(step)
-        elif step.topic.startswith(self._results):
+                for node, status in step.statuses.items():
+                    parts = dict.fromkeys(filter(None, status.split('; ')))
+                    known = self._always.setdefault(node, parts)
+                    self._always[node] = {part: None for part in known if part in parts}
+            return
+        self._logged_ns = step.stamp_ns
+        if step.topic.startswith(self._results):
             said = f'{step.topic} of the input is not copied, because the replay writes it'
             self._account.note(('left out', step.topic), said)
         else:
             self._writer.write(*step)
+
+    def note_statuses(self) -> None:
+        """Say what each node has said of every frame: a mistake in the settings, as a rule."""
+        for node, parts in self._always.items():
+            if parts:
+                self._account.note(('status', node), f'{node}, every frame: {"; ".join(parts)}')
+
+    @cached_property
+    def _writer(self) -> Writer:
+        return self._outputs.enter_context(_writing(self._job))
 
 
 def refuse_own_input(job: ReplayJob) -> None:
@@ -595,12 +663,13 @@ def refuse_own_input(job: ReplayJob) -> None:
 
 
 def is_own_input(job: ReplayJob) -> bool:
-    """Whether the output is the input, or a file among those of the input."""
-    source, output = Path(job.source).expanduser(), Path(job.output)
+    """Whether the output is the input, a file among those of the input, or a folder around it."""
     if is_url(job.output):
         return job.source == job.output
-    if source.exists() and output.resolve() == source.resolve():
+    source, output = Path(job.source).expanduser(), Path(job.output)
+    own, target = source.resolve(), output.resolve()
+    if source.exists() and target in (own, *own.parents):
         return True
-    if source.is_dir() and looks_like_bag(source) and output.resolve().parent == source.resolve():
+    if source.is_dir() and looks_like_bag(source) and target.parent == own:
         return True
     return source.is_file() and output.exists() and output.samefile(source)

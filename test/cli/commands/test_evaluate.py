@@ -4,6 +4,7 @@ import math
 import os
 import re
 import shutil
+import signal
 
 import cv2
 import numpy as np
@@ -23,6 +24,7 @@ from mvuav_ros.offline.parameter_sweep import (
     sweep_report,
 )
 from mvuav_ros.offline.report import write_report
+from mvuav_ros.offline.stopping import Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import RecordingError
 
@@ -128,6 +130,30 @@ def test_sweep_writes_table_and_trends_and_reports_a_failed_run(tmp_path):
     assert not re.search(r'(src|href)="http', page)
     with pytest.raises(RecordingError, match='--force'):
         run('sweep', flight, *given)
+
+
+def test_a_run_over_a_url_has_the_bags_truth(tmp_path):
+    pytest.importorskip('fsspec', reason='fsspec is not installed')
+    bag = write_bag(tmp_path / 'flight.mcap', results=False)
+    here, there = (replay(text, {'marker_tracker': {}}) for text in (str(bag), f'file://{bag}'))
+    assert len(there.truth) == len(here.truth) > 0
+    assert {m.name for m in metrics_of(there)} == {m.name for m in metrics_of(here)}
+
+
+@pytest.mark.parametrize('finished', [0, 2])
+def test_an_interrupted_sweep_leaves_the_finished_runs(tmp_path, monkeypatch, finished):
+    def interrupted(runs, *_):
+        yield from sweep(runs[:finished])
+        raise Interrupted(signal.SIGINT)
+
+    monkeypatch.setattr('mvuav_ros.offline.parameter_sweep.sweep', interrupted)
+    given = ('--param', 'marker_tracker:threshold:=0.5,0.6,0.7')
+    swept = mvuav('sweep', FLIGHT, *given, '-o', tmp_path / 'out')
+    assert (swept.status, swept.error) == (130, 'mvuav: interrupted')
+    left = [row['run'] for path in tmp_path.glob('out/sweep.csv') for row in rows_of(path)]
+    assert left == ['1', '2'][:finished]
+    assert (tmp_path / 'out' / 'index.html').exists() == bool(finished)
+    assert ('2 of 3 runs' in swept.out) == bool(finished)
 
 
 @pytest.mark.parametrize('command', [('evaluate',), ('evaluate', 'bag')])

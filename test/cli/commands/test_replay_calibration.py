@@ -92,6 +92,28 @@ def test_a_video_and_a_calibration_give_poses(video, calibration, truth, tmp_pat
     assert distances(out)[2:] == pytest.approx(truth[2:], rel=0.005)
 
 
+def test_a_given_calibration_goes_along_with_the_inputs(video, calibration, tmp_path):
+    kept, again = tmp_path / 'kept.mcap', tmp_path / 'again.mcap'
+    given = (*NODE, '--keep-inputs', '--camera-info', calibration)
+    assert mvuav('replay', video, '-o', kept, *given).status == 0
+    assert mvuav('replay', kept, '-o', again, *NODE).status == 0
+    assert np.isfinite(distances(again)).any()
+    np.testing.assert_array_equal(distances(again), distances(kept))
+    # One that was used does not stand beside another.
+    camera = camera_model(flight().camera)
+    other = save(tmp_path / 'other.yaml', replace(camera, k=(300, 0, 320, 0, 300, 240, 0, 0, 1)))
+    given = (*NODE, '--keep-inputs', '--camera-info', other, '--force')
+    assert mvuav('replay', kept, '-o', again, *given).status == 0
+    infos = [decode_message(CAMERA_INFO, m.data) for m in read(again) if m.type == CAMERA_INFO]
+    assert [info.k[0] for info in infos] == [300.0] * 12
+
+
+def test_the_calibration_of_a_simulated_flight_goes_along(tmp_path):
+    out = tmp_path / 'out.mcap'
+    assert mvuav('replay', 'sim:tanker?frames=2', '-o', out, *NODE, '--keep-inputs').status == 0
+    assert [m.topic for m in read(out)].count('/camera_info') == 2
+
+
 @pytest.mark.parametrize('change', [{'width': 320, 'height': 240}, {'distortion_model': 'glass'}])
 def test_a_calibration_that_does_not_fit_is_refused(video, tmp_path, change):
     camera = replace(camera_model(flight().camera), **change)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 from support.commands import mvuav, write_flight
+from support.places import ROOT
 
 
 def test_a_batch_tells_what_became_of_each(tmp_path: Path) -> None:
@@ -29,3 +31,14 @@ def test_a_batch_tells_what_became_of_each(tmp_path: Path) -> None:
     again = json.loads((out / 'manifest.json').read_text())['recordings']
     assert [entry['outcome'] for entry in again] == ['finished before', 'failed']
     assert sorted(path.name for path in out.iterdir()) == ['good.mcap', 'manifest.json']
+
+
+def test_results_of_another_rig_are_not_taken_for_finished_ones(tmp_path: Path) -> None:
+    flight, out, rig = write_flight(tmp_path / 'a.mcap', 3), tmp_path / 'out', tmp_path / 'rig.yaml'
+    shutil.copy(ROOT / 'config' / 'tanker_747.yaml', rig)
+    given = ('--nodes', 'marker_tracker', '--param', f'marker_tracker:layout:={rig}')
+    arguments = ('replay', flight, '-o', out, *given)
+    assert mvuav(*arguments).status == 0
+    assert 'finished before' in mvuav(*arguments).out
+    rig.write_text(rig.read_text().replace('29.8', '27.8'))
+    assert '--force overwrites it' in mvuav(*arguments).error

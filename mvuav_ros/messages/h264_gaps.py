@@ -1,0 +1,121 @@
+"""Which H.264 pictures follow a lost one: FFmpeg would decode them into false images.
+
+By ITU-T H.264, clauses 7.3 and 7.4.3: reference pictures are numbered (``frame_num``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+_START = b'\0\0\1'
+_SLICE, _KEY_SLICE, _PARAMETERS = 1, 5, 7
+_SLICE_HEADER_BYTES, _MAX_PARAMETER_BYTES = 32, 1024
+_HIGH_PROFILES = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
+_YUV_444 = 3
+
+
+class PictureNumbers:
+    """The numbers of a stream's pictures, in the order of decoding."""
+
+    def __init__(self) -> None:
+        self._digits = 0  # bits of a number; 0 where none is known, or gaps are allowed
+        self._last: int | None = None
+
+    def follows_loss(self, packet: bytes) -> bool:
+        """Whether a picture is missing before this one, the next of the stream."""
+        try:
+            return self._follows_loss(packet)
+        except (ValueError, IndexError):  # it ends too early, and is left to the decoder
+            return False
+
+    def _follows_loss(self, packet: bytes) -> bool:
+        for unit in _units(packet):
+            kind = unit[0] & 0x1F
+            if kind == _PARAMETERS:
+                self._digits = _digits(_Bits(unit[1:_MAX_PARAMETER_BYTES]))
+            elif kind in (_SLICE, _KEY_SLICE):
+                if not self._digits:
+                    return False
+                bits = _Bits(unit[1:_SLICE_HEADER_BYTES])
+                for _ in ('first_mb_in_slice', 'slice_type', 'pic_parameter_set_id'):
+                    bits.exponential()
+                number, last = bits.number(self._digits), self._last
+                if unit[0] & 0x60 or last is None:  # a reference; others repeat the next number
+                    self._last = number
+                if kind == _KEY_SLICE or last is None:
+                    return False
+                return number not in (last, (last + 1) % (1 << self._digits))
+        return False
+
+
+def _units(packet: bytes) -> Iterator[bytes]:
+    """NAL units; of the last one more than its beginning may not be wanted."""
+    at = packet.find(_START)
+    while 0 <= at < len(packet) - len(_START):
+        start = at + len(_START)
+        is_last = packet[start] & 0x1F in (_SLICE, _KEY_SLICE)
+        at = -1 if is_last else packet.find(_START, start)
+        yield packet[start : start + _MAX_PARAMETER_BYTES if at < 0 else at]
+
+
+class _Bits:
+    """Reads an RBSP; ValueError at its end."""
+
+    def __init__(self, unit: bytes) -> None:
+        data = unit.replace(b'\0\0\3', b'\0\0')
+        self._bits, self._at = ''.join(f'{byte:08b}' for byte in data), 0
+
+    def number(self, digits: int) -> int:
+        start, self._at = self._at, self._at + digits
+        if self._at > len(self._bits):
+            raise ValueError
+        return int(self._bits[start : self._at], 2)
+
+    def exponential(self) -> int:
+        """An Exp-Golomb code, without a sign."""
+        zeros = self._bits.index('1', self._at) - self._at
+        self._at += zeros
+        return self.number(zeros + 1) - 1
+
+    def signed(self) -> int:
+        """An Exp-Golomb code with a sign."""
+        code = self.exponential()
+        return (code + 1) // 2 if code % 2 else -code // 2
+
+
+def _digits(bits: _Bits) -> int:
+    """Of a sequence parameter set: the bits of ``frame_num``, 0 if it may have gaps."""
+    profile = bits.number(8)
+    bits.number(16)
+    bits.exponential()
+    if profile in _HIGH_PROFILES:
+        chroma = bits.exponential()
+        if chroma == _YUV_444 and bits.number(1):
+            return 0  # colour planes apart: a field more in each slice
+        bits.exponential()
+        bits.exponential()
+        bits.number(1)
+        if bits.number(1):
+            for index in range(12 if chroma == _YUV_444 else 8):
+                if bits.number(1):
+                    _skip_scaling_list(bits, 16 if index < 6 else 64)
+    digits = bits.exponential() + 4
+    order = bits.exponential()
+    if order == 0:
+        bits.exponential()
+    elif order == 1:
+        bits.number(1)
+        bits.signed()
+        bits.signed()
+        for _ in range(bits.exponential()):
+            bits.signed()
+    bits.exponential()
+    return 0 if bits.number(1) else digits
+
+
+def _skip_scaling_list(bits: _Bits, size: int) -> None:
+    last = following = 8
+    for _ in range(size):
+        if following:
+            following = (last + bits.signed()) % 256
+        last = following or last
