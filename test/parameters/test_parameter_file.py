@@ -50,3 +50,18 @@ def test_numbers_are_those_of_ros(tmp_path, text, value):
 def test_what_is_no_number_is_none(tmp_path, text):
     with pytest.raises(ParameterError, match='takes a number'):
         resolve_parameters(['marker_tracker'], None, [f'marker_tracker:integrity_risk:={text}'])
+
+
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [
+        ('1' + 400 * '0', 'too large'),
+        ('1' + 40 * '0', 'not the number 1e'),
+        ('&a {b: *a}', 'recursive'),
+    ],
+)
+def test_a_number_without_end_and_an_anchor_within_itself_are_refused(tmp_path, value, words):
+    file = tmp_path / 'odd.yaml'
+    file.write_text(f'/**:\n  ros__parameters:\n    peak_neighborhood_rho: {value}\n')
+    with pytest.raises(ParameterError, match=words):
+        load_parameters(file, 'runway_detector')
