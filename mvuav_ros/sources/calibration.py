@@ -46,7 +46,10 @@ def load_calibration(path: str | Path) -> CameraModel:
         )
     except OSError as error:
         raise SourceError(f'calibration {path}: {error.strerror}') from error
-    except (yaml.YAMLError, LookupError, TypeError, ValueError) as error:
+    except SourceError:
+        raise
+    except Exception as error:
+        # Beside YAMLError whatever its constructors stumble over: a width of ``.inf`` is one.
         raise SourceError(
             f'calibration {path}: not a calibration file of camera_calibration ({error})'
         ) from error

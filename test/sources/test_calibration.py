@@ -64,3 +64,11 @@ def test_a_saved_calibration_is_read_by_every_url(share):
 def test_what_cannot_be_read_is_one_line(share, url, words):
     with pytest.raises(SourceError, match=words):
         load_calibration(url)
+
+
+@pytest.mark.parametrize('width', ['.inf', '!!timestamp x', '1' + 400 * '0', '[' * 2000])
+def test_a_value_that_yaml_cannot_make_is_one_line(tmp_path, width):
+    file = tmp_path / 'ost.yaml'
+    file.write_text(SAVED.replace('image_width: 640', f'image_width: {width}'))
+    with pytest.raises(SourceError, match='not a calibration file'):
+        load_calibration(file)
