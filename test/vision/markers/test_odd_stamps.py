@@ -9,9 +9,11 @@ import pytest
 from support.marker_scenes import draw, tanker_at
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.motion import MotionPredictor
 from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.runway.detector import RunwayDetector
 
 STEP = 1 / 30
 
@@ -54,3 +56,17 @@ def test_a_gap_of_years_and_stamps_a_nanosecond_apart(prediction: str) -> None:
     stamps = [*range(0, 300_000_000, 33_000_000), *(10**17 + n for n in (0, 1, 3, 33_000_000))]
     results = [tracker.process(frame, stamp_ns) for stamp_ns in stamps]
     assert np.isfinite([(m.x, m.y) for m in results[-1].markers]).all()
+
+
+@pytest.mark.parametrize('kind', [MarkerTracker, RunwayDetector, ApproachDetector])
+def test_stamps_are_whole_numbers_of_any_type(
+    kind: type[MarkerTracker | RunwayDetector | ApproachDetector],
+) -> None:
+    """A float is seconds, and unsigned numbers of NumPy are never negative."""
+    frame = draw(tanker_at())
+    detector = kind()
+    with pytest.raises(TypeError):
+        detector.process(frame, 0.033)  # type: ignore[arg-type]
+    detector.process(frame, 7)
+    with pytest.raises(ValueError, match='stamp 5 ns is'):
+        detector.process(frame, np.uint64(5))  # type: ignore[arg-type]
