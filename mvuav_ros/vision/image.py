@@ -93,7 +93,8 @@ class Image:
     NV12 and NV21 have height * 3 / 2 rows of pixels.
 
     Raises:
-        ImageError: the encoding is unknown, the pixels do not fit it, have a mask, or there are none.
+        ImageError: the encoding or the channel is unknown, the pixels do not fit, have a mask, or
+            there are none.
 
     Examples:
         >>> import numpy as np
@@ -111,6 +112,8 @@ class Image:
         layout = ENCODINGS.get(self.encoding)
         if layout is None:
             raise ImageError(f'unknown encoding {self.encoding!r}')
+        if self.channel not in CHANNELS:
+            raise ImageError(f'channel is one of {", ".join(CHANNELS)}, not {self.channel!r}')
         object.__setattr__(self, 'pixels', _plain(self.pixels))
         channels = self.pixels.shape[2] if self.pixels.ndim == 3 else 1
         if (

@@ -106,3 +106,8 @@ def test_a_mask_is_refused_and_a_matrix_is_an_array():
         with pytest.raises(ImageError, match='a mask is not taken'):
             take(np.ma.masked_greater(pixels, 9))
         assert type(take(pixels.view(np.matrix)).pixels) is np.ndarray
+
+
+def test_a_channel_that_is_none_is_refused():
+    with pytest.raises(ImageError, match="green, blue, not 'Red'"):
+        Image(noise('bgr8'), 'bgr8', 'Red')
