@@ -86,14 +86,14 @@ def calibrate(
     from mvuav_ros.vision.camera import CalibrationError
 
     columns, _, rows = board.lower().partition('x')
-    if not (columns.isdigit() and rows.isdigit()):
+    if not (columns.isdecimal() and rows.isdecimal()):
         raise ParameterError('--board', f'write columns x rows, as in 9x6, not {board!r}')
     try:
         printed = Board(int(columns), int(rows), square, charuco or '', marker)
     except BoardError as error:
         raise ParameterError('--board, --square, --marker', str(error)) from error
-    report = report or output.with_name(f'{output.stem}_report')
     refuse_to_overwrite(output, force, inputs=[source])
+    report = report or output.with_name(f'{output.stem}_report')
     with closing(open_source(source, topic=topic)) as images, frame_progress() as progress:
         task = progress.add_task('frames', total=images.count)
         search = work.search_board(images, printed, views, seconds, lambda: progress.advance(task))
@@ -261,8 +261,8 @@ def calibrate_rig(
         raise ParameterError('--distance', str(error)) from error
     given = resolve_parameters(['marker_tracker'], params_file, param or [])
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
-    report = report or output.with_name(f'{output.stem}_report')
     refuse_to_overwrite(output, force, inputs=[source, camera_info, rig, params_file])
+    report = report or output.with_name(f'{output.stem}_report')
     camera = load_calibration(camera_info) if camera_info else None
     with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)

@@ -8,10 +8,12 @@ import pytest
 import yaml
 from support.boards import BOARD
 from support.commands import mvuav
+from support.places import ROOT
 
 from mvuav_ros.simulation.board_video import BoardVideo
 from mvuav_ros.sources.calibration import load_calibration
 
+TANKER = ROOT / 'config' / 'tanker_747.yaml'
 FRAMES = 12  # Different places
 
 
@@ -78,6 +80,14 @@ def test_nothing_to_calibrate_from(rendered, tmp_path):
     assert 'not a video' in refused(tmp_path, tmp_path / 'broken.mp4')
     mixed = write(tmp_path / 'mixed', [empty, empty[:60]])
     assert '160 x 120 px and of 160 x 60 px' in refused(tmp_path, mixed)
+
+
+def test_the_folder_where_one_is_is_no_calibration_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    camera = 'calibrate', 'a.mp4', '--board', '9x6', '--square', '0.03'
+    for command in (camera, ('rig', 'calibrate', 'a.mp4', '--rig', TANKER)):
+        run = mvuav(*command, '-o', '.')
+        assert run.error == 'mvuav: . is a folder; give the name of a file'
 
 
 def test_views_that_do_not_tell_a_camera(rendered, tmp_path):
