@@ -66,8 +66,13 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
     in_folder = mvuav(*command[:-1], output.parent, '--force')
     assert in_folder.error == f'mvuav: {output.parent} is a folder; give the name of a file'
     assert not (tmp_path / 'new_report').exists()
-    # Nothing is overwritten unasked.
+    # Nothing is overwritten unasked, nor lost to a report that has no place.
     assert 'exists' in mvuav(*command).error
+    other = tmp_path / 'other.yaml'
+    beside = mvuav(*command[:-1], other, '--report', output.with_name('nose_report'))
+    assert beside.error.endswith('index.html exists; --force overwrites it')
+    assert 'File exists' in mvuav(*command[:-1], other, '--report', output).error
+    assert load_calibration(other).k == pytest.approx(camera.k)
 
 
 def test_nothing_to_calibrate_from(rendered, tmp_path):
