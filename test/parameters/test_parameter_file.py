@@ -32,6 +32,19 @@ def test_what_cannot_be_is_refused_with_the_reason(tmp_path, node, line, words):
         load_parameters(file, node)
 
 
+def test_a_section_for_all_nodes_may_hold_parameters_of_each(tmp_path):
+    """As the nodes themselves take it."""
+    file = tmp_path / 'both.yaml'
+    file.write_text('/**:\n  ros__parameters:\n    threshold: 0.5\n    num_peaks: 2\n')
+    assert resolve_parameters(['marker_tracker', 'runway_detector'], file) == {
+        'marker_tracker': {'threshold': 0.5},
+        'runway_detector': {'num_peaks': 2},
+    }
+    file.write_text('runway_detector:\n  ros__parameters:\n    threshold: 0.5\n')
+    with pytest.raises(ParameterError, match='threshold: no such parameter'):
+        resolve_parameters(['runway_detector'], file)
+
+
 @pytest.mark.parametrize(
     ('text', 'value'), [('1e-7', 1e-7), ('2E-6', 2e-6), ('1.5e-6', 1.5e-6), ('.5e-6', 5e-7)]
 )
