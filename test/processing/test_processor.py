@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.boards import LENSES
 from support.marker_scenes import image, tanker_at
@@ -9,6 +10,7 @@ from support.marker_scenes import image, tanker_at
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import DuplicateStampError, resolve
+from mvuav_ros.vision.image import Image, ImageError
 from mvuav_ros.vision.pose import PoseEstimator
 
 STEP_NS = 100_000_000
@@ -37,6 +39,18 @@ def test_a_stamp_that_jumps_back_starts_afresh():
     again = [results(processor, step) for step in range(5)]
     assert processor.resets == 1
     assert again == first
+
+
+def test_a_bag_of_images_that_do_not_convert_may_loop():
+    """Each is an image that cannot be used, and the tracker has seen its stamp."""
+    processor = MarkerTrackerProcessor()
+    odd = Image(np.zeros((48, 63, 2), np.uint8), 'uyvy')
+    for step in (1, 2, 1, 2):
+        with pytest.raises(ImageError, match='does not convert'):
+            list(processor.process(Frame(step * STEP_NS, 'camera', odd)))
+    with pytest.raises(DuplicateStampError):
+        results(processor, 2)
+    assert processor.resets == 1
 
 
 def test_a_duplicate_after_a_reset_is_a_first_frame():
