@@ -40,6 +40,14 @@ def test_one_late_stamp_is_forgotten(gap: float) -> None:
     assert max(late[60:]) < 1.5 * usual + 0.05
 
 
+@pytest.mark.parametrize('gap', [1e-6, 2e-5, 1e-3])
+def test_a_first_interval_that_is_too_short_is_no_rate(gap: float) -> None:
+    """As of a camera's first image, which waited in a buffer: it was the step of all gains."""
+    times = [0.0, *(gap + number * STEP for number in range(100))]
+    assert max(errors(times)[2:]) < 5.0
+    assert max(errors(times)[30:]) < 0.5
+
+
 @pytest.mark.parametrize('factor', [0.25, 4, 5])
 def test_another_rate_is_learnt(factor: float) -> None:
     step = STEP * factor
