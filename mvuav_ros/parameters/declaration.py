@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -78,10 +77,12 @@ class ParameterSpec:
         """Return ``value`` as the parameter's type.
 
         A whole number is accepted for a float, and for a free text (``source:=0`` is a camera).
+        NumPy's numbers and arrays are taken as Python's.
 
         Raises:
             ParameterError: the value has another type, or is out of range.
         """
+        value = _of_python(value)
         if isinstance(self.default, tuple):
             return self._convert_tuple(value, len(self.default))
         if type(value) is int and (self.type is float or (self.type is str and not self.choices)):
@@ -101,8 +102,8 @@ class ParameterSpec:
         return value
 
     def _convert_tuple(self, value: object, length: int) -> tuple[float, ...]:
-        is_list = isinstance(value, Sequence | array) and not isinstance(value, str)
-        given: list[Any] = list(value) if is_list else []  # type: ignore[call-overload]
+        is_list = isinstance(value, Sequence) and not isinstance(value, str)
+        given: list[Any] = [*map(_of_python, value)] if is_list else []  # type: ignore[call-overload]
         if len(given) != length or any(type(number) not in (int, float) for number in given):
             raise ParameterError(
                 self.name, f'takes {length} numbers, not {given if is_list else value!r}'
@@ -223,6 +224,11 @@ class ParameterSet:
     def as_dict(self) -> dict[str, Value]:
         """Name to value, in order of declaration."""
         return dataclasses.asdict(self)
+
+
+def _of_python(value: Any) -> Any:
+    """A number or an array of NumPy as Python's."""
+    return value.tolist() if hasattr(value, 'tolist') else value
 
 
 def _plain(number: float) -> str:

@@ -19,7 +19,8 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
     """The values that a parameter file has for a node.
 
     Keys name nodes with or without slash, in namespaces or with wildcards (``/**``, ``/*``);
-    later entries win, as in rcl. ``node`` is without slash.
+    later entries win, as in rcl. Under a wildcard there may be parameters of this package's other
+    nodes, which are left out. ``node`` is one of this package, without slash.
 
     Raises:
         ParameterError: the file cannot be read or is not a parameter file.
@@ -32,8 +33,16 @@ def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
     values: dict[str, object] = {}
     for key, section in _sections(text, name):
         if names_node(key, node):
-            values.update(_flattened(section))
+            given = _flattened(section)
+            others = _names_of_others(node) if '*' in key.rsplit('/', 1)[-1] else ()
+            values.update({name: given[name] for name in given if name not in others})
     return values
+
+
+def _names_of_others(node: str) -> set[str]:
+    """Parameters that other nodes of this package have, and this one has not."""
+    others = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
+    return others.difference(NODE_PARAMETERS[node].names())
 
 
 def names_node(key: str, node: str) -> bool:

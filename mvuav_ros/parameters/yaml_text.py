@@ -9,9 +9,22 @@ import yaml
 
 
 class Loader(yaml.SafeLoader):
-    """Takes ``1e-7`` for a number, as rcl does; for PyYAML that needs a point and is a text."""
+    """Takes ``1e-7`` for a number, as rcl does; for PyYAML that needs a point and is a text.
+
+    As there, a whole number of more than 64 bits is a float. What holds itself is refused.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        # Inner values first: what holds itself has none, and without this would never end.
+        self.deep_construct = True
+
+    def _construct_number(self, node: yaml.ScalarNode) -> int | float:
+        number: int = self.construct_yaml_int(node)
+        return number if number.bit_length() <= 63 else float(number)
 
 
+Loader.add_constructor('tag:yaml.org,2002:int', Loader._construct_number)
 Loader.add_implicit_resolver(
     'tag:yaml.org,2002:float',
     re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),

@@ -43,7 +43,7 @@ class Limit:
         """Take a file of so many bytes."""
         given = os.environ.get(VARIABLE, '')
         in_proportion = max(size * _PROPORTION, _MIN_ALLOWED)
-        self.allowed = int(given) * 1_000_000 if given.isdigit() else in_proportion
+        self.allowed = int(given) * 1_000_000 if given.isdecimal() else in_proportion
         self.left = self.allowed
 
     def begin(self) -> None:

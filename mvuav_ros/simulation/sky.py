@@ -22,6 +22,8 @@ _TILE = 1024
 TURN = math.radians(60.0)
 """The panorama reaches this much farther than the frame on either side; then it is mirrored."""
 RISE = math.radians(40.0)
+_FRAMES = 3
+"""It reaches no farther than this many frames: of a telephoto lens, 60 degrees are gigabytes."""
 HILLS = math.radians(0.5)
 """Height of the hills."""
 _BELOW = 8
@@ -97,8 +99,9 @@ class Panorama:
 
     def __init__(self, camera: PinholeCamera, detail: float, rng: np.random.Generator) -> None:
         self._camera = camera
-        width = camera.width + round(2 * TURN * camera.fx)
-        self._horizon_row = round(camera.height + RISE * camera.fx)
+        width = camera.width + min(round(2 * TURN * camera.fx), 2 * _FRAMES * camera.width)
+        rise = min(RISE * camera.fx, _FRAMES * camera.height)
+        self._horizon_row = round(camera.height + rise)
         self._middle = 0.5 * (width - 1)
         sky = draw_sky(
             (width, self._horizon_row + _BELOW),

@@ -65,8 +65,8 @@ def open_source(
         return SimulatedFlight(text, rate)
     if is_url(text):
         return _remote(text, topic, rate)
-    if cameras and (text.isdigit() or text.startswith('/dev/')):
-        return Camera(int(text) if text.isdigit() else text, camera)
+    if cameras and (text.isdecimal() or text.startswith('/dev/')):
+        return Camera(int(text) if text.isdecimal() else text, camera)
     path = Path(text).expanduser()
     if any(sign in text for sign in '*?[') and not path.exists():
         return _images(text, [Path(name) for name in glob.glob(str(path))], rate)  # noqa: PTH207

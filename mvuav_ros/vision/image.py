@@ -93,7 +93,8 @@ class Image:
     NV12 and NV21 have height * 3 / 2 rows of pixels.
 
     Raises:
-        ImageError: the encoding is unknown, the pixels do not fit it, or there are none.
+        ImageError: the encoding or the channel is unknown, the pixels do not fit, have a mask, or
+            there are none.
 
     Examples:
         >>> import numpy as np
@@ -111,6 +112,9 @@ class Image:
         layout = ENCODINGS.get(self.encoding)
         if layout is None:
             raise ImageError(f'unknown encoding {self.encoding!r}')
+        if self.channel not in CHANNELS:
+            raise ImageError(f'channel is one of {", ".join(CHANNELS)}, not {self.channel!r}')
+        object.__setattr__(self, 'pixels', _plain(self.pixels))
         channels = self.pixels.shape[2] if self.pixels.ndim == 3 else 1
         if (
             self.pixels.ndim not in (2, 3)
@@ -260,8 +264,7 @@ def as_pixels(given: Image | Pixels, *, all_bits: bool = False) -> Pixels:
     if isinstance(given, Image):
         return given.pixels if given.is_gray else given.in_colour(all_bits=all_bits)
     if isinstance(given, np.ndarray) and given.dtype in (np.uint8, np.uint16):
-        if given.ndim == 3 and given.shape[2] == 1:
-            return given[:, :, 0]
+        given = _plain(given)
         if given.ndim == 2 or (given.ndim == 3 and given.shape[2] == 3):
             return given
     got = type(given).__name__
@@ -271,6 +274,18 @@ def as_pixels(given: Image | Pixels, *, all_bits: bool = False) -> Pixels:
         'the image must be an Image, or (height, width) or (height, width, 3) of uint8 or uint16, '
         f'not {got}'
     )
+
+
+def _plain(pixels: Pixels) -> Pixels:
+    """An array without an axis of one channel, and without what a subclass does otherwise.
+
+    Raises:
+        ImageError: it has a mask, which nothing here would regard.
+    """
+    if hasattr(pixels, 'mask'):
+        raise ImageError('an image with a mask is not taken: fill what is masked, as with 0')
+    plain = np.asarray(pixels)
+    return plain[:, :, 0] if plain.ndim == 3 and plain.shape[2] == 1 else plain
 
 
 def _channel(pixels: Pixels, colors: tuple[int, int, int], channel: str) -> Pixels:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mvuav_ros.parameters.yaml_text import Loader
 
 Point = tuple[float, float, float]
-_NUMBERS = (int, float, np.integer)
+_NUMBERS = (int, float, np.integer, np.floating)
 
 SAME_PLACE = 1e-3  # Part of a rig's size within which two markers are in one place
 

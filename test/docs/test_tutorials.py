@@ -4,6 +4,9 @@ Shell blocks run in ``bash``; Python blocks are pasted into one ``python -i`` fo
 ``text`` block is what the block before it prints: ``support.printed_output`` has the tolerance.
 """
 
+import re
+from collections import Counter
+
 import pytest
 from support.graph import claim_domain
 from support.places import ROOT
@@ -50,6 +53,17 @@ def test_most_blocks_are_run_and_the_others_say_why(name):
     assert len(run) >= 3
     assert len(shown) <= 2
     assert all(len(block.reason) > 10 for block in shown)
+
+
+def test_no_two_pages_make_one_file():
+    """A reader of all of them would have to overwrite it."""
+    made = Counter(
+        place
+        for page in PAGES.values()
+        for place in {*re.findall(r'(?:-o|>) (out/\S+)', page.read_text())}
+    )
+    assert len(made) > 20
+    assert [place for place, pages in made.items() if pages > 1] == []
 
 
 @pytest.fixture

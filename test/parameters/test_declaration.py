@@ -3,6 +3,7 @@
 import dataclasses
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
@@ -74,6 +75,26 @@ def test_bad_values_are_refused_with_the_name_and_the_reason(name, value, reason
         Sample().changed({name: value})
     assert caught.value.name == name
     assert reason in str(caught.value)
+
+
+def test_numbers_of_numpy_are_taken():
+    """As in a loop over np.linspace."""
+    for threshold in (np.float64(0.5), np.float32(0.5), np.array(0.5)):
+        assert MarkerTrackerParameters(threshold=threshold) == MarkerTrackerParameters(
+            threshold=0.5
+        )
+    mount = np.arange(3.0)
+    taken = MarkerTrackerParameters(
+        search_radius=np.int64(7), mode=np.str_('detect'), camera_mount_xyz=mount
+    )
+    assert taken.as_dict() == {
+        **MarkerTrackerParameters(mode='detect').as_dict(),
+        'search_radius': 7,
+        'camera_mount_xyz': (0.0, 1.0, 2.0),
+    }
+    assert taken.changed({'camera_mount_xyz': tuple(mount)}) == taken
+    with pytest.raises(ParameterError, match='takes a whole number, not the number'):
+        MarkerTrackerParameters(search_radius=np.float64(0.5))
 
 
 def test_a_refused_change_leaves_the_old_set():

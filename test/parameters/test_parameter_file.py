@@ -32,6 +32,19 @@ def test_what_cannot_be_is_refused_with_the_reason(tmp_path, node, line, words):
         load_parameters(file, node)
 
 
+def test_a_section_for_all_nodes_may_hold_parameters_of_each(tmp_path):
+    """As the nodes themselves take it."""
+    file = tmp_path / 'both.yaml'
+    file.write_text('/**:\n  ros__parameters:\n    threshold: 0.5\n    num_peaks: 2\n')
+    assert resolve_parameters(['marker_tracker', 'runway_detector'], file) == {
+        'marker_tracker': {'threshold': 0.5},
+        'runway_detector': {'num_peaks': 2},
+    }
+    file.write_text('runway_detector:\n  ros__parameters:\n    threshold: 0.5\n')
+    with pytest.raises(ParameterError, match='threshold: no such parameter'):
+        resolve_parameters(['runway_detector'], file)
+
+
 @pytest.mark.parametrize(
     ('text', 'value'), [('1e-7', 1e-7), ('2E-6', 2e-6), ('1.5e-6', 1.5e-6), ('.5e-6', 5e-7)]
 )
@@ -50,3 +63,18 @@ def test_numbers_are_those_of_ros(tmp_path, text, value):
 def test_what_is_no_number_is_none(tmp_path, text):
     with pytest.raises(ParameterError, match='takes a number'):
         resolve_parameters(['marker_tracker'], None, [f'marker_tracker:integrity_risk:={text}'])
+
+
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [
+        ('1' + 400 * '0', 'too large'),
+        ('1' + 40 * '0', 'not the number 1e'),
+        ('&a {b: *a}', 'recursive'),
+    ],
+)
+def test_a_number_without_end_and_an_anchor_within_itself_are_refused(tmp_path, value, words):
+    file = tmp_path / 'odd.yaml'
+    file.write_text(f'/**:\n  ros__parameters:\n    peak_neighborhood_rho: {value}\n')
+    with pytest.raises(ParameterError, match=words):
+        load_parameters(file, 'runway_detector')

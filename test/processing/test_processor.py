@@ -48,6 +48,18 @@ def test_a_stamp_that_jumps_back_starts_afresh():
     assert again == first
 
 
+def test_a_bag_of_images_that_do_not_convert_may_loop():
+    """Each is an image that cannot be used, and the tracker has seen its stamp."""
+    processor = MarkerTrackerProcessor()
+    odd = Image(np.zeros((48, 63, 2), np.uint8), 'uyvy')
+    for step in (1, 2, 1, 2):
+        with pytest.raises(ImageError, match='does not convert'):
+            list(processor.process(Frame(step * STEP_NS, 'camera', odd)))
+    with pytest.raises(DuplicateStampError):
+        results(processor, 2)
+    assert processor.resets == 1
+
+
 def test_a_duplicate_after_a_reset_is_a_first_frame():
     processor = MarkerTrackerProcessor()
     first = results(processor, 3)

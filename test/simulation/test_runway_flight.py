@@ -1,5 +1,6 @@
 import itertools
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -118,6 +119,17 @@ def test_the_horizon_divides_sky_from_ground():
     green = image[:, :, 1] - image[:, :, 0]
     assert np.mean(green[below < -12] > 0) < 0.02
     assert np.median(green[below > 40]) > 15
+
+
+def test_the_sky_of_a_telephoto_lens_is_no_larger_than_some_frames():
+    """All of 60 degrees to either side were 1.3 GB."""
+    tracemalloc.start()
+    try:
+        flight(fov_deg=5.0, width=320, height=240).frame(0)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 500e6
 
 
 def test_the_same_settings_give_the_same_frames_and_another_seed_others():

@@ -80,3 +80,11 @@ def test_a_file_that_is_no_calibration_is_one_line(tmp_path, content, words):
     file.write_text(content)
     with pytest.raises(SourceError, match=f'not a calibration file.*{words}'):
         load_calibration(file)
+
+
+@pytest.mark.parametrize('width', ['.inf', '!!timestamp x', '1' + 400 * '0', '[' * 2000])
+def test_a_value_that_yaml_cannot_make_is_one_line(tmp_path, width):
+    file = tmp_path / 'ost.yaml'
+    file.write_text(SAVED.replace('image_width: 640', f'image_width: {width}'))
+    with pytest.raises(SourceError, match='not a calibration file'):
+        load_calibration(file)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.image import CHANNELS, ENCODINGS, Image, ImageError
+from mvuav_ros.vision.image import CHANNELS, ENCODINGS, Image, ImageError, as_image, as_pixels
 
 COLORED = [
     name
@@ -89,3 +89,25 @@ def test_intensity_above_its_colours(encoding):
     assert image.seen_in('red').gray()[0, 0] > 250
     with pytest.raises(ImageError, match='even'):
         Image(pixels[:5], encoding)
+
+
+@pytest.mark.parametrize('encoding', ['mono8', 'mono16', 'nv12'])
+def test_an_axis_of_one_channel_is_none(encoding):
+    """As some readers give grey frames; the thesis's scheme ended in an error of OpenCV."""
+    pixels = noise(encoding)
+    image = Image(pixels[:, :, None], encoding)
+    np.testing.assert_array_equal(image.gray(), Image(pixels, encoding).gray())
+    assert as_pixels(image).shape == as_pixels(Image(pixels, encoding)).shape
+
+
+def test_a_mask_is_refused_and_a_matrix_is_an_array():
+    pixels = noise('mono8')
+    for take in (as_image, lambda given: Image(given, 'mono8')):
+        with pytest.raises(ImageError, match='a mask is not taken'):
+            take(np.ma.masked_greater(pixels, 9))
+        assert type(take(pixels.view(np.matrix)).pixels) is np.ndarray
+
+
+def test_a_channel_that_is_none_is_refused():
+    with pytest.raises(ImageError, match="green, blue, not 'Red'"):
+        Image(noise('bgr8'), 'bgr8', 'Red')

@@ -392,6 +392,13 @@ def test_a_rig_of_three_lights_has_no_pose():
     assert 'no other one confirms' in estimator.reason
 
 
+def test_a_rig_of_single_precision_is_one():
+    """As scanners and CAD programs give points."""
+    points = np.array([(0, 1, 0.5), (0, -1, 0), (2, 0, 0)], np.float32)
+    rig = MarkerRig('scan', tuple(zip('abc', points, strict=True)), points[0], points[0])
+    assert rig.markers[0] == ('a', (0.0, 1.0, 0.5))
+
+
 def test_a_rig_of_whole_metres_has_the_pose_of_one_of_floats():
     places = (0, 2, 0), (0, -2, 0), (-1, 0, 1), (-2, 1, -1)
     names = 'abcd'

@@ -60,7 +60,7 @@ them. `config/default.yaml` holds every default, `config/thesis.yaml` the values
 ```
 
 A value outside of its range is an error, as is an unknown name or a misspelt node. A ROS node only warns of the last two.
-Sections of other nodes may stand in the file.
+Sections of other nodes may stand in the file; one for all nodes (`/**`) may hold parameters of each of them.
 """
 _CALIBRATION = """\
 ## Calibration

@@ -78,7 +78,7 @@ def calibrate(
     camera_calibration writes; nothing is written if the views do not determine the camera.
     """
     from mvuav_ros.offline import calibrate_camera as work
-    from mvuav_ros.offline.report import write_report
+    from mvuav_ros.offline.report import PAGE, write_report
     from mvuav_ros.sources.calibration import save_calibration
     from mvuav_ros.sources.opening import open_source
     from mvuav_ros.sources.source import SourceError
@@ -86,14 +86,15 @@ def calibrate(
     from mvuav_ros.vision.camera import CalibrationError
 
     columns, _, rows = board.lower().partition('x')
-    if not (columns.isdigit() and rows.isdigit()):
+    if not (columns.isdecimal() and rows.isdecimal()):
         raise ParameterError('--board', f'write columns x rows, as in 9x6, not {board!r}')
     try:
         printed = Board(int(columns), int(rows), square, charuco or '', marker)
     except BoardError as error:
         raise ParameterError('--board, --square, --marker', str(error)) from error
-    report = report or output.with_name(f'{output.stem}_report')
     refuse_to_overwrite(output, force, inputs=[source])
+    report = report or output.with_name(f'{output.stem}_report')
+    refuse_to_overwrite(report / PAGE, force)
     with closing(open_source(source, topic=topic)) as images, frame_progress() as progress:
         task = progress.add_task('frames', total=images.count)
         search = work.search_board(images, printed, views, seconds, lambda: progress.advance(task))
@@ -101,8 +102,8 @@ def calibrate(
         chosen, found = work.calibrate_from(search, printed, model.value, views)
     except CalibrationError as error:
         raise SourceError(f'{images.name}: {error}') from error
-    write_report(work.report_of(images.name, printed, search, chosen, found), report)
     save_calibration(found.camera, output, name)
+    write_report(work.report_of(images.name, printed, search, chosen, found), report)
     say(
         f'{search.frames} frames, board found in {len(search.views)} of {search.searched} looked '
         f'at, {found.used.sum()} views used'
@@ -167,6 +168,14 @@ def check(
         body = load_rig(file)
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
+    along = body.positions[:, 0]
+    nearest = float(along.mean() - along.min())
+    for value in distance or ():
+        if value <= nearest:
+            reason = (
+                f'all lights are before the camera above {nearest:.4g} m only, not at {value:g}'
+            )
+            raise ParameterError('--distance', reason)
     size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
     words = f'{body.name}: {len(body.names)} markers, {size:g} m across'
     if len(body.names) >= 3 and is_flat(body):
@@ -238,7 +247,7 @@ def calibrate_rig(
     written if the flight does not determine them.
     """
     from mvuav_ros.offline import calibrate_rig as work
-    from mvuav_ros.offline.report import write_report
+    from mvuav_ros.offline.report import PAGE, write_report
     from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
     from mvuav_ros.parameters.parameter_file import resolve_parameters
     from mvuav_ros.recordings.remote import write_whole
@@ -258,8 +267,9 @@ def calibrate_rig(
         raise ParameterError('--distance', str(error)) from error
     given = resolve_parameters(['marker_tracker'], params_file, param or [])
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
-    report = report or output.with_name(f'{output.stem}_report')
     refuse_to_overwrite(output, force, inputs=[source, camera_info, rig, params_file])
+    report = report or output.with_name(f'{output.stem}_report')
+    refuse_to_overwrite(report / PAGE, force)
     camera = load_calibration(camera_info) if camera_info else None
     with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)
@@ -275,8 +285,8 @@ def calibrate_rig(
         except RigCalibrationError as error:
             raise SourceError(f'{flight.name}: {error}') from error
     found = made.found
-    write_report(work.report_of(flight.name, made), report)
     write_whole(output, rig_text(made.rig, found.deviations))
+    write_report(work.report_of(flight.name, made), report)
     say(
         f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
         f'sightings fit, noise {found.noise:.2f} px',

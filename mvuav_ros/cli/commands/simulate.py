@@ -56,7 +56,7 @@ simulate.command('runway')(_command('runway', RunwaySettings))
 
 def _parse_size(text: str) -> tuple[int, int]:
     width, sign, height = text.lower().partition('x')
-    if not (sign and width.isdigit() and height.isdigit()):
+    if not (sign and width.isdecimal() and height.isdecimal()):
         raise ParameterError('--size', f'write WxH, as in 640x480, not {text!r}')
     return int(width), int(height)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,15 +109,17 @@ class ApproachDetector:
         Args:
             image: an `Image`, or (height, width) or (height, width, 3), blue first, uint8 or
                 uint16; any size, also none. It is neither changed nor copied.
-            stamp_ns: its time, ns; not before the last frame's (see `reset`).
+            stamp_ns: its time, whole ns; not before the last frame's (see `reset`).
             attitude: of the body at that time, or where the horizon is on the frame, if known.
 
         Raises:
             ImageError: the image has another shape or type.
+            TypeError: the stamp is no whole number.
             ValueError: the stamp is before the last one.
         """
         image = as_pixels(image, all_bits=True)
         height, width = image.shape[:2]
+        stamp_ns = operator.index(stamp_ns)
         if self._size != (height, width):
             self.reset()
             self._size = (height, width)

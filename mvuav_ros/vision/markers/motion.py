@@ -176,6 +176,7 @@ def gain_tables() -> tuple[Array, Array]:
 # Computed here, as the first frame has no time for it.
 _STARTING_GAINS, _GAINS_AFTER_GAPS = gain_tables()
 
+_POWERS = np.array([(0.0,), (1.0,), (2.0,)])  # Of time, in position, velocity and acceleration
 _SAME_STEP = 1e-6  # Part of a step between frames that makes no difference to the gains
 _SAME_TIME = 1e-9
 """s, by which intervals may differ and still be the same: stamps are whole nanoseconds."""
@@ -227,6 +228,7 @@ class MotionPredictor:
         self._per_frame: Array = np.ones((3, 1))
         self._prediction: Array = np.zeros(2 * count)
         self._frames = self._skipped = 0
+        self._stretch = 1.0  # of the gains' frames over a gap of more than they grow in
         self._steady = False  # whether all lights have been in sight for long
 
     def add(self, places: Array) -> None:
@@ -296,6 +298,7 @@ class MotionPredictor:
         assert self._step is not None
         lights, step = self._lights, self._step
         self._skipped = min(steps - 1, TUNING.max_gap)
+        self._stretch = steps / (self._skipped + 1)
         for _ in range(self._skipped):
             # Everything goes on as predicted.
             elapsed -= step
@@ -435,7 +438,8 @@ class MotionPredictor:
         seen = np.minimum(lights[_SEEN], len(_STARTING_GAINS) - 1).astype(np.intp)
         gap = np.minimum(lights[_UNSEEN] + self._skipped, TUNING.max_gap).astype(np.intp)
         gains = np.where(gap > 0, _GAINS_AFTER_GAPS[gap].T, _STARTING_GAINS[seen].T)
-        gains = np.where(visible, gains * self._per_frame, self._settled * (lights[_SEEN] > 0))
+        per_frame = self._per_frame / self._stretch**_POWERS
+        gains = np.where(visible, gains * per_frame, self._settled * (lights[_SEEN] > 0))
         lights[1, ~visible] *= TUNING.velocity_fading
         lights[2, ~visible] *= TUNING.acceleration_fading
         lights[_STATE] += gains * innovation

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -134,9 +135,10 @@ class MarkerTracker:
         Args:
             image: the frame: an `Image`, or (height, width) grey or (height, width, 3) colour,
                 blue first, uint8 or uint16.
-            stamp_ns: its time, ns.
+            stamp_ns: its time, whole ns.
 
         Raises:
+            TypeError: in ``track`` and ``track_any``, the stamp is no whole number.
             ValueError: in ``track`` and ``track_any``, the stamp is not later than the last one
                 (see `reset`).
             ImageError: it is no such image, or does not convert to grey.
@@ -207,6 +209,8 @@ class MarkerTracker:
 
     def _time_of(self, stamp_ns: int) -> float:
         """Seconds since the first frame."""
+        # A float would be seconds; unsigned ones of NumPy wrap around.
+        stamp_ns = operator.index(stamp_ns)
         gap_ns = 1 if self._last_stamp_ns is None else stamp_ns - self._last_stamp_ns
         if gap_ns <= 0:
             raise ValueError(f'stamp {stamp_ns} ns is not later than {self._last_stamp_ns} ns')

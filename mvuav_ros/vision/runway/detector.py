@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.image import Image, as_pixels
@@ -90,14 +92,16 @@ class RunwayDetector:
         Args:
             image: an `Image`, or (height, width) uint8 or uint16, or (height, width, 3) uint8 or
                 uint16, blue first; any size, also none. It is neither changed nor copied.
-            stamp_ns: its time, ns; not before the last frame's (see `reset`).
+            stamp_ns: its time, whole ns; not before the last frame's (see `reset`).
 
         Raises:
             ImageError: the image has another shape or type.
+            TypeError: the stamp is no whole number.
             ValueError: the stamp is before the last one.
         """
         image = as_pixels(image)
         height, width = image.shape[:2]
+        stamp_ns = operator.index(stamp_ns)
         if image.size and self._frame_size != (height, width):
             self.reset()
             self._frame_size = (height, width)

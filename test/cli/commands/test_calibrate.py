@@ -8,10 +8,12 @@ import pytest
 import yaml
 from support.boards import BOARD
 from support.commands import mvuav
+from support.places import ROOT
 
 from mvuav_ros.simulation.board_video import BoardVideo
 from mvuav_ros.sources.calibration import load_calibration
 
+TANKER = ROOT / 'config' / 'tanker_747.yaml'
 FRAMES = 12  # Different places
 
 
@@ -64,8 +66,13 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
     in_folder = mvuav(*command[:-1], output.parent, '--force')
     assert in_folder.error == f'mvuav: {output.parent} is a folder; give the name of a file'
     assert not (tmp_path / 'new_report').exists()
-    # Nothing is overwritten unasked.
+    # Nothing is overwritten unasked, nor lost to a report that has no place.
     assert 'exists' in mvuav(*command).error
+    other = tmp_path / 'other.yaml'
+    beside = mvuav(*command[:-1], other, '--report', output.with_name('nose_report'))
+    assert beside.error.endswith('index.html exists; --force overwrites it')
+    assert 'File exists' in mvuav(*command[:-1], other, '--report', output).error
+    assert load_calibration(other).k == pytest.approx(camera.k)
 
 
 def test_nothing_to_calibrate_from(rendered, tmp_path):
@@ -78,6 +85,14 @@ def test_nothing_to_calibrate_from(rendered, tmp_path):
     assert 'not a video' in refused(tmp_path, tmp_path / 'broken.mp4')
     mixed = write(tmp_path / 'mixed', [empty, empty[:60]])
     assert '160 x 120 px and of 160 x 60 px' in refused(tmp_path, mixed)
+
+
+def test_the_folder_where_one_is_is_no_calibration_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    camera = 'calibrate', 'a.mp4', '--board', '9x6', '--square', '0.03'
+    for command in (camera, ('rig', 'calibrate', 'a.mp4', '--rig', TANKER)):
+        run = mvuav(*command, '-o', '.')
+        assert run.error == 'mvuav: . is a folder; give the name of a file'
 
 
 def test_views_that_do_not_tell_a_camera(rendered, tmp_path):

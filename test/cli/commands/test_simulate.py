@@ -98,6 +98,7 @@ def test_a_seed_changes_the_flight_and_repeats_it(tmp_path):
     [
         (('--shake', 9), 'shake: must be 0 to 3'),
         (('--size', 'large'), 'write WxH'),
+        (('--size', '640x48²'), 'write WxH'),
         (('--motion', 'looping'), 'motion: must be one of'),
         (('--frames', 'many'), '--frames'),
     ],

@@ -9,9 +9,11 @@ import pytest
 from support.marker_scenes import draw, tanker_at
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.motion import MotionPredictor
 from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.runway.detector import RunwayDetector
 
 STEP = 1 / 30
 
@@ -38,6 +40,14 @@ def test_one_late_stamp_is_forgotten(gap: float) -> None:
     assert max(late[60:]) < 1.5 * usual + 0.05
 
 
+@pytest.mark.parametrize('gap', [1e-6, 2e-5, 1e-3])
+def test_a_first_interval_that_is_too_short_is_no_rate(gap: float) -> None:
+    """As of a camera's first image, which waited in a buffer: it was the step of all gains."""
+    times = [0.0, *(gap + number * STEP for number in range(100))]
+    assert max(errors(times)[2:]) < 5.0
+    assert max(errors(times)[30:]) < 0.5
+
+
 @pytest.mark.parametrize('factor', [0.25, 4, 5])
 def test_another_rate_is_learnt(factor: float) -> None:
     step = STEP * factor
@@ -54,3 +64,17 @@ def test_a_gap_of_years_and_stamps_a_nanosecond_apart(prediction: str) -> None:
     stamps = [*range(0, 300_000_000, 33_000_000), *(10**17 + n for n in (0, 1, 3, 33_000_000))]
     results = [tracker.process(frame, stamp_ns) for stamp_ns in stamps]
     assert np.isfinite([(m.x, m.y) for m in results[-1].markers]).all()
+
+
+@pytest.mark.parametrize('kind', [MarkerTracker, RunwayDetector, ApproachDetector])
+def test_stamps_are_whole_numbers_of_any_type(
+    kind: type[MarkerTracker | RunwayDetector | ApproachDetector],
+) -> None:
+    """A float is seconds, and unsigned numbers of NumPy are never negative."""
+    frame = draw(tanker_at())
+    detector = kind()
+    with pytest.raises(TypeError):
+        detector.process(frame, 0.033)  # type: ignore[arg-type]
+    detector.process(frame, 7)
+    with pytest.raises(ValueError, match='stamp 5 ns is'):
+        detector.process(frame, np.uint64(5))  # type: ignore[arg-type]
