@@ -14,7 +14,6 @@ from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.initialization import (
     ABSENT,
-    MAX_CANDIDATES,
     STRAY,
     Guess,
     Prior,
@@ -25,6 +24,7 @@ from mvuav_ros.vision.markers.lights import Light, Lights, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
+from mvuav_ros.vision.rig import MAX_NAMED
 
 DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
@@ -403,7 +403,7 @@ class Search:
         """
         count = len(self._markers)
         lights = frame.candidates(count)
-        if len(lights) > MAX_CANDIDATES:
+        if len(lights) > MAX_NAMED:
             return
         prior = Prior.of(older, JOLT)
         fewest = min(count, max(count - MAX_HIDDEN, prior.fewest))
