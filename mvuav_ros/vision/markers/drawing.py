@@ -19,7 +19,7 @@ Color = tuple[int, int, int]
 RED, GREEN, BLUE = (60, 60, 255), (80, 220, 80), (255, 140, 60)
 YELLOW, WHITE, BLACK = (0, 220, 255), (255, 255, 255), (0, 0, 0)
 
-COLORS: dict[int, Color] = {
+COLORS: dict[Label, Color] = {
     Label.LEFT_WING: RED,
     Label.LEFT_STABILIZER: RED,
     Label.RUDDER: BLUE,
@@ -34,8 +34,9 @@ def draw_markers(image: Image, result: MarkerResult) -> NDArray[np.uint8]:
     """Draw the result on a copy of the frame.
 
     Stars for wings, circles for stabilizers, a diamond for the rudder; red left, green right,
-    blue centre; unlabelled clusters are yellow circles. A predicted marker is drawn thin and in
-    yellow. Windows searched are thin rectangles. Roll and status stand at the top.
+    blue centre; unlabelled clusters are yellow circles, the markers of another rig green ones. A
+    predicted marker is drawn thin and in yellow. Windows searched are thin rectangles. Roll and
+    status stand at the top.
 
     Returns:
         (height, width, 3) uint8, blue first.
@@ -54,13 +55,16 @@ def draw_markers(image: Image, result: MarkerResult) -> NDArray[np.uint8]:
 
 
 def _draw_marker(canvas: NDArray[np.uint8], marker: Marker, size: int) -> None:
-    color = YELLOW if marker.state is MarkerState.PREDICTED else COLORS.get(marker.label, YELLOW)
-    thickness = 1 if marker.state is MarkerState.PREDICTED else 2
+    is_predicted = marker.state is MarkerState.PREDICTED
+    # The markers of another rig are numbered from 0, as the tanker's are.
+    label = marker.label if isinstance(marker.label, Label) else None
+    color = YELLOW if is_predicted else GREEN if label is None else COLORS[label]
+    thickness = 1 if is_predicted else 2
     # A wild prediction may lie anywhere; OpenCV takes 32-bit coordinates.
     x, y = (int(np.clip(round(v), -(2**20), 2**20)) for v in (marker.x, marker.y))
-    if marker.label in (Label.LEFT_WING, Label.RIGHT_WING):
+    if label in (Label.LEFT_WING, Label.RIGHT_WING):
         outline = _star(x, y, size)
-    elif marker.label is Label.RUDDER:
+    elif label is Label.RUDDER:
         outline = np.array([(x, y - size), (x + size, y), (x, y + size), (x - size, y)], np.int32)
     else:
         cv2.circle(canvas, (x, y), size, color, thickness, cv2.LINE_AA)
