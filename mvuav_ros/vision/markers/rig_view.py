@@ -242,7 +242,7 @@ def possible(parameters: Array) -> Array:
     return np.asarray(np.minimum(np.maximum(parameters, _MIN), _MAX))
 
 
-_THREE_PAIRS = ((0, 1), (0, 2), (1, 2))
+_FIRST, _SECOND = [0, 0, 1], [1, 2, 2]  # Of three markers, in pairs
 _DEPTH_ITERATIONS = 6
 _FLAT = 0.3  # Of a rig's size: depths of three seen from nearly straight above differ by less
 _MAX_DEPTH_STEP = 0.3
@@ -346,19 +346,17 @@ def _orthographic_depths(points: Array, seen: Complex) -> tuple[Array, NDArray[n
 
 def _perspective_depths(points: Array, seen: Complex, depths: Array) -> Array:
     """Depths (3, n) of points (3, 3, n) seen (3, n) by their distances, with Newton's method."""
-    squares = [((points[i] - points[j]) ** 2).sum(axis=0) for i, j in _THREE_PAIRS]
+    squares = ((points[_FIRST] - points[_SECOND]) ** 2).sum(axis=1)
     length = 1.0 + np.abs(seen) ** 2
-    cosines = [1.0 + (seen[i] * seen[j].conj()).real for i, j in _THREE_PAIRS]
+    first, second = length[_FIRST], length[_SECOND]
+    cosines = 1.0 + (seen[_FIRST] * seen[_SECOND].conj()).real
     for _ in range(_DEPTH_ITERATIONS):
+        here, there = depths[_FIRST], depths[_SECOND]
         # The derivatives are a, b, 0; c, 0, d; 0, e, f, all times two.
-        (a, b, p), (c, d, q), (e, f, r) = (
-            (
-                length[i] * depths[i] - cosine * depths[j],
-                length[j] * depths[j] - cosine * depths[i],
-                0.5 * (square + 2.0 * cosine * depths[i] * depths[j])
-                - 0.5 * (length[i] * depths[i] ** 2 + length[j] * depths[j] ** 2),
-            )
-            for (i, j), cosine, square in zip(_THREE_PAIRS, cosines, squares, strict=True)
+        a, c, e = first * here - cosines * there
+        b, d, f = second * there - cosines * here
+        p, q, r = 0.5 * (squares + 2.0 * cosines * here * there) - 0.5 * (
+            first * here**2 + second * there**2
         )
         determinant = -a * d * e - b * c * f
         determinant = np.where(np.abs(determinant) < 1e-9, 1e-9, determinant)
