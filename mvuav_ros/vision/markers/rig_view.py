@@ -62,8 +62,12 @@ class WeakPerspective:
         turn = np.exp(complex(*view.parameters[[SCALE, ROLL]]))
         return replace(self, offsets=(beside[:, 0] + 1j * beside[:, 1]) / turn)
 
-    @cache  # noqa: B019 (a tracker has one or two shapes)
-    def triangles(self, hidden: int) -> list[tuple[int, int, int]]:
+    @cached_property
+    def triangles(self) -> Callable[[int], list[tuple[int, int, int]]]:
+        """What `_triangles` gives, worked out once for each number."""
+        return cache(self._triangles)
+
+    def _triangles(self, hidden: int) -> list[tuple[int, int, int]]:
         """Threes of markers, not on one line, of which one is left whichever so many are hidden.
 
         The largest as seen from behind of those that are left most often.
