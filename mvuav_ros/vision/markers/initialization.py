@@ -239,7 +239,7 @@ def _rough_guesses(
 ) -> list[Start]:
     """Distinct spots for the lights, and views to start the fit from; the best ones first."""
     count = len(shape.points)
-    if len(places) < fewest:
+    if min(len(places), count) < fewest:
         return []
     seen, slopes = shape.linearize(prior.mean[None])
     expected = seen.view(np.complex128)[0], slopes.view(np.complex128)[0]
