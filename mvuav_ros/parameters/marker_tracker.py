@@ -126,8 +126,9 @@ class MarkerTrackerParameters(ParameterSet):
     )
     allow_ambiguous: bool = _pose(
         False,
-        'Accept a layout whose names or pose are ambiguous: fewer than three markers, all on one '
-        'line, or a symmetric shape (see mvuav rig check). /diagnostics then gives the reason.',
+        'Accept a layout whose names or pose are ambiguous: fewer than three or more than twelve '
+        'markers, all on one line, or a symmetric shape (see mvuav rig check). /diagnostics then '
+        'gives the reason.',
         read_only=True,
     )
     pose: bool = _pose(

@@ -185,17 +185,22 @@ class Image:
             rows: with a start and an end within the frame.
             columns: with a start and an end within the frame.
         """
-        layout = ENCODINGS[self.encoding]
-        if layout.channels == 1 and not self.is_gray:
-            # The colour of a mosaic's pixel comes from its neighbours: cut after the conversion.
-            return self.gray()[rows, columns]
-        if layout.luma is not None and self.channel != 'intensity':
-            # Two neighbours share their colour: begin and end between pairs.
-            start = columns.start - columns.start % 2
-            stop = min(columns.stop + columns.stop % 2, self.width)
-            pair = self._gray(self.pixels[rows, start:stop])
-            return pair[:, columns.start - start : columns.stop - start]
-        return self._gray(self.pixels[rows, columns])
+        layout, pixels = ENCODINGS[self.encoding], self.pixels
+        is_mosaic = layout.to_gray is not None and layout.channels == 1
+        has_chroma = (layout.luma is not None or layout.chroma_below) and (
+            self.channel != 'intensity'
+        )
+        if not (is_mosaic or has_chroma):
+            return self._gray(pixels[rows, columns])
+        # Pixels have their colour from neighbours, or share it in pairs: some of these as well.
+        top, bottom = _around(rows, self.height)
+        left, right = _around(columns, self.width)
+        part = pixels[top:bottom, left:right]
+        if layout.chroma_below:
+            below = slice(self.height + top // 2, self.height + bottom // 2)
+            part = np.concatenate((part, pixels[below, left:right]))
+        part = self._gray(part)
+        return part[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
 
     def bgr(self) -> NDArray[np.uint8]:
         """The image in colour, (height, width, 3) uint8, blue first.
@@ -234,6 +239,11 @@ class Image:
             raise ImageError(
                 f'{self.encoding} of {self.width} x {self.height} does not convert: {error.err}'
             ) from error
+
+
+def _around(part: slice, size: int) -> tuple[int, int]:
+    """Bounds of a part with two pixels on either side, in whole pairs, of so many."""
+    return max(part.start - part.start % 2 - 2, 0), min(part.stop + part.stop % 2 + 2, size)
 
 
 def as_image(given: Image | Pixels) -> Image:

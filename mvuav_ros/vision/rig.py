@@ -21,6 +21,7 @@ Point = tuple[float, float, float]
 _NUMBERS = (int, float, np.integer, np.floating)
 
 SAME_PLACE = 1e-3  # Part of a rig's size within which two markers are in one place
+MAX_NAMED = 12  # Lights that can be named at once: all threes of them are tried
 
 
 class RigError(ValueError):

@@ -25,8 +25,23 @@ def noise(encoding, height=12, width=16):
 @pytest.mark.parametrize('columns', [slice(0, 16), slice(3, 8), slice(4, 9), slice(15, 16)])
 def test_a_window_is_a_part_of_the_whole(encoding, channel, columns):
     image = Image(noise(encoding), encoding).seen_in(channel)
-    window = image.gray_window(slice(2, 7), columns)
-    np.testing.assert_array_equal(window, image.gray()[2:7, columns])
+    for rows in (slice(2, 7), slice(0, 1), slice(5, 8)):
+        window = image.gray_window(rows, columns)
+        np.testing.assert_array_equal(window, image.gray()[rows, columns])
+
+
+@pytest.mark.parametrize('encoding', COLORED)
+@pytest.mark.parametrize('channel', CHANNELS)
+def test_a_window_costs_no_more_than_it_shows(monkeypatch, encoding, channel):
+    """Of mosaics and NV12 the whole image was converted for each window: 17 ms for five."""
+    converted, convert = [], Image._convert
+    monkeypatch.setattr(
+        Image, '_convert', lambda *given: converted.append(given[1].size) or convert(*given)
+    )
+    image = Image(noise(encoding, 120, 160), encoding).seen_in(channel)
+    window = image.gray_window(slice(31, 42), slice(70, 81))
+    assert sum(converted) <= 16 * 16 * 4
+    np.testing.assert_array_equal(window, image.gray()[31:42, 70:81])
 
 
 @pytest.mark.parametrize('encoding', [name for name in COLORED if name != '8UC3'])

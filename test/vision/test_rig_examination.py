@@ -1,5 +1,7 @@
 """Rigs that leave something in doubt."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,14 @@ def test_too_few_markers_and_a_line_give_no_pose():
     place = (0.0, 0.0, 0.0)
     assert is_straight(MarkerRig('empty', tuple((name, place) for name in 'abcd'), place, place))
     assert 'one line' in examine(line)[0]
+
+
+def test_a_rig_with_more_markers_than_can_be_named_is_doubted():
+    """It was accepted, and then all its lights did "not stand out" for ever."""
+    places = {f'm{i}': (0.1 * i * i, math.cos(i), 1.1 * math.sin(i)) for i in range(13)}
+    assert '13 markers are too many' in examine(rig(**places))[0]
+    places.pop('m12')
+    assert examine(rig(**places)) == ()
 
 
 def test_which_markers_of_a_triangle_are_exchanged_and_how():

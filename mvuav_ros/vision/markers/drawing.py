@@ -34,9 +34,9 @@ def draw_markers(image: Image, result: MarkerResult) -> NDArray[np.uint8]:
     """Draw the result on a copy of the frame.
 
     Stars for wings, circles for stabilizers, a diamond for the rudder; red left, green right,
-    blue centre. Lights of other bodies, and those without names, are yellow circles. A predicted
-    marker is drawn thin and in yellow. Windows searched are thin rectangles. Roll and status stand
-    at the top.
+    blue centre; unlabelled clusters are yellow circles, the markers of another rig green ones. A
+    predicted marker is drawn thin and in yellow. Windows searched are thin rectangles. Roll and
+    status stand at the top.
 
     Returns:
         (height, width, 3) uint8, blue first.
@@ -55,10 +55,11 @@ def draw_markers(image: Image, result: MarkerResult) -> NDArray[np.uint8]:
 
 
 def _draw_marker(canvas: NDArray[np.uint8], marker: Marker, size: int) -> None:
-    # Of another body than the tanker the label is a place in its rig, and says nothing of sides.
-    label = marker.label if isinstance(marker.label, Label) else Label.UNLABELLED
-    color = YELLOW if marker.state is MarkerState.PREDICTED else COLORS[label]
-    thickness = 1 if marker.state is MarkerState.PREDICTED else 2
+    is_predicted = marker.state is MarkerState.PREDICTED
+    # The markers of another rig are numbered from 0, as the tanker's are.
+    label = marker.label if isinstance(marker.label, Label) else None
+    color = YELLOW if is_predicted else GREEN if label is None else COLORS[label]
+    thickness = 1 if is_predicted else 2
     # A wild prediction may lie anywhere; OpenCV takes 32-bit coordinates.
     x, y = (int(np.clip(round(v), -(2**20), 2**20)) for v in (marker.x, marker.y))
     if label in (Label.LEFT_WING, Label.RIGHT_WING):

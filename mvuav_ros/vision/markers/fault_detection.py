@@ -128,12 +128,11 @@ class FaultDetector:
                 return consensus
         if not contradicted:
             return Consensus(correction.view, markers)
-        for dropped in (1, 2, 3):
-            if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
-                break
-            consensus = self._without(found, dropped)
-            if consensus is not None:
-                return consensus
+        if len(markers) <= _PAIRS_UP_TO:
+            for dropped in range(1, min(len(markers) - 2, 3) + 1):
+                consensus = self._without(found, dropped)
+                if consensus is not None:
+                    return consensus
         return self._greedy(found)
 
     def _added(self, correction: Correction) -> dict[int, float]:
@@ -203,11 +202,13 @@ class FaultDetector:
 
     def _greedy(self, found: Mapping[int, Point]) -> Consensus:
         rest = dict(found)
-        fitted = self.views.fit(NamedPlaces.of(rest))
-        while len(rest) > 2 and max(fitted.nis) > TUNING.gate:
-            del rest[list(rest)[fitted.nis.index(max(fitted.nis))]]
+        while True:
             fitted = self.views.fit(NamedPlaces.of(rest))
-        if max(fitted.nis) > TUNING.gate or 2 * len(rest) <= len(found):
+            farthest = max(fitted.nis)
+            if len(rest) <= 2 or farthest <= TUNING.gate:
+                break
+            del rest[list(rest)[fitted.nis.index(farthest)]]
+        if farthest > TUNING.gate or 2 * len(rest) <= len(found):
             return Consensus(partial(self.views.look, {}), (), (), tuple(found))
         return Consensus(fitted.view, tuple(rest), tuple(m for m in found if m not in rest))
 

@@ -48,14 +48,13 @@ class Reporter:
     def __init__(self, rig: MarkerRig) -> None:
         names = rig.names
         self._labels = TANKER_LABELS if names == TANKER_NAMES else range(len(names))
-        self._wings = None
-        if 'left_wing' in names and 'right_wing' in names:
-            self._wings = names.index('left_wing'), names.index('right_wing')
+        self._wings = [names.index(wing) for wing in ('left_wing', 'right_wing') if wing in names]
+        self._has_wings = len(self._wings) == 2
 
     def nothing(self, status: str) -> MarkerResult:
         """All markers are lost."""
         lost = tuple(Marker(label, MarkerState.LOST) for label in self._labels)
-        return MarkerResult(lost, status=status, has_wings=self._wings is not None)
+        return MarkerResult(lost, status=status, has_wings=self._has_wings)
 
     def result(
         self,
@@ -82,16 +81,12 @@ class Reporter:
                 markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
             else:
                 markers.append(Marker(label, MarkerState.LOST))
-        roll = math.nan
-        if self._wings is not None:
-            left, right = self._wings
-            roll = roll_of(markers[left], markers[right])
+        roll = roll_of(*(markers[wing] for wing in self._wings)) if self._has_wings else math.nan
         status = remark
         if len(spots) < len(markers):
             status = counts_of(markers) + (f' ({remark})' if remark else '')
         places = tuple(memory.predicted)
-        has_wings = self._wings is not None
-        return MarkerResult(tuple(markers), roll, status, tuple(windows), places, has_wings)
+        return MarkerResult(tuple(markers), roll, status, tuple(windows), places, self._has_wings)
 
 
 GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more

@@ -35,6 +35,7 @@ from mvuav_ros.vision.markers.rig_view import (
 )
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
 from mvuav_ros.vision.markers.view_filter import ViewFilter
+from mvuav_ros.vision.rig import MAX_NAMED
 
 ANY_ROLL = 1.6  # rad, 1 sigma: at the start an upright body is likelier than one upside down
 FREE = 30.0, 1e4
@@ -43,7 +44,6 @@ TILT = 0.4  # rad, 1 sigma: the camera looks at the body from behind, give or ta
 BARREL_DEVIATION = 0.1  # 1 sigma, of what a lens that is not calibrated does at half the diagonal
 MODEL_ERROR = 0.004  # By how much a body may differ from its rig, in units of its size (1 sigma)
 MARGIN = 2.0  # Of the logarithm of the odds of the best way of naming lights over the next one's
-MAX_CANDIDATES = 12
 _TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 """Focal length of a camera that is not calibrated, in half diagonals of the image (1.4: 71 degrees
 across), and how far its logarithm may be off (1 sigma)."""
@@ -147,7 +147,7 @@ def guess_body(
 ) -> list[Guess]:
     """All probable ways of seeing a body in a number of spots, most probable first.
 
-    Three markers are tried on all threes of spots (`MAX_CANDIDATES` at most, px without
+    Three markers are tried on all threes of spots (`MAX_NAMED` at most, px without
     distortion), in every order; the views of each that follow say where the other markers
     are, and the best are fitted. The fewest of its markers must be among the spots, beside which
     there are so many strays per px².
@@ -239,7 +239,7 @@ def _rough_guesses(
 ) -> list[Start]:
     """Distinct spots for the lights, and views to start the fit from; the best ones first."""
     count = len(shape.points)
-    if len(places) < fewest:
+    if min(len(places), count) < fewest:
         return []
     seen, slopes = shape.linearize(prior.mean[None])
     expected = seen.view(np.complex128)[0], slopes.view(np.complex128)[0]
@@ -414,7 +414,7 @@ def initialize(shape: WeakPerspective, lights: Lights, names: Sequence[str]) -> 
     if len(spots) < count:
         return Named(remark=f'{len(spots)} of {count} markers in view')
     unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
-    if len(spots) > MAX_CANDIDATES:
+    if len(spots) > MAX_NAMED:
         return unclear
     ways = guess_body(shape, spots, Prior.at_start(shape), count)
     ways = [way for way in ways if _alike(way, spots)]

@@ -14,7 +14,6 @@ from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.initialization import (
     ABSENT,
-    MAX_CANDIDATES,
     STRAY,
     Guess,
     Prior,
@@ -25,6 +24,7 @@ from mvuav_ros.vision.markers.lights import Light, Lights, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
+from mvuav_ros.vision.rig import MAX_NAMED
 
 DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
@@ -247,6 +247,8 @@ class Search:
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._markers = markers
         self._view = consensus.view()
+        self._expected: list[Expectation] = []  # of all markers, by this view:
+        self._expected_by: ViewState | None = None
 
     @property
     def given(self) -> set[int]:
@@ -403,15 +405,15 @@ class Search:
         """
         count = len(self._markers)
         lights = frame.candidates(count)
-        if len(lights) > MAX_CANDIDATES:
+        is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
+        holds = is_firm or (self.found and count > FAULTS.min_firm)
+        if len(lights) > MAX_NAMED or (holds and len(lights) <= len(self.found)):
             return
         prior = Prior.of(older, JOLT)
         fewest = min(count, max(count - MAX_HIDDEN, prior.fewest))
-        is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         if is_firm:
             fewest = max(fewest, len(self.found))
         again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
-        holds = is_firm or (self.found and count > FAULTS.min_firm)
         if again is None or (holds and not self._is_better(again)):
             return
         shape = older.shape
@@ -455,10 +457,11 @@ class Search:
 
     def expected(self, markers: Collection[int]) -> dict[int, Expectation]:
         """Where markers should be by the view of those found so far, px without distortion."""
-        places, deviations = self.views.places(self._view)
-        x, y = places.T.tolist()
-        by_view = deviations.tolist()
-        return {i: Expectation(x[i], y[i], by_view[i]) for i in markers}
+        if self._expected_by is not self._view:
+            places, deviations = self.views.places(self._view)
+            rows = zip(*places.T.tolist(), deviations.tolist(), strict=True)
+            self._expected_by, self._expected = self._view, [Expectation(*row) for row in rows]
+        return {index: self._expected[index] for index in markers}
 
     def _unlikeness(self, index: int, light: Light) -> float:
         return 0.0 if self._markers[index].is_likely(light.seen) else UNLIKE

@@ -62,8 +62,12 @@ class WeakPerspective:
         turn = np.exp(complex(*view.parameters[[SCALE, ROLL]]))
         return replace(self, offsets=(beside[:, 0] + 1j * beside[:, 1]) / turn)
 
-    @cache  # noqa: B019 (a tracker has one or two shapes)
-    def triangles(self, hidden: int) -> list[tuple[int, int, int]]:
+    @cached_property
+    def triangles(self) -> Callable[[int], list[tuple[int, int, int]]]:
+        """What `_triangles` gives, worked out once for each number."""
+        return cache(self._triangles)
+
+    def _triangles(self, hidden: int) -> list[tuple[int, int, int]]:
         """Threes of markers, not on one line, of which one is left whichever so many are hidden.
 
         The largest as seen from behind of those that are left most often.
@@ -242,8 +246,9 @@ def possible(parameters: Array) -> Array:
     return np.asarray(np.minimum(np.maximum(parameters, _MIN), _MAX))
 
 
-_THREE_PAIRS = ((0, 1), (0, 2), (1, 2))
+_FIRST, _SECOND = [0, 0, 1], [1, 2, 2]  # Of three markers, in pairs
 _DEPTH_ITERATIONS = 6
+_AT_ONCE = 8192  # Threes, whose arrays a processor's cache holds
 _FLAT = 0.3  # Of a rig's size: depths of three seen from nearly straight above differ by less
 _MAX_DEPTH_STEP = 0.3
 """Of a depth, by its own length."""
@@ -270,6 +275,10 @@ def views_of_three(
         (v, 8), see `WeakPerspective.project`: up to three for each three. Where there is none, a
         view that does not show the markers there.
     """
+    if len(markers) > _AT_ONCE:
+        parts = [slice(i, i + _AT_ONCE) for i in range(0, len(markers), _AT_ONCE)]
+        views = [views_of_three(shape, markers[p], places[p], focal, may_be) for p in parts]
+        return np.concatenate(views)
     # Markers, axes, rows: the rows last, along which all is computed.
     points = np.ascontiguousarray(shape.points[markers].transpose(1, 2, 0))
     seen = (places - shape.middle).T / focal
@@ -346,19 +355,17 @@ def _orthographic_depths(points: Array, seen: Complex) -> tuple[Array, NDArray[n
 
 def _perspective_depths(points: Array, seen: Complex, depths: Array) -> Array:
     """Depths (3, n) of points (3, 3, n) seen (3, n) by their distances, with Newton's method."""
-    squares = [((points[i] - points[j]) ** 2).sum(axis=0) for i, j in _THREE_PAIRS]
+    squares = ((points[_FIRST] - points[_SECOND]) ** 2).sum(axis=1)
     length = 1.0 + np.abs(seen) ** 2
-    cosines = [1.0 + (seen[i] * seen[j].conj()).real for i, j in _THREE_PAIRS]
+    first, second = length[_FIRST], length[_SECOND]
+    cosines = 1.0 + (seen[_FIRST] * seen[_SECOND].conj()).real
     for _ in range(_DEPTH_ITERATIONS):
+        here, there = depths[_FIRST], depths[_SECOND]
         # The derivatives are a, b, 0; c, 0, d; 0, e, f, all times two.
-        (a, b, p), (c, d, q), (e, f, r) = (
-            (
-                length[i] * depths[i] - cosine * depths[j],
-                length[j] * depths[j] - cosine * depths[i],
-                0.5 * (square + 2.0 * cosine * depths[i] * depths[j])
-                - 0.5 * (length[i] * depths[i] ** 2 + length[j] * depths[j] ** 2),
-            )
-            for (i, j), cosine, square in zip(_THREE_PAIRS, cosines, squares, strict=True)
+        a, c, e = first * here - cosines * there
+        b, d, f = second * there - cosines * here
+        p, q, r = 0.5 * (squares + 2.0 * cosines * here * there) - 0.5 * (
+            first * here**2 + second * there**2
         )
         determinant = -a * d * e - b * c * f
         determinant = np.where(np.abs(determinant) < 1e-9, 1e-9, determinant)

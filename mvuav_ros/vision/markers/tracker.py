@@ -92,8 +92,9 @@ class MarkerTracker:
         another image size is not used.
         """
         self._camera = camera
-        if isinstance(self._tracker, CalibratedTracker):
-            self._tracker.set_camera(camera)
+        for tracker in (self._tracker, self._brighter):
+            if isinstance(tracker, CalibratedTracker):
+                tracker.set_camera(camera)
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
         """Use other parameters from the next frame on.
@@ -113,7 +114,8 @@ class MarkerTracker:
         """Forget all earlier frames."""
         self._channel = INTENSITY
         self._has_found = False
-        self._tracker = self._make_tracker()
+        # The second one is for the brightest channel, until either has found anything.
+        self._tracker, self._brighter = self._make_tracker(), self._make_tracker()
         self._first_stamp_ns: int | None = None
         self._last_stamp_ns: int | None = None
 
@@ -163,12 +165,11 @@ class MarkerTracker:
         Only before the first marker is found: a tracker that has lost its markers knows more of
         them than a new one, and lights do not change their colour.
         """
-        tracker = self._make_tracker()
-        other = self._find(image.seen_in(BRIGHTEST), time, tracker)
+        other = self._find(image.seen_in(BRIGHTEST), time, self._brighter)
         if not _finds(other):
             return result
         if self.parameters.mode not in WITHOUT_MEMORY:
-            self._tracker, self._channel, self._has_found = tracker, BRIGHTEST, True
+            self._tracker, self._channel, self._has_found = self._brighter, BRIGHTEST, True
         return other
 
     def _find(self, image: Image, time: float, tracker: Tracker) -> MarkerResult:

@@ -4,7 +4,7 @@ import numpy as np
 
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.drawing import BLUE, GREEN, RED, YELLOW, draw_markers
+from mvuav_ros.vision.markers.drawing import draw_markers
 from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import TANKER_747
@@ -34,13 +34,17 @@ def test_the_marks_of_left_lights_are_red_and_those_of_right_ones_green():
         assert len(drawn) and {hue(color) for color in drawn} == {wanted}, name
 
 
+def test_the_marks_of_another_rig_are_alike_and_none_looks_predicted():
+    """They were drawn as the tanker's of the same numbers, and from the sixth on in yellow."""
+    image = Image(np.zeros((40, 320), np.uint8), 'mono8')
+    row = [Marker(i, MarkerState.DETECTED, 30.0 + 40 * i, 20.0) for i in range(7)]
+    canvas = draw_markers(image, MarkerResult(tuple(row)))
+    first = canvas[11:30, 21:40]
+    assert {hue(color) for color in first[np.ptp(first, axis=2) > 60]} == {'green'}
+    for i in range(7):
+        np.testing.assert_array_equal(canvas[11:30, 21 + 40 * i : 40 + 40 * i], first)
+
+
 def test_so_are_the_edges_of_a_runway():
     assert hue(ROLE_COLORS[LineRole.LEFT_EDGE]) == 'red'
     assert hue(ROLE_COLORS[LineRole.RIGHT_EDGE]) == 'green'
-
-
-def test_a_body_of_ones_own_has_no_side_by_the_order_of_its_file():
-    marker = Marker(1, MarkerState.DETECTED, 60.0, 60.0, area=9.0)  # right_arm, for example
-    canvas = draw_markers(Image(np.zeros((120, 120), np.uint8), 'mono8'), MarkerResult((marker,)))
-    assert {tuple(color) for color in canvas.reshape(-1, 3)} >= {YELLOW}
-    assert {tuple(color) for color in canvas.reshape(-1, 3)}.isdisjoint((RED, GREEN, BLUE))

@@ -14,7 +14,7 @@ from mvuav_ros.vision.markers.marker_memory import CONFIDENCE
 from mvuav_ros.vision.markers.naming import JOLT, reacquire
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
-from mvuav_ros.vision.rig import TANKER_747
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig
 from mvuav_thesis.light_flights import random_rig
 
 
@@ -54,6 +54,13 @@ def test_fewer_lights_than_it_takes_have_no_names():
     for count in range(3):
         assert find(SPOTS[:count], 3) == {}
     assert find(SPOTS[:3]) == {}
+
+
+def test_a_rig_of_fewer_markers_than_it_takes_is_not_found():
+    """Two markers among clutter, of which three lights must be found, raised ValueError."""
+    rig = MarkerRig('two', TANKER_747.markers[:2], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    shape = WeakPerspective.of(rig, Lens((640, 480), CAMERA))
+    assert guess_body(shape, SPOTS, prior_after(0.1), fewest=3) == []
 
 
 def test_three_lights_are_enough_where_they_are_all_that_there_is():

@@ -13,10 +13,10 @@ PLACES = ((100, 240), (230, 225), (320, 120), (410, 225), (540, 240))
 RED, WHITE = (0, 0, 255), (255, 255, 255)
 
 
-def lights(color, shift=0, background=30):
+def lights(color, shift=0, background=30, places=PLACES):
     """Five lights of one colour, blue first."""
     image = np.full((480, 640, 3), background, np.uint8)
-    for x, y in PLACES:
+    for x, y in places:
         cv2.circle(image, (x + shift, y), 5, color, -1, cv2.LINE_AA)
     return image
 
@@ -32,6 +32,18 @@ def test_five_lights_of_any_colour_are_found_with_the_defaults(mode, color):
     for frame in range(6):
         result = tracker.process(Image(lights(color, 2 * frame), 'bgr8'), frame * 33_000_000)
         assert detected(result) == 5
+
+
+@pytest.mark.parametrize('color', [RED, WHITE])
+def test_lights_of_any_colour_that_several_frames_must_agree_on_are_found(color):
+    """Five that are named as in the thesis: red ones had a new tracker in every frame."""
+    tracker = MarkerTracker()
+    places = ((294, 198), (529, 246), (276, 213), (409, 272), (143, 330))
+    found = [
+        detected(tracker.process(Image(lights(color, k, places=places), 'bgr8'), k * 33_000_000))
+        for k in range(5)
+    ]
+    assert found == [0, 0, 5, 5, 5]
 
 
 def test_intensity_alone_does_not_see_pure_red():

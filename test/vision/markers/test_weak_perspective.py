@@ -1,6 +1,8 @@
 """Views of a rig: projection, its derivatives, and the fit."""
 
+import gc
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -64,3 +66,13 @@ def test_the_fit_finds_the_view_and_the_light_that_does_not_fit(shape):
     wrong = fit(shape, VIEW + away, spread, places, 0.2)
     assert np.argmax(wrong.nis) == 2
     assert max(wrong.nis) > 100 > max(right.nis)
+
+
+def test_a_shape_that_is_no_longer_used_is_forgotten():
+    """Each start of a tracker has one; its triangles were kept for good, a kilobyte each."""
+    shape = WeakPerspective.of(TANKER_747, Lens((640, 480)))
+    assert shape.triangles(1) is shape.triangles(1)
+    left = weakref.ref(shape)
+    del shape
+    gc.collect()
+    assert left() is None
