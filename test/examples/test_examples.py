@@ -213,7 +213,9 @@ def test_plot_a_result_bag(tmp_path):
     assert cv2.imread(str(figure)) is not None
 
 
-@pytest.mark.parametrize('name', ['detect_in_one_image', 'plot_a_result_bag', 'replay_a_bag'])
+@pytest.mark.parametrize(
+    'name', ['detect_in_one_image', 'plot_a_result_bag', 'pose_for_mavros', 'replay_a_bag']
+)
 def test_a_missing_argument_gives_the_usage(name):
     done = execute(name)
     assert done.returncode == 1
