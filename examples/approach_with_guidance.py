@@ -4,7 +4,7 @@ from mvuav_ros import ApproachDetector, CameraModel
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.sources.opening import open_source
 
-detector = ApproachDetector(RunwayDetectorParameters(mode='approach', runway_width=45.0))
+detector = ApproachDetector(RunwayDetectorParameters(mode='approach', runway_width=30.0))
 for frame in open_source('sim:runway?frames=40&width=320&height=240').frames():
     if isinstance(frame.camera, CameraModel):
         detector.set_camera(frame.camera)

@@ -4,30 +4,31 @@ import sys
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Point, Quaternion
+from geometry_msgs.msg import PoseWithCovarianceStamped as Pose
 from rclpy.qos import qos_profile_sensor_data as sensor_data
 
 from mvuav_ros.vision.frames import east_north_up, from_quaternion, quaternion
 
+if len(sys.argv) != 2:
+    sys.exit('usage: python examples/pose_for_mavros.py HEADING_DEG')
+heading_deg = float(sys.argv[1])
 
-def send(message: PoseWithCovarianceStamped) -> None:
+
+def send(message: Pose) -> None:
     """From the runway's axes."""
     pose, p, q = message.pose.pose, message.pose.pose.position, message.pose.pose.orientation
     given = [p.x, p.y, p.z], from_quaternion(q.x, q.y, q.z, q.w)
     covariance = np.reshape(message.pose.covariance, (6, 6))
-    position, rotation, covariance = east_north_up(*given, covariance, float(sys.argv[1]))
-    pose.position, pose.orientation = Point(), Quaternion()
-    pose.position.x, pose.position.y, pose.position.z = position.tolist()
-    q = pose.orientation
-    q.x, q.y, q.z, q.w = quaternion(rotation)
+    position, rotation, covariance = east_north_up(*given, covariance, heading_deg)
+    pose.position = Point(**dict(zip('xyz', position.tolist(), strict=True)))
+    pose.orientation = Quaternion(**dict(zip('xyzw', quaternion(rotation), strict=True)))
     message.pose.covariance = covariance.ravel().tolist()
     out.publish(message)
 
 
 rclpy.init()
 node = rclpy.create_node('pose_for_mavros')
-out = node.create_publisher(PoseWithCovarianceStamped, '/mavros/vision_pose/pose_cov', 10)
-node.create_subscription(
-    PoseWithCovarianceStamped, '/runway_detector/vision_pose', send, sensor_data
-)
+out = node.create_publisher(Pose, '/mavros/vision_pose/pose_cov', 10)
+node.create_subscription(Pose, '/runway_detector/vision_pose', send, sensor_data)
 rclpy.spin(node)

@@ -4,19 +4,20 @@ import sys
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped as Pose
 from px4_msgs.msg import VehicleOdometry
 from rclpy.qos import qos_profile_sensor_data as sensor_data
 
 from mvuav_ros.vision.frames import east_north_up, from_quaternion, north_east_down, quaternion
 
+heading_deg = float(sys.argv[1]) if sys.argv[1:] else sys.exit('usage: pose_for_px4.py HEADING_DEG')
 
-def send(message: PoseWithCovarianceStamped) -> None:
+
+def send(message: Pose) -> None:
     """From the runway's axes; what is not known is NaN."""
-    p, q = message.pose.pose.position, message.pose.pose.orientation
-    given = [p.x, p.y, p.z], from_quaternion(q.x, q.y, q.z, q.w)
-    enu = east_north_up(*given, np.reshape(message.pose.covariance, (6, 6)), float(sys.argv[1]))
-    position, rotation, *variances = north_east_down(*enu)
+    p, q, cov = message.pose.pose.position, message.pose.pose.orientation, message.pose.covariance
+    given = [p.x, p.y, p.z], from_quaternion(q.x, q.y, q.z, q.w), np.reshape(cov, (6, 6))
+    position, rotation, *variances = north_east_down(*east_north_up(*given, heading_deg))
     us = message.header.stamp.sec * 1_000_000 + message.header.stamp.nanosec // 1000
     said = VehicleOdometry(timestamp=us, timestamp_sample=us, pose_frame=1)
     said.position, said.q = np.float32(position), np.float32(np.roll(quaternion(rotation), 1))
@@ -28,6 +29,5 @@ def send(message: PoseWithCovarianceStamped) -> None:
 rclpy.init()
 node = rclpy.create_node('pose_for_px4')
 out = node.create_publisher(VehicleOdometry, '/fmu/in/vehicle_visual_odometry', sensor_data)
-topic = '/runway_detector/vision_pose'
-node.create_subscription(PoseWithCovarianceStamped, topic, send, sensor_data)
+node.create_subscription(Pose, '/runway_detector/vision_pose', send, sensor_data)
 rclpy.spin(node)

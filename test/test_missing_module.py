@@ -6,7 +6,7 @@ import sys
 import pytest
 from support.places import ROOT
 
-from mvuav_ros.missing_module import explain_missing_module
+from mvuav_ros.missing_module import _ROS, explain_missing_module
 
 RUN = """
 import sys
@@ -39,6 +39,13 @@ def test_an_error_names_what_is_missing(missing, arguments, words):
     assert outcome.returncode == 1
     assert words in outcome.stderr
     assert len(outcome.stderr.splitlines()) == 1, outcome.stderr
+
+
+def test_a_rig_is_checked_without_ros():
+    """As docs/quick-start.md says of `pip install .`."""
+    outcome = run(','.join(_ROS), 'mvuav', 'rig', 'check', 'config/tanker_747.yaml')
+    assert outcome.returncode == 0, outcome.stderr
+    assert outcome.stdout.startswith('tanker_747: 5 markers')
 
 
 def test_what_no_package_has_is_left_as_it_is():

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 
 from mvuav_ros.messages.cdr import PointLayout, stamped_doubles
 from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult
 from mvuav_ros.vision.pose import Pose
+from mvuav_ros.vision.rig import MarkerRig
 
 _PLACE = [(name, np.float32) for name in ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area')]
 _NAME = [('label', np.uint8), ('state', np.uint8)]
@@ -17,6 +19,13 @@ _POINTS = PointLayout(POINT)
 NUMBERED_POINT = np.dtype([*_PLACE, *_NAME, ('id', np.float32), ('confidence', np.float32)])
 """Rows of ``track_any``: with the light's number, exact up to 16 million."""
 _NUMBERED_POINTS = PointLayout(NUMBERED_POINT)
+_TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)
+
+
+def refused_names(rig: MarkerRig) -> list[str]:
+    """Why markers cannot have the topics of their names: a line for each such name."""
+    refused = [name for name in rig.names if not _TOPIC_WORD.fullmatch(name)]
+    return [f'{name!r} cannot be part of a topic' for name in refused]
 
 
 def encode_markers(result: MarkerResult, header: bytes, *, numbered: bool = False) -> bytes:

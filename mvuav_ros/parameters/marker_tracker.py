@@ -159,7 +159,8 @@ class MarkerTrackerParameters(ParameterSet):
     light_fault_prior: float = _integrity(
         1e-4,
         'Probability per frame with which a light is not where its marker is, or is another one. '
-        'The default is twice the share of wrong names that was measured.',
+        'The default is of the order of the share of wrong names of five lights with a '
+        'calibration; that of fewer lights is larger (docs/concepts/limits.md).',
         limits=(0.0, 0.1),
         unit='per frame',
         usual=(1e-6, 1e-2),

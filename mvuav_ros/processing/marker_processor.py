@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterator
 from functools import lru_cache, partial
 
@@ -14,7 +13,12 @@ from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.messages import detections, poses
 from mvuav_ros.messages.images import Frame, serialize_image
-from mvuav_ros.messages.marker_messages import encode_marker, encode_markers, encode_rpy
+from mvuav_ros.messages.marker_messages import (
+    encode_marker,
+    encode_markers,
+    encode_rpy,
+    refused_names,
+)
 from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
@@ -42,7 +46,6 @@ _TOPICS = {
     'vision_pose': PoseWithCovarianceStamped,
     'integrity': DiagnosticArray,
 }
-_TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)
 
 
 class MarkerTrackerProcessor(Processor):
@@ -270,9 +273,3 @@ def _rig_of_topics(parameters: MarkerTrackerParameters) -> MarkerRig:
     for reason in refused_names(rig):
         raise ParameterError('layout', f'{parameters.layout}: {reason}')
     return rig
-
-
-def refused_names(rig: MarkerRig) -> list[str]:
-    """Why markers cannot have the topics of their names: a line for each such name."""
-    refused = [name for name in rig.names if not _TOPIC_WORD.fullmatch(name)]
-    return [f'{name!r} cannot be part of a topic' for name in refused]

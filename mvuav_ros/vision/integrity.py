@@ -89,7 +89,7 @@ class IntegrityBudget:
             the order that the ICAO asks for a precision approach (2e-7 in any approach, Annex 10,
             table 3.7.2.4-1).
         light_prior: probability per frame that a light is not where its marker is, or is another
-            light; 1e-4 is more than twice the share of wrong names in docs/markers.md.
+            light; 1e-4 is of the order of the share of wrong names in docs/concepts/limits.md.
         focal_error: standard deviation of the calibrated focal length, as a part of it.
         center_error: standard deviation of the calibrated principal point, px per axis.
         min_noise: standard deviation of a light's place, px per axis, below which that of the

@@ -85,3 +85,11 @@ def test_the_flights_of_compare_markers_become_figures(copy):
 def test_numbers_in_code_and_links_are_not_counted():
     text = 'The `12 px` of [it](a.md#3-px).\n\n```bash\nsleep 3 s\n```\n\n2.5 ms and 1,000 frames\n'
     assert [shown for _, shown, _ in figures.numbers(text)] == ['2.5 ms', '1,000 frames']
+
+
+def test_the_stills_are_those_that_were_measured_with_the_flights():
+    measured = json.loads((ROOT / 'docs/figures/approach.json').read_text())['tables']['stills']
+    right = {row[0]: float(row[3].removesuffix(' %')) for row in measured['rows']}
+    stated = json.loads((ROOT / 'docs/figures/stills.json').read_text())['figures']
+    assert stated['near']['value'] == round(right['stills check near'])
+    assert stated['far']['value'] == round(right['stills check far'])

@@ -108,6 +108,16 @@ def test_links_of_the_repository_lead_somewhere(name):
             assert (ROOT / target).exists(), target
 
 
+def test_the_commands_for_single_tests_select_some():
+    page = (ROOT / 'CONTRIBUTING.md').read_text()
+    commands = re.findall(r'\.venv/bin/python -m pytest ([^`\n]+)', page)
+    assert len(commands) > 3
+    for command in commands:
+        pytest_of = [sys.executable, '-m', 'pytest', '--collect-only', '-q', *command.split()]
+        run = subprocess.run(pytest_of, cwd=ROOT, capture_output=True, text=True, timeout=120)
+        assert run.returncode == 0, f'{command}: {run.stdout}'
+
+
 def test_the_examples_of_the_python_reference_run_when_pasted(monkeypatch):
     monkeypatch.chdir(ROOT)
     page = (ROOT / 'docs/reference/python.md').read_text()

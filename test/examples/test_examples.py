@@ -64,6 +64,8 @@ def test_approach_with_guidance():
     out = run('approach_with_guidance').splitlines()
     assert len(out) == 40
     assert all(np.isfinite(float(line.split('confidence ')[1].split()[0])) for line in out)
+    offset, height = (float(word.split()[1]) for word in out[-1].split(', ')[:2])
+    assert offset == pytest.approx(7.0, abs=1.0) and height == pytest.approx(42.9, abs=4.0)
 
 
 def test_render_a_board_video(tmp_path):
@@ -211,7 +213,9 @@ def test_plot_a_result_bag(tmp_path):
     assert cv2.imread(str(figure)) is not None
 
 
-@pytest.mark.parametrize('name', ['detect_in_one_image', 'plot_a_result_bag', 'replay_a_bag'])
+@pytest.mark.parametrize(
+    'name', ['detect_in_one_image', 'plot_a_result_bag', 'pose_for_mavros', 'replay_a_bag']
+)
 def test_a_missing_argument_gives_the_usage(name):
     done = execute(name)
     assert done.returncode == 1

@@ -183,9 +183,9 @@ The rows of `markers` end with the marker's `name` and with `state` in words. Un
 _TRAJECTORIES = """\
 
 `tum` holds poses that are known, for evo: `time x y z qx qy qz qw`, in s and m. `mot` holds markers that were measured,
-for TrackEval, as MOTChallenge has it: frame and id from 1 (the marker's label or the light's number, and 1), left, top,
-width and height of a box with the marker's area (px), confidence, and three times -1. Of several flights each has its
-own such file, `FOLDER/TOPIC/FLIGHT`.
+for TrackEval, as MOTChallenge has it: frame and id from 1 (the marker's label and 1, or the light's number), left, top,
+width and height of a box with the marker's area (px), confidence, and three times -1. `/truth/markers` has no areas, so its
+file is empty. Of several flights each has its own such file, `FOLDER/TOPIC/FLIGHT`.
 """
 
 

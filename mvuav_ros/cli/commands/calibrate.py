@@ -150,7 +150,7 @@ def check(
 
     The exit status is 1 if marker_tracker refuses the rig unless allow_ambiguous is set.
     """
-    from mvuav_ros.processing.marker_processor import refused_names
+    from mvuav_ros.messages.marker_messages import refused_names
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.rig import RigError, load_rig
     from mvuav_ros.vision.rig_examination import (

@@ -157,7 +157,7 @@ def replay(
     """
     processors = replay_job.make_processors(parameters)
     run = EvaluationRun(text, names=names_of(processors))
-    rejected = 0
+    rejected = answers = 0
     reasons: Counter[str] = Counter()
     seconds: list[float] = []
     for step in replay_job.replay(_frames(text, topic, run), processors):
@@ -166,10 +166,11 @@ def replay(
             rejected += bool(step.reasons)
             reasons.update(step.reasons)
             seconds += [step.seconds] if step.seconds else []
+            answers += len(step.messages)
             for name, _, data in step.messages:
                 if name in RESULT_TOPICS:
                     run.results.add(RESULT_TOPICS[name], data)
-    if not len(run.results):
+    if not answers:
         raise SourceError(f'{text}: not a single frame could be used')
     run.errors += [
         f'{count} frames: {why}' for why, count in reasons.items() if why.startswith('internal')

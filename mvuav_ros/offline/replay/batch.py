@@ -126,7 +126,7 @@ def connect(address: str) -> tuple[Any, Any]:
     """A client of the scheduler at `address`, and the module `distributed`.
 
     Raises:
-        SourceError: Dask is not installed, or there is no scheduler.
+        SourceError: Dask is not installed, the address is none, or there is no scheduler.
     """
     try:
         distributed: Any = import_module('distributed')
@@ -137,8 +137,13 @@ def connect(address: str) -> tuple[Any, Any]:
     # It would log attempt after attempt, with tracebacks.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     try:
+        # A client that was given no address would never end, and say so with a traceback.
+        import_module('distributed.comm').get_address_host_port(address)
+    except ValueError as error:
+        raise SourceError(f'--dask {address}: {error}; write tcp://HOST:8786') from error
+    try:
         client = distributed.Client(address, timeout=_CONNECT_TIME, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise SourceError(f'--dask {address}: no Dask scheduler answers there') from error
     return client, distributed
 

@@ -15,6 +15,7 @@ from mvuav_ros.offline.evaluation.bag_report import bag_report
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
 from mvuav_ros.offline.evaluation.metrics import line_errors, marker_errors, metrics_of, roll_errors
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
+from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.tables import marker_names
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -46,6 +47,14 @@ def test_parameters_reach_the_replay():
     few = values(replay(TANKER, {'marker_tracker': {'min_area': 100000}}))
     assert few['markers lost'] == 100.0
     assert math.isnan(few['detected markers, RMS error'])
+
+
+def test_a_detector_without_truth_is_replayed_and_timed(monkeypatch):
+    """As CONTRIBUTING.md says of a new one: it runs in sweeps too."""
+    lights = type('Lights', (MarkerTrackerProcessor,), {'name': 'lights'})
+    monkeypatch.setitem(PROCESSORS, 'lights', lights)
+    measured = values(replay(TANKER, {'lights': {}}))
+    assert measured['frames'] == 12 and measured['time per frame'] > 0.0
 
 
 def shifted(observed, dx=0.0, order=(0, 1, 2, 3, 4)):

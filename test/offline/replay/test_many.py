@@ -260,6 +260,18 @@ def test_dask_missing_or_away(
     assert len(run.err.splitlines()) == 1
 
 
+@pytest.mark.parametrize('address', ['tcp://127.0.0.1', 'somewhere', 'nix://127.0.0.1:1'])
+def test_no_address_of_a_scheduler_is_refused_at_once(
+    bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
+) -> None:
+    distributed = pytest.importorskip('distributed', reason='Dask is not installed')
+    # It would be left half made, and end with a traceback 20 s later.
+    monkeypatch.setattr(distributed, 'Client', None)
+    run = mvuav('replay', *bags, '-o', tmp_path / 'out', '--dask', address)
+    assert run.status == 1
+    assert run.error.endswith('write tcp://HOST:8786')
+
+
 @pytest.mark.long
 def test_dask_gives_what_jobs_give(bags: list[Path], tmp_path: Path) -> None:
     distributed = pytest.importorskip('distributed', reason='Dask is not installed')
