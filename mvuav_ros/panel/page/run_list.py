@@ -226,7 +226,7 @@ class Runs:
     def choose_recording(self) -> None:
         """After another node was selected."""
         self._bag.value = self._likely()
-        self.frames.reload_sets()
+        self.frames.follow_node()
 
     def _opened(self) -> None:
         self.frames.rewind()
@@ -295,6 +295,7 @@ class Runs:
                 source=str(self._bags[self._bag.value]),
                 parameters=settable(node.kind, node.own_values),
                 settings=self._page.set_in_use(node),
+                image_topic=self.frames.topic or node.image_topic,
             )
             await self._replay(run, folder)
 
@@ -341,7 +342,8 @@ class Runs:
         half = -(-len(rows) // 2)
         self._result.clear()
         with self._result, el.box('card'):
-            el.text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
+            what = run.name or 'The last run (not saved)'
+            el.text(f'{what}: {Path(run.source).name} {run.image_topic}', tag='h2')
             with el.box('charts'):
                 el.fill(el.sheet('Numbers of the run', ('', '', '')), rows[:half])
                 el.fill(el.sheet('More numbers of the run', ('', '', '')), rows[half:])
@@ -358,7 +360,7 @@ def _row(run: Run) -> dict[str, str]:
     return {
         'run': run.name,
         'node': run.kind,
-        'recording': Path(run.source).name,
+        'recording': f'{Path(run.source).name} {run.image_topic}'.rstrip(),
         'frames': f'{run.answered} of {run.frames}',
         'other than default': ', '.join(changed) or 'nothing',
         'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),
