@@ -126,6 +126,7 @@ def make_application(services: Services, token: str) -> Guard:
     """Everything that the web server serves; our own node spins while it does."""
     application = FastAPI(openapi_url=None)
     app.on_startup(services.ros.start)
+    app.on_shutdown(services.end)
 
     @application.websocket('/live')
     async def live(socket: WebSocket) -> None:

@@ -109,6 +109,59 @@ class RunProcess:
         return done
 
 
+class Runner:
+    """The run of the whole process, one at a time; ``on_change`` is called when it goes on.
+
+    ``words`` and ``fraction`` say how far it is or how it ended; ``last`` is the newest finished.
+    """
+
+    def __init__(self, store: RunStore, on_change: Callable[[], object]) -> None:
+        self._store, self._on_change = store, on_change
+        self._process: RunProcess | None = None
+        self.words, self.fraction = '', 0.0
+        self.last: Run | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a run is under way."""
+        return self._process is not None
+
+    async def replay(self, run: Run, folder: Path) -> bool:
+        """Whether it was finished; what it makes goes away again unless it is to be kept, too."""
+        process = self._process = RunProcess()
+        keep = False
+        self._show('starting', 0.0)
+        try:
+            run = await process.run(run, folder, self._progress)
+            if run.name:
+                self._store.finish(run)
+                keep = True
+            self.last = run
+            self._show(f'{run.answered} of {run.frames} frames', 1.0)
+            return True
+        except (RunFailedError, RecordingError, OSError) as error:
+            self.words = 'cancelled' if process.cancelled else f'failed: {error}'
+            return False
+        finally:
+            if not keep:
+                shutil.rmtree(folder, ignore_errors=True)
+            self._process = None
+            self._on_change()
+
+    def cancel(self) -> None:
+        """End the run."""
+        if self._process is not None:
+            self._process.cancel()
+
+    def _progress(self, done: int, total: int | None) -> None:
+        words = f'{done} of {total} frames' if total else f'{done} frames'
+        self._show(words, done / total if total else 0.0)
+
+    def _show(self, words: str, fraction: float) -> None:
+        self.words, self.fraction = words, fraction
+        self._on_change()
+
+
 def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     """Runs in the worker; what it imports is much, and for the worker only."""
     from mvuav_ros.offline.evaluation.bag_report import bag_report

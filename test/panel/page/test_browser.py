@@ -572,6 +572,22 @@ def test_a_recording_holds_input_and_results(panel):
     assert {'/runway/image_raw', f'{DETECTOR}/line_params'} <= topics
 
 
+def test_a_recording_and_a_run_go_on_while_the_page_is_loaded_again(panel):
+    page, runs = runs_of_the_tracker(panel)
+    page.get_by_role('button', name='Record').click()
+    runs.get_by_role('button', name='Run', exact=True).click()
+    panel.until(runs.get_by_role('button', name='Cancel').is_enabled, 'the run')
+    page.reload()
+    stop = page.get_by_role('button', name='Stop')
+    stop.wait_for()
+    runs.get_by_role('heading', name='The last run (not saved)').wait_for()
+    stop.click()
+    words = page.locator('.record .number')
+    panel.until(lambda: words.inner_text().startswith('Recorded '), 'the end')
+    assert int(words.inner_text().split()[1]) > 180
+    page.context.close()
+
+
 def runs_of_the_tracker(panel):
     """A page of its own, and its part with the recordings of the marker tracker."""
     page = panel.new_page()

@@ -9,8 +9,7 @@ import pytest
 pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
 from mvuav_ros.messages.sensors import type_name
-from mvuav_ros.panel import live_nodes
-from mvuav_ros.panel.page import recorder
+from mvuav_ros.panel import live_nodes, node_recorder
 from mvuav_ros.panel.page.context import History, Page
 from mvuav_ros.panel.page.parameters import Parameters
 from mvuav_ros.panel.page.tiles import value_at
@@ -101,6 +100,6 @@ def test_a_recording_has_all_that_the_node_listens_to():
     found = live_nodes.FoundNode('/eye', 'runway_detector', *topics)
     node = live_nodes.LiveNode.__new__(live_nodes.LiveNode)
     node.found, node.status, node.name, node.kind = found, {}, '/eye', 'runway_detector'
-    recorded = recorder._topics(node)
+    recorded = node_recorder._topics(node)
     assert {topic: type_name(recorded[topic]) for topic in kinds} == kinds
     assert live_nodes._input([]) == ('', False, '', '')
