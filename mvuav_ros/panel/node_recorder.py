@@ -8,9 +8,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Imu
 from sensor_msgs.msg import Image as RosImage
 
@@ -23,6 +22,8 @@ from mvuav_ros.recordings.writing import RecordingWriter
 
 LONGEST = 600.0
 """Seconds, after which a recording that was forgotten ends."""
+_DEPTH = 100
+"""Messages of a topic that wait while the process is busy."""
 
 
 class NodeRecorder:
@@ -47,8 +48,10 @@ class NodeRecorder:
         )
         self._subscriptions.callback(forgotten.cancel)
         for topic, kind in _topics(node).items():
-            image = kind in (RosImage, CompressedImage)
-            qos: Any = qos_profile_sensor_data if image else QoSProfile(depth=100)
+            # What the node hears may be published at best effort; a busy panel takes it later.
+            is_input = kind in (RosImage, CompressedImage, CameraInfo, Imu)
+            policy = ReliabilityPolicy.BEST_EFFORT if is_input else ReliabilityPolicy.RELIABLE
+            qos = QoSProfile(depth=_DEPTH, reliability=policy)
             keep = partial(self._keep, topic, type_name(kind))
             self._subscriptions.callback(ros.subscribe(kind, topic, keep, qos, raw=True))
 
