@@ -110,8 +110,8 @@
     const canvas = event.target.closest && event.target.closest('canvas.clickable');
     const at = canvas && pixel(canvas, event);
     if (at) canvas.dispatchEvent(new CustomEvent('pixel', { detail: at }));
-    // After a click of the pointer the space bar is the panel's, not the button's.
-    if (event.detail && document.activeElement.closest('button')) document.activeElement.blur();
+    // After a click of the pointer the keys are the panel's, not the button's or the tab's.
+    if (event.detail && document.activeElement.closest('button, .q-tab')) document.activeElement.blur();
   });
 
   function receive(message) {

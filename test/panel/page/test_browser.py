@@ -513,6 +513,11 @@ def test_a_recording_is_stepped_through_beside_the_sliders_and_compared(panel):
     page, runs = panel.page, panel.page.locator('.part.runs')
     words = runs.get_by_role('status').first
     panel.until(lambda: words.inner_text().startswith('frame 1 of 180'), 'the first frame')
+    # The tab was clicked just before.
+    page.keyboard.press('ArrowRight')
+    panel.until(lambda: words.inner_text().startswith('frame 2 of 180'), 'the arrow to step')
+    page.keyboard.press('ArrowLeft')
+    panel.until(lambda: words.inner_text().startswith('frame 1 of 180'), 'the arrow to step')
     runs.get_by_role('button', name='One frame on').click()
     panel.until(lambda: words.inner_text().startswith('frame 2 of 180'), 'the next frame')
     slider = runs.get_by_role('slider', name='Frame')
