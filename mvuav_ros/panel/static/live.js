@@ -228,8 +228,11 @@
 
   // On a wide screen the parameters stand beside the other parts and are none of the tabs.
   const wide = matchMedia('(min-width: 1000px)');
+  let beside = 'images';
   function spread() {
-    if (wide.matches && panel()?.dataset.part === 'parameters') document.querySelector('.tab.images')?.click();
+    const part = panel()?.dataset.part || beside;
+    if (part !== 'parameters') beside = part;
+    else if (wide.matches) document.querySelector(`.tab.${beside}`)?.click();
   }
   wide.addEventListener('change', spread);
 
@@ -250,10 +253,11 @@
       for (const { attributeName: name, target } of changes) {
         if (name === 'data-paused') hold();
         else if (name === 'data-node') ask();
+        else if (name === 'data-part') spread();
         else follow(target);
       }
     }).observe(document.body, {
-      subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused', 'data-node'],
+      subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused', 'data-node', 'data-part'],
     });
   });
 })();

@@ -593,6 +593,20 @@ def test_a_recording_and_a_run_go_on_while_the_page_is_loaded_again(panel):
     page.context.close()
 
 
+def test_the_key_of_the_parameters_leaves_what_stands_beside_them(panel):
+    page, _ = runs_of_the_tracker(panel)
+    page.evaluate("""() => {
+        const part = document.querySelector('.panel');
+        window.parts = [];
+        new MutationObserver(() => window.parts.push(part.dataset.part)).observe(
+            part, { attributes: true, attributeFilter: ['data-part'] });
+    }""")
+    page.keyboard.press('4')
+    panel.until(lambda: len(page.evaluate('window.parts')) > 1, 'the part to be back')
+    assert page.evaluate('window.parts') == ['parameters', 'runs']
+    page.context.close()
+
+
 def runs_of_the_tracker(panel):
     """A page of its own, and its part with the recordings of the marker tracker."""
     page = panel.new_page()
