@@ -60,7 +60,7 @@ def _port(text: str) -> int:
 
 
 def _existing(text: str) -> Path:
-    path = Path(text).expanduser()
+    path = Path(text).expanduser().absolute()
     if not path.exists():
         raise argparse.ArgumentTypeError(f'{text}: no such file or folder')
     return path

@@ -27,7 +27,7 @@ from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value, default_text
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import RecordingError
-from mvuav_ros.recordings.layout import BAG_SUFFIXES
+from mvuav_ros.recordings.layout import BAG_SUFFIXES, METADATA, plain_name
 from mvuav_ros.recordings.reading import open_recording
 
 RESULTS = 'results.mcap'
@@ -314,12 +314,16 @@ def run_table(runs: Sequence[Run]) -> Table:
 def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
     """The recordings below some folders, by the name that the page shows.
 
-    Where two folders have a recording of the same name, the second is named with its whole path.
+    A folder with a rosbag2 ``metadata.yaml`` is one, in however many files. Where two folders have
+    a recording of the same name, the second is named with its whole path.
     """
     bags: dict[str, Path] = {}
     for folder in folders:
         for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
-            if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MAX_BAGS:
+            is_bag = plain_name(path.name).endswith(BAG_SUFFIXES) and path.is_file()
+            if is_bag and len(bags) < _MAX_BAGS:
+                if folder.is_dir() and (path.parent / METADATA).exists():
+                    path = path.parent
                 name = str(path.relative_to(folder)) if path != folder else path.name
                 names = chain((name, str(path)), (f'{number}: {path}' for number in count(2)))
                 if path not in bags.values():
