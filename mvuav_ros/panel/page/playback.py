@@ -79,6 +79,9 @@ class Frames:
     def rewind(self) -> None:
         """After another recording was chosen."""
         self._index, self._wanted, self._shown = 0, '', ''
+        # Until it is opened nothing of the one before stands under its name.
+        self._count = 1
+        self._clear('')
         self.show()
 
     def step(self, frames: int) -> None:
@@ -145,24 +148,32 @@ class Frames:
         wanted = Wanted(*stretch, values, self._wanted or node.image_topic)
         if self._count == 1:
             self._words.set_text('opening …')
+        shown, failure = None, ''
         try:
             shown = await self._process.show(wanted)
         except ReelFailedError as error:
-            self._timer.active = False
-            if not self._words.is_deleted:
-                self._show_playing()
-                self._words.set_text(sanitized.words(error))
-                for lane in self._lanes:
-                    lane.show('', None)
+            failure = sanitized.words(error)
+        if self._words.is_deleted or (node, path) != (self._page.node, self._recording()):
+            # Of what was chosen before; another is due.
             return
-        if not self._words.is_deleted:
-            self._fill(shown, name)
-            found = differences(values[0], values[-1])
-            said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
-            words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
-            self._differing.set_text(
-                sanitized.words(words if name else reason, sanitized.LONGEST_DESCRIPTION)
-            )
+        if shown is None:
+            self._timer.active = False
+            self._show_playing()
+            self._clear(failure)
+            return
+        self._fill(shown, name)
+        found = differences(values[0], values[-1])
+        said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
+        words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
+        self._differing.set_text(
+            sanitized.words(words if name else reason, sanitized.LONGEST_DESCRIPTION)
+        )
+
+    def _clear(self, words: str) -> None:
+        self._words.set_text(words)
+        self._differing.set_text('')
+        for lane in self._lanes:
+            lane.show('', None)
 
     def _fill(self, shown: Shown, name: str) -> None:
         self._count = shown.count
