@@ -229,9 +229,18 @@ class Runs:
         self.frames.follow_node()
 
     def _opened(self) -> None:
+        self._kept_names[self._page.selected] = self._bag.value
         self.frames.rewind()
 
+    @property
+    def _kept_names(self) -> dict[str, str]:
+        """Of the recordings chosen last, by node."""
+        names: dict[str, str] = self._page.kept.setdefault('recordings', {})
+        return names
+
     def _likely(self) -> str | None:
+        if (kept := self._kept_names.get(self._page.selected)) in self._bags:
+            return kept
         node = self._page.node
         word = DETECTORS[node.kind].sample if node is not None else ''
         return next(iter(sorted(self._bags, key=lambda name: word not in name)), None)
