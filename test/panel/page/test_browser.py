@@ -127,6 +127,15 @@ def test_a_refusal_shows_the_nodes_reason_at_the_field(panel):
     panel.enter('peak_neighborhood_rho', 13)
     panel.until(lambda: panel.now('peak_neighborhood_rho') == '13', 'a value that is taken')
     panel.until(lambda: hint.count() == 0, 'the reason to go')
+    for key, words in (('Escape', 'many'), ('Enter', panel.now('num_peaks'))):
+        panel.enter('num_peaks', 'many')
+        many = panel.row('num_peaks').locator('.hint.refused')
+        many.wait_for()
+        field = panel.row('num_peaks').locator('.edit input').first
+        field.fill(words)
+        field.press(key)
+        panel.until(lambda many=many: many.count() == 0, 'the reason to go')
+        assert field.input_value() == panel.now('num_peaks')
 
 
 def test_a_change_by_somebody_else_is_shown(panel):
