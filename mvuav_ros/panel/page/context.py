@@ -76,10 +76,12 @@ class History:
         quick = self._clock() - self._changed_at < _ONE_MOVEMENT
         if quick and not self.undone and self.done and self.done[-1][1].keys() == after.keys():
             before = self.done.pop()[0]
-        self.done.append((before, after))
+        # There and back again is no step, and no movement that goes on.
+        is_step = dict(before) != dict(after)
+        self.done += [(before, after)] if is_step else []
         del self.done[:-_MAX_CHANGES]
         self.undone.clear()
-        self._changed_at = self._clock()
+        self._changed_at = self._clock() if is_step else 0.0
 
     def undo(self) -> Values:
         """The values to set to take back the last change; none where there is none."""

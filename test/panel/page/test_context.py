@@ -41,6 +41,17 @@ def test_one_movement_of_a_slider_is_one_step():
     assert history.undo() == {'a': 10} and history.undo() == {'a': 0} and not history.done
 
 
+def test_a_movement_there_and_back_is_no_step():
+    now = [5.0]
+    history = History(lambda: now[0])
+    history.record({'a': False}, {'a': True})
+    now[0] += 3.0
+    for before in (True, False, True):
+        now[0] += 0.2
+        history.record({'a': before}, {'a': not before})
+    assert history.undo() == {'a': True} and history.undo() == {'a': False} and not history.done
+
+
 def test_a_change_to_the_same_is_none():
     history = History()
     history.record({'a': 1}, {'a': 1})
