@@ -239,10 +239,11 @@
   // Neither the browser's own search and undo nor a page that scrolls.
   document.addEventListener('keydown', (event) => {
     const slider = event.target.matches('input.range'), control = event.ctrlKey || event.metaKey;
-    if (!slider && /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName)) return;
+    const typeless = slider || (control && event.target.matches('[role=combobox][aria-expanded=false]'));
+    if (!typeless && /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName)) return;
     if ((control ? 'zZyY' : '/ ').includes(event.key)) event.preventDefault();
-    // Keys of the panel are none of a slider's, but who types into an input is left alone.
-    if (slider && (control ? 'zZyY' : '1234?/ ').includes(event.key)) event.target.blur();
+    // Keys of the panel are none of a slider's or a menu's, but who types into an input is left alone.
+    if (typeless && (control ? 'zZyY' : '1234?/ ').includes(event.key)) event.target.blur();
   });
 
   document.addEventListener('visibilitychange', () => { ask(); });
