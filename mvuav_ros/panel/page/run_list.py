@@ -22,6 +22,7 @@ from mvuav_ros.panel.page.playback import Frames
 from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.reel import settable
 from mvuav_ros.panel.runs import Run, find_bags, run_table, varied
+from mvuav_ros.panel.sanitized import NameRefusedError
 from mvuav_ros.processing.registry import PROCESSORS
 
 _FIRST = ('flag counts', 'markers by state')
@@ -292,12 +293,16 @@ class Runs:
             el.notify('Choose a recording first.', bad=True)
             return
         with el.errors_notified():
-            if as_set:
-                save_set(self._page, node, name)
             if keep:
                 folder = services.runs.new_folder(name)
             else:
                 folder = Path(tempfile.mkdtemp(dir=services.scratch))
+            try:
+                if as_set:
+                    save_set(self._page, node, name)
+            except (NameRefusedError, OSError):
+                services.runs.delete(name)
+                raise
             run = Run(
                 name=folder.name if keep else '',
                 kind=node.kind,

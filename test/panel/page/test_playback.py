@@ -8,8 +8,11 @@ import pytest
 
 pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
+from mvuav_ros.panel.page import elements, run_list
 from mvuav_ros.panel.page.playback import Frames
 from mvuav_ros.panel.page.run_list import Runs
+from mvuav_ros.panel.runs import RunStore
+from mvuav_ros.panel.sanitized import NameRefusedError
 
 
 def test_nothing_of_one_recording_stands_under_the_name_of_another():
@@ -58,3 +61,27 @@ def test_each_node_keeps_the_recording_that_was_chosen_for_it():
     here._opened()
     assert page(kept, '/other')._bag.value == 'tanker.mcap'
     assert page(kept, '/tracker')._bag.value == 'landing.mcap'
+
+
+def test_a_run_that_is_refused_leaves_the_set_of_its_name_alone(tmp_path, monkeypatch):
+    saved, said = [], []
+
+    def save_set(page, node, name):
+        if name == 'default':
+            raise NameRefusedError('default is part of the package')
+        saved.append(name)
+
+    monkeypatch.setattr(run_list, 'save_set', save_set)
+    monkeypatch.setattr(elements, 'notify', lambda words, bad: said.append(words))
+    store = RunStore(tmp_path)
+    store.new_folder('night')
+    runs = Runs.__new__(Runs)
+    runs._page = SimpleNamespace(
+        node=SimpleNamespace(controls=['threshold']), services=SimpleNamespace(runs=store)
+    )
+    runs._runner, runs._bags = SimpleNamespace(is_busy=False), {'flight.mcap': tmp_path}
+    runs._bag, runs._name = SimpleNamespace(value='flight.mcap'), SimpleNamespace()
+    for runs._name.value in ('night', 'default'):
+        asyncio.run(runs._run(as_set=True))
+    assert said == ['there is a run night already', 'default is part of the package']
+    assert saved == [] and [path.name for path in tmp_path.iterdir()] == ['night']
