@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -102,7 +101,7 @@ class LiveSocket:
         self._something.set()
 
     async def _send(self) -> None:
-        sent_curves = 0.0
+        due_curves, loop = 0.0, asyncio.get_running_loop()
         while True:
             await self._something.wait()
             self._something.clear()
@@ -111,12 +110,12 @@ class LiveSocket:
                     self._waiting.pop(key, None)
                     self._under_way[key] += 1
                     await self._socket.send_bytes(message)
-            now = time.monotonic()
-            if self._series is not None and now - sent_curves >= _CURVE_INTERVAL:
-                text = self._series.take()
-                if text:
-                    sent_curves = now
-                    await self._socket.send_text(text)
+            if loop.time() < due_curves:
+                # The rest of a frame's results, which nothing need follow.
+                loop.call_at(due_curves, self._something.set)
+            elif self._series is not None and (text := self._series.take()):
+                due_curves = loop.time() + _CURVE_INTERVAL
+                await self._socket.send_text(text)
 
 
 _STATIC = Path(__file__).with_name('static')
@@ -126,6 +125,7 @@ def make_application(services: Services, token: str) -> Guard:
     """Everything that the web server serves; our own node spins while it does."""
     application = FastAPI(openapi_url=None)
     app.on_startup(services.ros.start)
+    app.on_shutdown(services.end)
 
     @application.websocket('/live')
     async def live(socket: WebSocket) -> None:

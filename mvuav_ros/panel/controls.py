@@ -79,10 +79,10 @@ class Control(ParameterSpec):
             parts = [part for part in _BETWEEN.split(str(words)) if part]
             return tuple(_number(part, 'numbers') for part in parts or [''])
         whole = self.type is int
-        plain = str(words).strip().replace(',', '.')
-        number = _number(plain, 'a whole number' if whole else 'a number')
+        plain = str(words).strip()
         if not whole:
-            return number
+            return _number(plain.replace(',', '.'), 'a number')
+        number = _number(plain, 'a whole number')
         if number != int(number) or abs(number) > _MAX_INTEGER:
             raise ValueError(f'takes a whole number, not {number:g}')
         return int(number)

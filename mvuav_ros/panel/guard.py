@@ -77,6 +77,9 @@ class Guard:
         if not self._token and not is_loopback(_PORT.sub('', host.lower())):
             return PlainTextResponse(f'{host or "no host"} is not a name of this machine\n', 403)
         scope = visitor.scope
+        if not scope['path'].isprintable():
+            # What is not found is logged; escape codes from any site's link reach the terminal.
+            return PlainTextResponse('there is no such page\n', 404)
         reads = scope['type'] == 'http' and scope['method'] in _SAFE_METHODS
         ours = (f'http://{host}'.lower(), f'https://{host}'.lower())
         if not reads and (origin or '').lower() not in ours:

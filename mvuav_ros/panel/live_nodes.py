@@ -52,7 +52,8 @@ class FoundNode(NamedTuple):
     """A running node: fully qualified name, and kind, however it is called.
 
     ``image_topic`` is empty where frames are handed over in its process; so are the topics of the
-    calibration and the attitude where it listens to none.
+    calibration and the attitude where it listens to none. ``publishers`` are others in a process
+    that has taken its place.
     """
 
     name: str
@@ -61,6 +62,7 @@ class FoundNode(NamedTuple):
     compressed: bool = False
     camera_info_topic: str = ''
     imu_topic: str = ''
+    publishers: frozenset[bytes] = frozenset()
 
 
 class LiveNode:
@@ -182,7 +184,9 @@ def find_nodes(node: Node) -> dict[str, FoundNode]:
             continue
         for result, (kind, message) in _RESULTS.items():
             if message in published.get(f'{full}/{result}', ()):
-                found[full] = FoundNode(full, kind, *_input(subscribed))
+                infos = node.get_publishers_info_by_topic(f'{full}/{result}')
+                publishers = frozenset(bytes(each.endpoint_gid) for each in infos)
+                found[full] = FoundNode(full, kind, *_input(subscribed), publishers)
     return found
 
 
@@ -279,7 +283,8 @@ class LiveSystem:
             node = self.nodes.get(name)
             if node is None or node.found != each:
                 node = self.nodes.setdefault(name, LiveNode(self._ros, each))
-                node.found = each
+                # It may be another process, with other values, under the name of one that died.
+                node.found, node.unread = each, True
                 self.notify('nodes', node)
             node.connect(self._on_statistics)
             if node.unread and (node.reading is None or node.reading.done()):

@@ -60,7 +60,7 @@ def _port(text: str) -> int:
 
 
 def _existing(text: str) -> Path:
-    path = Path(text).expanduser()
+    path = Path(text).expanduser().absolute()
     if not path.exists():
         raise argparse.ArgumentTypeError(f'{text}: no such file or folder')
     return path
@@ -83,6 +83,7 @@ def _address(host: str, port: int, token: str) -> str:
 
 def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
     import uvicorn
+    from rclpy.impl.implementation_singleton import rclpy_implementation
 
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
@@ -91,7 +92,11 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
     from mvuav_ros.processing.process_tuning import tune_process
 
     tune_process()
-    ros = RosThread('tuning_panel', arguments.ros)
+    try:
+        ros = RosThread('tuning_panel', arguments.ros)
+    except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
     token = make_token(arguments.host)
     folder: Path = arguments.folder.expanduser().resolve()
     with tempfile.TemporaryDirectory(prefix='tuning_panel_') as scratch:

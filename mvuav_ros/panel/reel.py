@@ -16,6 +16,7 @@ from mvuav_ros.offline.replay.job import make_processors, process
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel.image_feed import RESULT_OF_KIND, encode_jpeg
 from mvuav_ros.panel.live_results import TOPICS, Figures
+from mvuav_ros.panel.runs import images_in
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
@@ -31,13 +32,17 @@ _WARM_UP = 30
 
 @dataclass(frozen=True)
 class Wanted:
-    """A frame of a recording from ``start_s`` on, for a kind of node with each set of values."""
+    """A frame of a recording from ``start_s`` on, for a kind of node with each set of values.
+
+    ``topic`` is that of the images where there are several; the first one where it is none of them.
+    """
 
     source: str
     start_s: float
     kind: str
     index: int
     values: tuple[Mapping[str, Value], ...]
+    topic: str = ''
 
 
 class Result(NamedTuple):
@@ -53,13 +58,18 @@ class Result(NamedTuple):
 
 @dataclass(frozen=True)
 class Shown:
-    """A frame that was asked for: its place, and the stretch's frames and length in s."""
+    """A frame that was asked for: its place, and the stretch's frames and length in s.
+
+    ``topic`` is that of its image, one of the recording's ``topics`` of images.
+    """
 
     index: int
     count: int
     seconds: float
     is_whole: bool
     results: tuple[Result, ...]
+    topic: str
+    topics: tuple[str, ...]
 
 
 class ReelFailedError(RuntimeError):
@@ -111,14 +121,16 @@ class Reel:
 
     def __init__(self) -> None:
         self._opened: tuple[str, float] = ('', 0.0)
+        self._topic, self._topics = '', tuple[str, ...]()
         self._items: list[EncodedFrame | Frame | BadFrame] = []
         self._is_whole = True
         self._lanes: dict[int, _Lane] = {}
 
     def __call__(self, wanted: Wanted, report: Report, stop: Stop) -> Shown:
         """Process a frame."""
-        if (wanted.source, wanted.start_s) != self._opened:
-            self._open(wanted.source, wanted.start_s)
+        is_other = wanted.topic in self._topics and wanted.topic != self._topic
+        if (wanted.source, wanted.start_s) != self._opened or is_other:
+            self._open(wanted.source, wanted.start_s, wanted.topic)
         if not self._items:
             raise SourceError('there are no images')
         index = min(max(wanted.index, 0), len(self._items) - 1)
@@ -127,11 +139,14 @@ class Reel:
             for number, values in enumerate(wanted.values)
         ]
         seconds = 1e-9 * (self._items[index].stamp_ns - self._items[0].stamp_ns)
-        return Shown(index, len(self._items), seconds, self._is_whole, tuple(results))
+        images = self._topic, self._topics
+        return Shown(index, len(self._items), seconds, self._is_whole, tuple(results), *images)
 
-    def _open(self, source: str, start_s: float) -> None:
+    def _open(self, source: str, start_s: float, topic: str) -> None:
         self._opened, self._items, self._lanes = ('', 0.0), [], {}
-        images, size = BagImages(Path(source)), 0
+        chosen, self._topics = images_in(Path(source), topic)
+        images, size = BagImages(Path(source), chosen), 0
+        self._topic = images.topic
         try:
             for item in images.items(Selection(start_s), camera=True, attitude=True):
                 if not isinstance(item, RecordedMessage):

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import mvuav_ros
+from mvuav_ros.messages.images import is_image_type
 from mvuav_ros.offline.evaluation.metrics import Metric
 from mvuav_ros.offline.processes import ProcessDiedError, Report, TaskProgress, Worker
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
@@ -26,7 +27,8 @@ from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value, default_text
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import RecordingError
-from mvuav_ros.recordings.layout import BAG_SUFFIXES
+from mvuav_ros.recordings.layout import BAG_SUFFIXES, METADATA, plain_name
+from mvuav_ros.recordings.reading import open_recording
 
 RESULTS = 'results.mcap'
 REPORT = 'report'
@@ -44,6 +46,7 @@ class Run:
     """A kind of node with some parameters over a recording, and what came of it.
 
     ``settings`` names the parameters' set, where they are one's; a run without a name is not kept.
+    ``image_topic`` is empty where the recording has images of one topic only; see `images_in`.
     It was made in s since the epoch; ``answered`` of the frames have a result, and the metrics are
     those of ``mvuav sweep``.
     """
@@ -53,6 +56,7 @@ class Run:
     source: str
     parameters: dict[str, Value]
     settings: str = ''
+    image_topic: str = ''
     version: str = mvuav_ros.__version__
     made: float = 0.0
     frames: int = 0
@@ -105,6 +109,59 @@ class RunProcess:
         return done
 
 
+class Runner:
+    """The run of the whole process, one at a time; ``on_change`` is called when it goes on.
+
+    ``words`` and ``fraction`` say how far it is or how it ended; ``last`` is the newest finished.
+    """
+
+    def __init__(self, store: RunStore, on_change: Callable[[], object]) -> None:
+        self._store, self._on_change = store, on_change
+        self._process: RunProcess | None = None
+        self.words, self.fraction = '', 0.0
+        self.last: Run | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a run is under way."""
+        return self._process is not None
+
+    async def replay(self, run: Run, folder: Path) -> bool:
+        """Whether it was finished; what it makes goes away again unless it is to be kept, too."""
+        process = self._process = RunProcess()
+        keep = False
+        self._show('starting', 0.0)
+        try:
+            run = await process.run(run, folder, self._progress)
+            if run.name:
+                self._store.finish(run)
+                keep = True
+            self.last = run
+            self._show(f'{run.answered} of {run.frames} frames', 1.0)
+            return True
+        except (RunFailedError, RecordingError, OSError) as error:
+            self.words = 'cancelled' if process.cancelled else f'failed: {error}'
+            return False
+        finally:
+            if not keep:
+                shutil.rmtree(folder, ignore_errors=True)
+            self._process = None
+            self._on_change()
+
+    def cancel(self) -> None:
+        """End the run."""
+        if self._process is not None:
+            self._process.cancel()
+
+    def _progress(self, done: int, total: int | None) -> None:
+        words = f'{done} of {total} frames' if total else f'{done} frames'
+        self._show(words, done / total if total else 0.0)
+
+    def _show(self, words: str, fraction: float) -> None:
+        self.words, self.fraction = words, fraction
+        self._on_change()
+
+
 def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     """Runs in the worker; what it imports is much, and for the worker only."""
     from mvuav_ros.offline.evaluation.bag_report import bag_report
@@ -114,7 +171,9 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
 
     os.nice(_NICENESS)
     run, folder = task
-    output, settings = folder / RESULTS, ReplaySettings({run.kind: run.parameters})
+    output = folder / RESULTS
+    topic, topics = images_in(Path(run.source), run.image_topic)
+    settings = ReplaySettings({run.kind: run.parameters}, topic)
     outcome = attempt(ReplayJob(run.source, str(output), settings), report, stop)
     if outcome.failure or outcome.interrupted:
         raise RecordingError(outcome.failure or 'interrupted')
@@ -127,11 +186,20 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
         write_report(bag_report(observed, described), folder / REPORT)
     return replace(
         run,
+        image_topic=topic if topic and len(topics) > 1 else '',
         made=time.time(),
         frames=outcome.frames,
         answered=outcome.processed,
         metrics=tuple(m for m in metrics_of(observed) if m.name != 'time per frame'),
     )
+
+
+def images_in(path: Path, wanted: str) -> tuple[str | None, tuple[str, ...]]:
+    """A recording's topics of images, and before them the one wanted, or the first without that."""
+    with open_recording(path) as recording:
+        filled = (each for each in recording.topics if each.message_count != 0)
+        topics = tuple({each.name: 0 for each in filled if is_image_type(each.type)})
+    return wanted if wanted in topics else next(iter(topics), None), topics
 
 
 class RunStore:
@@ -217,6 +285,7 @@ def _read(path: Path) -> Run:
         frames=int(frames),
         answered=int(answered),
         settings=words(content.get('settings', '')),
+        image_topic=words(content.get('image_topic', '')),
     )
 
 
@@ -235,7 +304,8 @@ def run_table(runs: Sequence[Run]) -> Table:
         numbers = {metric.column: metric.cell for metric in run.metrics}
         values = (run.parameters.get(name) for name in names)
         cells = (default_text(value) if isinstance(value, tuple) else value for value in values)
-        whole = (run.name, run.kind, run.source, run.version)
+        source = f'{run.source} {run.image_topic}'.rstrip()
+        whole = (run.name, run.kind, source, run.version)
         rows.append((*whole, *map(numbers.get, columns), *cells))
     heads = ('run', 'node', 'input', 'version', *columns, *names)
     return Table('runs', 'Runs', tuple(map(Column, heads)), tuple(rows))
@@ -244,12 +314,16 @@ def run_table(runs: Sequence[Run]) -> Table:
 def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
     """The recordings below some folders, by the name that the page shows.
 
-    Where two folders have a recording of the same name, the second is named with its whole path.
+    A folder with a rosbag2 ``metadata.yaml`` is one, in however many files. Where two folders have
+    a recording of the same name, the second is named with its whole path.
     """
     bags: dict[str, Path] = {}
     for folder in folders:
         for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
-            if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MAX_BAGS:
+            is_bag = plain_name(path.name).endswith(BAG_SUFFIXES) and path.is_file()
+            if is_bag and len(bags) < _MAX_BAGS:
+                if folder.is_dir() and (path.parent / METADATA).exists():
+                    path = path.parent
                 name = str(path.relative_to(folder)) if path != folder else path.name
                 names = chain((name, str(path)), (f'{number}: {path}' for number in count(2)))
                 if path not in bags.values():

@@ -94,7 +94,7 @@ def test_what_is_typed_becomes_a_value_or_is_refused():
             number.parse(words)
     whole = control_of(MarkerTrackerParameters, 'search_radius')
     assert whole.parse('12') == 12 and type(whole.parse('12')) is int
-    for words in ('1.5', '', 'ten', 'inf', '1e30', None):
+    for words in ('1.5', '', 'ten', 'inf', '1e30', None, '10,000'):
         with pytest.raises(ValueError):
             whole.parse(words)
     several = control_of(RunwayDetectorParameters, 'camera_mount_rpy_deg')

@@ -22,7 +22,7 @@ async def inner(scope, receive, send):
 COOKIE = Guard(inner, TOKEN).cookie
 
 
-def ask(token='', kind='http', method='GET', query='', **headers):
+def ask(token='', kind='http', method='GET', query='', path='/', **headers):
     """What a guarded application sends back."""
     sent = []
 
@@ -36,7 +36,7 @@ def ask(token='', kind='http', method='GET', query='', **headers):
     scope = {
         'type': kind,
         'method': method,
-        'path': '/',
+        'path': path,
         'query_string': query.encode(),
         'headers': [(k.encode(), v.encode('latin-1')) for k, v in named.items() if v is not None],
     }
@@ -56,6 +56,13 @@ def is_accepted(**more):
 def test_loopback_serves_the_names_of_this_machine(host):
     assert status(host=host) == 200
     assert is_accepted(host=host, origin=f'http://{host}')
+
+
+@pytest.mark.parametrize('path', ['/x\x1b[2J', '/x\nforged', '/\u202eegap'])
+def test_what_would_spoil_the_log_is_not_even_looked_for(path):
+    (start, body) = ask(path=path)
+    assert start['status'] == 404 and body['body'] == b'there is no such page\n'
+    assert status(path='/report/night 1') == 200
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel import reel
 from mvuav_ros.panel.reel import Reel, ReelFailedError, ReelProcess, Wanted
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.writing import RecordingWriter
 
 TANKER = str(ROOT / 'bags' / 'tanker.mcap')
 VALUES = MarkerTrackerParameters().as_dict()
@@ -86,6 +89,27 @@ def test_of_a_recording_too_long_for_memory_a_stretch_is_shown(monkeypatch):
     assert later.count == 10 and not later.is_whole
     first, fifth = (show(Reel(), 0, start_s=s).results[0] for s in (0.0, 4.0))
     assert not np.array_equal(first.jpeg, fifth.jpeg)
+
+
+def test_of_a_recording_with_several_cameras_the_images_of_each_can_be_shown(tmp_path):
+    path = tmp_path / 'two.mcap'
+    writer = RecordingWriter(path)
+    for name, frames in (('runway', 3), ('tanker', 2)):
+        with open_recording(ROOT / 'bags' / f'{name}.mcap') as recording:
+            for message in islice(recording.messages({'/image_raw'}), frames):
+                writer.write(f'/{name}/image_raw', message.type, message.stamp_ns, message.data)
+    writer.close()
+    both = ('/runway/image_raw', '/tanker/image_raw')
+    player = Reel()
+    for topic, shown_topic, count in (
+        ('/elsewhere', both[0], 3),
+        (both[1], both[1], 2),
+        ('/elsewhere', both[1], 2),
+        (both[0], both[0], 3),
+    ):
+        shown = show(player, 0, source=str(path), topic=topic)
+        assert (shown.topic, shown.count) == (shown_topic, count)
+        assert sorted(shown.topics) == [*both] and shown.results[0].jpeg
 
 
 def test_the_process_says_why_a_recording_cannot_be_shown_and_goes_on(tmp_path):

@@ -177,6 +177,18 @@ def test_recordings_are_found_below_the_folders_and_nowhere_else(tmp_path):
     assert find_bags([BAG.parent, BAG]) == find_bags([BAG.parent])
 
 
+def test_recordings_are_found_however_ros2_bag_stores_them(tmp_path):
+    split = tmp_path / 'monday' / 'split'
+    split.mkdir(parents=True)
+    parts = [split / f'split_{number}.mcap.zstd' for number in range(3)]
+    for path in (*parts, split / 'metadata.yaml', tmp_path / 'NOSE.MCAP', tmp_path / 'a.db3.zstd'):
+        path.touch()
+    found = find_bags([tmp_path])
+    assert found == {name: tmp_path / name for name in ('NOSE.MCAP', 'a.db3.zstd', 'monday/split')}
+    assert find_bags([split]) == {'split': split}
+    assert find_bags([parts[1]]) == {parts[1].name: parts[1]}
+
+
 def test_recordings_of_the_same_name_are_all_found(tmp_path):
     days = [tmp_path / day for day in ('monday', 'tuesday')]
     paths = [

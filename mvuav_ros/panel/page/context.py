@@ -12,8 +12,9 @@ from nicegui import Event
 
 from mvuav_ros.panel.image_feed import ImageFeed
 from mvuav_ros.panel.live_nodes import LiveNode, LiveSystem
+from mvuav_ros.panel.node_recorder import NodeRecorder
 from mvuav_ros.panel.ros_thread import RosThread
-from mvuav_ros.panel.runs import RunStore
+from mvuav_ros.panel.runs import Runner, RunStore
 from mvuav_ros.panel.sanitized import NameRefusedError
 from mvuav_ros.panel.sets import SetStore, differences
 from mvuav_ros.parameters.declaration import ParameterError, Value
@@ -34,6 +35,8 @@ class Services:
     What is saved goes below ``folder``, runs that are not kept below ``scratch``; ``bags`` are
     recordings and folders of them, or the sample bags. ``sets_changed`` says that a set was saved,
     taken in or deleted, on whatever page; ``runs_changed`` the same of a run or recording.
+    ``recorders`` are the last of each node, under way or over; ``runner`` has the run under way,
+    of which ``run_progressed`` says that it went on.
     """
 
     def __init__(
@@ -45,9 +48,17 @@ class Services:
         self.sets = SetStore(folder / 'sets', shipped_folder('config'))
         self.runs = RunStore(folder / 'runs')
         self.recordings = folder / 'recordings'
+        self.recorders: dict[str, NodeRecorder] = {}
         self.bags = bags or ([shipped] if shipped else [])
         self.sets_changed: Event[()] = Event()
         self.runs_changed: Event[()] = Event()
+        self.run_progressed: Event[()] = Event()
+        self.runner = Runner(self.runs, self.run_progressed.emit)
+
+    def end(self) -> None:
+        """End what is under way, so that all of it is in its files."""
+        for recorder in self.recorders.values():
+            recorder.stop()
 
 
 class History:
@@ -65,10 +76,12 @@ class History:
         quick = self._clock() - self._changed_at < _ONE_MOVEMENT
         if quick and not self.undone and self.done and self.done[-1][1].keys() == after.keys():
             before = self.done.pop()[0]
-        self.done.append((before, after))
+        # There and back again is no step, and no movement that goes on.
+        is_step = dict(before) != dict(after)
+        self.done += [(before, after)] if is_step else []
         del self.done[:-_MAX_CHANGES]
         self.undone.clear()
-        self._changed_at = self._clock()
+        self._changed_at = self._clock() if is_step else 0.0
 
     def undo(self) -> Values:
         """The values to set to take back the last change; none where there is none."""

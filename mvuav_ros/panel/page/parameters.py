@@ -80,7 +80,7 @@ class ParameterRow:
             if control.type in (int, float):
                 field.props('inputmode=decimal')
             field.on('keydown.enter', self._commit).on('blur', self._commit)
-            field.on('keydown.esc', self._write)
+            field.on('keydown.esc', self._give_up)
         el.set_props(field, aria_label=f'{control.label}, new value')
         # What cannot be typed as it is must not be changed by being looked at.
         strange = isinstance(self._new, str) and sanitized.words(self._new) != self._new
@@ -186,6 +186,7 @@ class ParameterRow:
 
     def _commit(self) -> None:
         if self._field.value == self._written:
+            self._give_up()
             return
         try:
             value = self.control.parse(self._field.value)
@@ -195,6 +196,12 @@ class ParameterRow:
         if not same_value(value, self._new):
             self._enter(value)
         self._write()
+
+    def _give_up(self) -> None:
+        """What was typed counts no more, nor why it could not be a value."""
+        self._write()
+        if same_value(self._new, self._current):
+            self.refuse('')
 
     def _say(self) -> None:
         """The line below: the node's reason, or range, unit and default."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from nicegui import background_tasks, ui
 
@@ -29,6 +30,7 @@ class Frames:
         self._process = ReelProcess()
         self._visible = self._busy = self._due = False
         self._index, self._count = 0, 1
+        self._wanted = self._shown = ''
         with el.box('form'):
             with el.box('line'):
                 el.icon_button('skip_previous', 'One frame back', lambda: self.step(-1))
@@ -37,6 +39,8 @@ class Frames:
                 self._slider = el.slider('Frame', self._go).classes('grow').props('max=0')
                 self._words = el.text('', 'small soft number').props('role=status')
             with el.box('line wrap'):
+                self._images = el.choice({}, 'Images', on_change=self._choose_images)
+                self._images.classes('grow').style('min-width: 160px').set_visibility(False)
                 self._from = ui.number('From [s]', value=0.0, min=0.0, on_change=self.show)
                 self._from.props('outlined dense debounce=500').style('width: 110px')
                 self._set = el.choice({'': 'nothing'}, 'Compare with', '', on_change=self.show)
@@ -47,8 +51,18 @@ class Frames:
         self._timer = ui.timer(_PLAYING_INTERVAL, self._next, active=False)
         self.reload_sets()
 
+    @property
+    def topic(self) -> str:
+        """Of the images on the screen; empty where there are none."""
+        return self._shown
+
+    def follow_node(self) -> None:
+        """After another node was selected: its sets, and the images that it listens to."""
+        self._wanted = ''
+        self.reload_sets()
+
     def reload_sets(self) -> None:
-        """After sets were saved or deleted, or another node was selected."""
+        """After sets were saved or deleted."""
         node = self._page.node
         names = self._page.services.sets.names(node.kind) if node else []
         chosen = self._set.value if self._set.value in names else ''
@@ -64,7 +78,10 @@ class Frames:
 
     def rewind(self) -> None:
         """After another recording was chosen."""
-        self._index = 0
+        self._index, self._wanted, self._shown = 0, '', ''
+        # Until it is opened nothing of the one before stands under its name.
+        self._count = 1
+        self._clear('')
         self.show()
 
     def step(self, frames: int) -> None:
@@ -96,6 +113,11 @@ class Frames:
         if not self._busy:
             self._go((self._index + 1) % self._count)
 
+    def _choose_images(self, event: Any) -> None:
+        if event.value != self._shown:
+            self._wanted = event.value
+            self.show()
+
     def _go(self, index: int) -> None:
         self._index = min(max(index, 0), self._count - 1)
         self.show()
@@ -122,31 +144,44 @@ class Frames:
             except (NameRefusedError, ParameterError, OSError) as error:
                 name, reason = '', str(error)
         values = tuple(settable(node.kind, each) for each in sets)
-        wanted = Wanted(str(path), float(self._from.value or 0.0), node.kind, self._index, values)
+        stretch = str(path), float(self._from.value or 0.0), node.kind, self._index
+        wanted = Wanted(*stretch, values, self._wanted or node.image_topic)
         if self._count == 1:
             self._words.set_text('opening …')
+        shown, failure = None, ''
         try:
             shown = await self._process.show(wanted)
         except ReelFailedError as error:
-            self._timer.active = False
-            if not self._words.is_deleted:
-                self._show_playing()
-                self._words.set_text(sanitized.words(error))
-                for lane in self._lanes:
-                    lane.show('', None)
+            failure = sanitized.words(error)
+        if self._words.is_deleted or (node, path) != (self._page.node, self._recording()):
+            # Of what was chosen before; another is due.
             return
-        if not self._words.is_deleted:
-            self._fill(shown, name)
-            found = differences(values[0], values[-1])
-            said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
-            words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
-            self._differing.set_text(
-                sanitized.words(words if name else reason, sanitized.LONGEST_DESCRIPTION)
-            )
+        if shown is None:
+            self._timer.active = False
+            self._show_playing()
+            self._clear(failure)
+            return
+        self._fill(shown, name)
+        found = differences(values[0], values[-1])
+        said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
+        words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
+        self._differing.set_text(
+            sanitized.words(words if name else reason, sanitized.LONGEST_DESCRIPTION)
+        )
+
+    def _clear(self, words: str) -> None:
+        self._words.set_text(words)
+        self._differing.set_text('')
+        for lane in self._lanes:
+            lane.show('', None)
 
     def _fill(self, shown: Shown, name: str) -> None:
         self._count = shown.count
         self._index = min(self._index, shown.count - 1)
+        if self._shown != shown.topic:
+            self._shown, topics = shown.topic, {t: sanitized.words(t) for t in shown.topics}
+            self._images.set_options(topics, value=shown.topic)
+            self._images.set_visibility(len(topics) > 1)
         el.set_props(self._slider, max=shown.count - 1, data_index=str(shown.index))
         part = '' if shown.is_whole else ' (a part)'
         self._words.set_text(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -22,9 +21,9 @@ from mvuav_ros.panel.page.context import Load, Page
 from mvuav_ros.panel.page.playback import Frames
 from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.reel import settable
-from mvuav_ros.panel.runs import Run, RunFailedError, RunProcess, find_bags, run_table, varied
+from mvuav_ros.panel.runs import Run, find_bags, run_table, varied
+from mvuav_ros.panel.sanitized import NameRefusedError
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.account import RecordingError
 
 _FIRST = ('flag counts', 'markers by state')
 _ARRANGEMENTS = {'single': 'Single', 'subplots': 'Subplots', 'grouped': 'Grouped'}
@@ -149,7 +148,8 @@ class Runs:
 
     def __init__(self, page: Page, load: Load) -> None:
         self._page, self._load = page, load
-        self._process: RunProcess | None = None
+        self._runner = page.services.runner
+        self._last: Run | None = None
         self._bags: dict[str, Path] = {}
         self._runs: list[Run] = []
         with el.box('part runs stack'):
@@ -166,7 +166,9 @@ class Runs:
                 self._make_table()
             self._trends = Trends()
         page.services.runs_changed.subscribe(self.refresh)
+        page.services.run_progressed.subscribe(self._show_run)
         self.refresh()
+        self._show_run()
 
     @property
     def _ticked(self) -> list[str]:
@@ -186,8 +188,7 @@ class Runs:
                 self._bar = ui.linear_progress(0.0, show_value=False).props('rounded size=6px')
                 self._bar.classes('grow').props('aria-label=Progress')
                 self._words = el.text('', 'small soft number').props('role=status')
-                self._cancel = el.button('Cancel', self._cancel_run)
-                self._cancel.disable()
+                self._cancel = el.button('Cancel', self._runner.cancel)
 
     def _make_table(self) -> None:
         with el.box('line titled wrap'):
@@ -226,12 +227,21 @@ class Runs:
     def choose_recording(self) -> None:
         """After another node was selected."""
         self._bag.value = self._likely()
-        self.frames.reload_sets()
+        self.frames.follow_node()
 
     def _opened(self) -> None:
+        self._kept_names[self._page.selected] = self._bag.value
         self.frames.rewind()
 
+    @property
+    def _kept_names(self) -> dict[str, str]:
+        """Of the recordings chosen last, by node."""
+        names: dict[str, str] = self._page.kept.setdefault('recordings', {})
+        return names
+
     def _likely(self) -> str | None:
+        if (kept := self._kept_names.get(self._page.selected)) in self._bags:
+            return kept
         node = self._page.node
         word = DETECTORS[node.kind].sample if node is not None else ''
         return next(iter(sorted(self._bags, key=lambda name: word not in name)), None)
@@ -274,7 +284,7 @@ class Runs:
 
     async def _run(self, *, keep: bool = True, as_set: bool = False) -> None:
         node, services, name = self._page.node, self._page.services, self._name.value or ''
-        if self._process is not None:
+        if self._runner.is_busy:
             return
         if node is None or not node.controls:
             el.notify('No node is selected whose values a run could use.', bad=True)
@@ -283,65 +293,47 @@ class Runs:
             el.notify('Choose a recording first.', bad=True)
             return
         with el.errors_notified():
-            if as_set:
-                save_set(self._page, node, name)
             if keep:
                 folder = services.runs.new_folder(name)
             else:
                 folder = Path(tempfile.mkdtemp(dir=services.scratch))
+            try:
+                if as_set:
+                    save_set(self._page, node, name)
+            except (NameRefusedError, OSError):
+                services.runs.delete(name)
+                raise
             run = Run(
                 name=folder.name if keep else '',
                 kind=node.kind,
                 source=str(self._bags[self._bag.value]),
                 parameters=settable(node.kind, node.own_values),
                 settings=self._page.set_in_use(node),
+                image_topic=self.frames.topic or node.image_topic,
             )
-            await self._replay(run, folder)
-
-    async def _replay(self, run: Run, folder: Path) -> None:
-        """What a run makes goes away again unless it is finished, and to be kept."""
-        process = self._process = RunProcess()
-        keep = False
-        self._show_busy()
-        self._bar.set_value(0.0)
-        self._words.set_text('starting')
-        try:
-            run = await process.run(run, folder, self._progress)
-            if run.name:
-                self._page.services.runs.finish(run)
+            if await self._runner.replay(run, folder) and keep:
                 self._page.kept['ticks'] = [*self._ticked, run.name]
-                keep = True
-            self._show_numbers(run)
-        except (RunFailedError, RecordingError, OSError) as error:
-            self._words.set_text('cancelled' if process.cancelled else f'failed: {error}')
-        finally:
-            if not keep:
-                shutil.rmtree(folder, ignore_errors=True)
-            self._process = None
-            self._show_busy()
-            self._page.services.runs_changed.emit()
+            services.runs_changed.emit()
 
-    def _show_busy(self) -> None:
+    def _show_run(self) -> None:
+        """Follow the run, on whatever page it was begun."""
+        runner = self._runner
         for each in self._buttons:
-            each.set_enabled(self._process is None)
-        self._cancel.set_enabled(self._process is not None)
-
-    def _progress(self, done: int, total: int | None) -> None:
-        self._bar.set_value(done / total if total else 0.0)
-        self._words.set_text(f'{done} of {total} frames' if total else f'{done} frames')
-
-    def _cancel_run(self) -> None:
-        if self._process is not None:
-            self._process.cancel()
+            each.set_enabled(not runner.is_busy)
+        self._cancel.set_enabled(runner.is_busy)
+        self._bar.set_value(runner.fraction)
+        self._words.set_text(sanitized.words(runner.words))
+        if runner.last is not None and runner.last is not self._last:
+            self._last = runner.last
+            self._show_numbers(runner.last)
 
     def _show_numbers(self, run: Run) -> None:
-        self._bar.set_value(1.0)
-        self._words.set_text(f'{run.answered} of {run.frames} frames')
         rows = [[m.name, _number_text(m.value), m.unit] for m in run.metrics]
         half = -(-len(rows) // 2)
         self._result.clear()
         with self._result, el.box('card'):
-            el.text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
+            what = run.name or 'The last run (not saved)'
+            el.text(f'{what}: {Path(run.source).name} {run.image_topic}', tag='h2')
             with el.box('charts'):
                 el.fill(el.sheet('Numbers of the run', ('', '', '')), rows[:half])
                 el.fill(el.sheet('More numbers of the run', ('', '', '')), rows[half:])
@@ -358,7 +350,7 @@ def _row(run: Run) -> dict[str, str]:
     return {
         'run': run.name,
         'node': run.kind,
-        'recording': Path(run.source).name,
+        'recording': f'{Path(run.source).name} {run.image_topic}'.rstrip(),
         'frames': f'{run.answered} of {run.frames}',
         'other than default': ', '.join(changed) or 'nothing',
         'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),

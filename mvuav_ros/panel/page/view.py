@@ -52,7 +52,7 @@ class Head:
         with el.box('head', 'header'):
             el.text('Tuning panel', tag='h1')
             self._nodes = el.box('nodes grow').props('role=group aria-label="Nodes"')
-            self.recording = RecordingButton(page)
+            self._recording = RecordingButton(page)
             self._pause = el.icon_button('pause', 'Pause', self.pause)
             el.icon_button('keyboard', 'Keys', show_keys)
             el.icon_button('contrast', 'Light or dark', self._toggle)
@@ -97,10 +97,12 @@ class Head:
         for name, button in self._buttons.items():
             each = nodes[name]
             state = '' if each.alive else 'gone' if each.controls else 'starting'
+            recorded = 'recording' if self._recording.is_under_way(name) else ''
             color = 'bad' if state == 'gone' else 'warn' if state or each.level else 'good'
-            button.set_text(f'{name} {state}'.rstrip())
+            button.set_text(' '.join(filter(None, (name, state, recorded))))
             button.classes(replace=f'node {color}')
             el.set_props(button, aria_pressed=str(name == self._page.selected).lower())
+        self._recording.show()
         node = self._page.node
         for key, label in self._figures.items():
             value = node.status.get(key, '-') if node is not None and node.alive else '-'
@@ -196,7 +198,6 @@ class PanelView:
 
     def _closed(self) -> None:
         self._page.services.system.leave(self._node_changed)
-        self._head.recording.stop()
         self._runs.frames.end()
 
     def _node_changed(self, what: str, node: LiveNode) -> None:

@@ -110,8 +110,8 @@
     const canvas = event.target.closest && event.target.closest('canvas.clickable');
     const at = canvas && pixel(canvas, event);
     if (at) canvas.dispatchEvent(new CustomEvent('pixel', { detail: at }));
-    // After a click of the pointer the space bar is the panel's, not the button's.
-    if (event.detail && document.activeElement.closest('button')) document.activeElement.blur();
+    // After a click of the pointer the keys are the panel's, not the button's or the tab's.
+    if (event.detail && document.activeElement.closest('button, .q-tab')) document.activeElement.blur();
   });
 
   function receive(message) {
@@ -228,18 +228,22 @@
 
   // On a wide screen the parameters stand beside the other parts and are none of the tabs.
   const wide = matchMedia('(min-width: 1000px)');
+  let beside = 'images';
   function spread() {
-    if (wide.matches && panel()?.dataset.part === 'parameters') document.querySelector('.tab.images')?.click();
+    const part = panel()?.dataset.part || beside;
+    if (part !== 'parameters') beside = part;
+    else if (wide.matches) document.querySelector(`.tab.${beside}`)?.click();
   }
   wide.addEventListener('change', spread);
 
   // Neither the browser's own search and undo nor a page that scrolls.
   document.addEventListener('keydown', (event) => {
     const slider = event.target.matches('input.range'), control = event.ctrlKey || event.metaKey;
-    if (!slider && /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName)) return;
+    const typeless = slider || (control && event.target.matches('[role=combobox][aria-expanded=false]'));
+    if (!typeless && /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName)) return;
     if ((control ? 'zZyY' : '/ ').includes(event.key)) event.preventDefault();
-    // Keys of the panel are none of a slider's, but who types into an input is left alone.
-    if (slider && (control ? 'zZyY' : '1234?/ ').includes(event.key)) event.target.blur();
+    // Keys of the panel are none of a slider's or a menu's, but who types into an input is left alone.
+    if (typeless && (control ? 'zZyY' : '1234?/ ').includes(event.key)) event.target.blur();
   });
 
   document.addEventListener('visibilitychange', () => { ask(); });
@@ -250,10 +254,11 @@
       for (const { attributeName: name, target } of changes) {
         if (name === 'data-paused') hold();
         else if (name === 'data-node') ask();
+        else if (name === 'data-part') spread();
         else follow(target);
       }
     }).observe(document.body, {
-      subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused', 'data-node'],
+      subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused', 'data-node', 'data-part'],
     });
   });
 })();

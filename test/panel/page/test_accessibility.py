@@ -120,3 +120,17 @@ def test_on_a_telephone_the_result_stays_in_view_while_a_slider_moves(panel):
     frames = page.locator('.preview canvas')
     panel.until(lambda: int(frames.get_attribute('data-frames') or 0) > 3, 'images')
     page.context.close()
+
+
+@pytest.mark.parametrize('size', [(390, 664), (844, 390), (360, 640)])
+def test_on_a_telephone_all_figures_of_the_pose_are_in_view(panel, size):
+    page = panel.new_page(*size)
+    panel.choose(TRACKER, page)
+    boxes = page.locator('.figures > div')
+    panel.until(lambda: boxes.count() == 6, 'its figures')
+    whole = page.locator('.readout').bounding_box()
+    for box in boxes.all():
+        inside = box.bounding_box()
+        assert inside['y'] + inside['height'] <= whole['y'] + whole['height'], box.inner_text()
+        assert inside['x'] + inside['width'] <= whole['x'] + whole['width'], box.inner_text()
+    page.context.close()

@@ -127,6 +127,15 @@ def test_a_refusal_shows_the_nodes_reason_at_the_field(panel):
     panel.enter('peak_neighborhood_rho', 13)
     panel.until(lambda: panel.now('peak_neighborhood_rho') == '13', 'a value that is taken')
     panel.until(lambda: hint.count() == 0, 'the reason to go')
+    for key, words in (('Escape', 'many'), ('Enter', panel.now('num_peaks'))):
+        panel.enter('num_peaks', 'many')
+        many = panel.row('num_peaks').locator('.hint.refused')
+        many.wait_for()
+        field = panel.row('num_peaks').locator('.edit input').first
+        field.fill(words)
+        field.press(key)
+        panel.until(lambda many=many: many.count() == 0, 'the reason to go')
+        assert field.input_value() == panel.now('num_peaks')
 
 
 def test_a_change_by_somebody_else_is_shown(panel):
@@ -399,11 +408,12 @@ def test_keys(panel):
     page.get_by_role('dialog').get_by_text('Find a parameter').wait_for()
     page.keyboard.press('Escape')
     page.get_by_role('dialog').wait_for(state='detached')
-    panel.enter('lost_timeout', 1.5)
-    panel.until(lambda: panel.now('lost_timeout') == '1.5', 'the change')
-    page.locator('h1').click()
-    page.keyboard.press('Control+z')
-    panel.until(lambda: panel.now('lost_timeout') != '1.5', 'the change to be undone')
+    for leave in (panel.row('mode').get_by_role('combobox').focus, page.locator('h1').click):
+        panel.enter('lost_timeout', 1.5)
+        panel.until(lambda: panel.now('lost_timeout') == '1.5', 'the change')
+        leave()
+        page.keyboard.press('Control+z')
+        panel.until(lambda: panel.now('lost_timeout') != '1.5', 'the change to be undone')
     page.keyboard.press('/')
     field = page.get_by_label('Find a parameter')
     panel.until(lambda: field.evaluate('f => f === document.activeElement'), 'the field')
@@ -513,6 +523,11 @@ def test_a_recording_is_stepped_through_beside_the_sliders_and_compared(panel):
     page, runs = panel.page, panel.page.locator('.part.runs')
     words = runs.get_by_role('status').first
     panel.until(lambda: words.inner_text().startswith('frame 1 of 180'), 'the first frame')
+    # The tab was clicked just before.
+    page.keyboard.press('ArrowRight')
+    panel.until(lambda: words.inner_text().startswith('frame 2 of 180'), 'the arrow to step')
+    page.keyboard.press('ArrowLeft')
+    panel.until(lambda: words.inner_text().startswith('frame 1 of 180'), 'the arrow to step')
     runs.get_by_role('button', name='One frame on').click()
     panel.until(lambda: words.inner_text().startswith('frame 2 of 180'), 'the next frame')
     slider = runs.get_by_role('slider', name='Frame')
@@ -570,6 +585,36 @@ def test_a_recording_holds_input_and_results(panel):
     with open_recording(path) as recording:
         topics = {topic.name for topic in recording.topics if topic.message_count}
     assert {'/runway/image_raw', f'{DETECTOR}/line_params'} <= topics
+
+
+def test_a_recording_and_a_run_go_on_while_the_page_is_loaded_again(panel):
+    page, runs = runs_of_the_tracker(panel)
+    page.get_by_role('button', name='Record').click()
+    runs.get_by_role('button', name='Run', exact=True).click()
+    panel.until(runs.get_by_role('button', name='Cancel').is_enabled, 'the run')
+    page.reload()
+    stop = page.get_by_role('button', name='Stop')
+    stop.wait_for()
+    runs.get_by_role('heading', name='The last run (not saved)').wait_for()
+    stop.click()
+    words = page.locator('.record .number')
+    panel.until(lambda: words.inner_text().startswith('Recorded '), 'the end')
+    assert int(words.inner_text().split()[1]) > 180
+    page.context.close()
+
+
+def test_the_key_of_the_parameters_leaves_what_stands_beside_them(panel):
+    page, _ = runs_of_the_tracker(panel)
+    page.evaluate("""() => {
+        const part = document.querySelector('.panel');
+        window.parts = [];
+        new MutationObserver(() => window.parts.push(part.dataset.part)).observe(
+            part, { attributes: true, attributeFilter: ['data-part'] });
+    }""")
+    page.keyboard.press('4')
+    panel.until(lambda: len(page.evaluate('window.parts')) > 1, 'the part to be back')
+    assert page.evaluate('window.parts') == ['parameters', 'runs']
+    page.context.close()
 
 
 def runs_of_the_tracker(panel):

@@ -9,8 +9,7 @@ import pytest
 pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
 from mvuav_ros.messages.sensors import type_name
-from mvuav_ros.panel import live_nodes
-from mvuav_ros.panel.page import recorder
+from mvuav_ros.panel import live_nodes, node_recorder
 from mvuav_ros.panel.page.context import History, Page
 from mvuav_ros.panel.page.parameters import Parameters
 from mvuav_ros.panel.page.tiles import value_at
@@ -40,6 +39,17 @@ def test_one_movement_of_a_slider_is_one_step():
     now[0] += 3.0
     history.record({'a': 10}, {'a': 50})
     assert history.undo() == {'a': 10} and history.undo() == {'a': 0} and not history.done
+
+
+def test_a_movement_there_and_back_is_no_step():
+    now = [5.0]
+    history = History(lambda: now[0])
+    history.record({'a': False}, {'a': True})
+    now[0] += 3.0
+    for before in (True, False, True):
+        now[0] += 0.2
+        history.record({'a': before}, {'a': not before})
+    assert history.undo() == {'a': True} and history.undo() == {'a': False} and not history.done
 
 
 def test_a_change_to_the_same_is_none():
@@ -101,6 +111,6 @@ def test_a_recording_has_all_that_the_node_listens_to():
     found = live_nodes.FoundNode('/eye', 'runway_detector', *topics)
     node = live_nodes.LiveNode.__new__(live_nodes.LiveNode)
     node.found, node.status, node.name, node.kind = found, {}, '/eye', 'runway_detector'
-    recorded = recorder._topics(node)
+    recorded = node_recorder._topics(node)
     assert {topic: type_name(recorded[topic]) for topic in kinds} == kinds
     assert live_nodes._input([]) == ('', False, '', '')

@@ -1,0 +1,58 @@
+"""A node's input and results in a recording, over real DDS."""
+
+import asyncio
+
+import pytest
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import CameraInfo, Imu
+from sensor_msgs.msg import Image as RosImage
+from support.graph import Graph
+
+from mvuav_ros.panel.live_nodes import FoundNode, LiveNode
+from mvuav_ros.panel.node_recorder import NodeRecorder
+from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.recordings.reading import open_recording
+
+FRAMES = 30
+TOPICS = {'/nose/image_raw': RosImage, '/nose/camera_info': CameraInfo, '/nose/imu': Imu}
+
+
+@pytest.fixture
+def ros(monkeypatch):
+    graph = Graph()
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain_id))
+    ros = RosThread('ours', [])
+    yield ros
+    ros.stop()
+    graph.close()
+
+
+def test_all_that_the_node_hears_is_kept_though_the_panel_is_busy(ros, tmp_path):
+    """Drivers publish all of it at best effort, and a page that is built takes its time."""
+    names = dict(zip(('image_topic', 'camera_info_topic', 'imu_topic'), TOPICS, strict=True))
+    node = LiveNode(ros, FoundNode('/tracker', 'marker_tracker', **names))
+    publishers = [
+        ros.node.create_publisher(kind, topic, qos_profile_sensor_data)
+        for topic, kind in TOPICS.items()
+    ]
+    ended = []
+
+    async def record():
+        recorder = NodeRecorder(ros, node, tmp_path / 'flight.mcap', lambda: ended.append(1))
+        async with asyncio.timeout(60.0):
+            while not all(each.get_subscription_count() for each in publishers):
+                await asyncio.sleep(0.02)
+            for _ in range(FRAMES):
+                for publisher in publishers:
+                    publisher.publish(publisher.msg_type())
+            # Only now it comes to listening.
+            ros.start()
+            while recorder.messages < FRAMES * len(TOPICS):
+                await asyncio.sleep(0.02)
+        recorder.stop()
+        return recorder
+
+    recorder = asyncio.run(record())
+    assert ended == [1] and recorder.over == f'Recorded {FRAMES * len(TOPICS)} messages'
+    with open_recording(recorder.path) as recording:
+        assert {t.name: t.message_count for t in recording.topics} == dict.fromkeys(TOPICS, FRAMES)
