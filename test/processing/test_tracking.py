@@ -32,8 +32,8 @@ from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.simulation.light_drawing import Light, LightProfile, add_lights
 from mvuav_ros.parameters.video_source import VideoSourceParameters
+from mvuav_ros.simulation.light_drawing import Light, LightProfile, add_lights
 from mvuav_ros.sources.opening import camera_model, make_flight
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError
