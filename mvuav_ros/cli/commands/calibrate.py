@@ -168,14 +168,6 @@ def check(
         body = load_rig(file)
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
-    along = body.positions[:, 0]
-    nearest = float(along.mean() - along.min())
-    for value in distance or ():
-        if value <= nearest:
-            reason = (
-                f'all lights are before the camera above {nearest:.4g} m only, not at {value:g}'
-            )
-            raise ParameterError('--distance', reason)
     size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
     words = f'{body.name}: {len(body.names)} markers, {size:g} m across'
     if len(body.names) >= 3 and is_flat(body):

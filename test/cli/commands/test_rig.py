@@ -20,14 +20,6 @@ def test_the_shipped_rig_passes():
     assert 'px rms  right_stabilizer -> right_wing' in run.out
 
 
-def test_a_distance_at_which_lights_are_behind_the_camera_is_refused():
-    run = mvuav('rig', 'check', ROOT / 'config' / 'tanker_747.yaml', '--distance', 8)
-    assert run.status == 1 and run.out == ''
-    assert run.error == (
-        'mvuav: --distance: all lights are before the camera above 10.1 m only, not at 8'
-    )
-
-
 def test_a_doubtful_rig_is_named_as_such(tmp_path):
     path = tmp_path / 'square.yaml'
     path.write_text('markers: {a: [0, 1, 1], b: [0, -1, 1], c: [0, -1, -1], d: [0, 1, -1]}')
