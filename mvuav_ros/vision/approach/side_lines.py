@@ -120,11 +120,14 @@ def find_side_lines(
 
 
 def _outer_sides(frame: LevelledFrame, strip: Strip) -> Edges | None:
-    """Both edges from the lines whose middles are a strip's; None where none becomes dark."""
+    """Both edges from the lines whose middles are a strip's; None without sides alike."""
     samples = sample_edges(frame, strip, LINES.beyond)
     falls = np.maximum(samples.steps(brightness_of(samples.pixels)), 0.0)
-    size = float(falls.max(axis=2).mean())
-    if size < LINES.min_depth:
+    deepest = falls.max(axis=2)
+    size = float(deepest.mean())
+    left, right = np.median(deepest, axis=1).tolist()
+    # The land is about as dark on both sides; a joint between slabs is not as dark as it.
+    if size < LINES.min_depth or min(left, right) < LINES.min_alike * max(left, right):
         return None
     return samples.fit(np.minimum(falls, size), size)
 

@@ -85,3 +85,11 @@ def test_patches_of_land_along_both_sides_are_no_lines(seed):
     land = cv2.GaussianBlur(land, (0, 0), 2.0)
     image = np.clip(100.0 + 40.0 * land / land.std(), 0, 255).astype(np.uint8)
     assert offsets(image, slope=0.6) is None
+
+
+@pytest.mark.parametrize(('beyond', 'seen'), [(130, True), (155, False)])
+def test_a_joint_between_slabs_is_not_as_dark_as_the_land_on_the_other_side(beyond, seen):
+    image = runway((0.7, 1.0))
+    right = image[:, int(X) :]
+    right[right == LAND] = beyond
+    assert (offsets(image) is not None) is seen
