@@ -12,7 +12,8 @@ from functools import partial
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from threading import Event, Thread
+from queue import SimpleQueue
+from threading import Thread
 from types import FrameType
 
 import rclpy
@@ -99,32 +100,30 @@ class _StopRequest:
     """
 
     def __init__(self) -> None:
-        self._ends, self._status = Event(), 0
+        self.made, self._status = False, 0
+        # Unlike an Event, it takes a signal that comes while another one is told to it.
+        self._ends: SimpleQueue[None] = SimpleQueue()
         Thread(target=self._end_at_last, daemon=True).start()
         # From then on there is something to clean up.
         self.initialised = False
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
 
-    @property
-    def made(self) -> bool:
-        """Whether a signal came."""
-        return self._ends.is_set()
-
     def end(self, status: int) -> None:
         """Leave with a status at the latest when there was time enough to clean up."""
         self._status = status
-        self._ends.set()
+        self._ends.put(None)
 
     def _end_at_last(self) -> None:
-        self._ends.wait()
+        self._ends.get()
         time.sleep(_LONGEST_CLEANUP)
         os._exit(self._status)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         if not self.initialised:
             os._exit(0)
-        self._ends.set()
+        self.made = True
+        self._ends.put(None)
 
 
 def run_nodes(

@@ -85,6 +85,24 @@ def test_a_signal_and_a_second_one_at_any_moment(name, how, domain):
         check_end(process, (delay, first, pause, second))
 
 
+HAMMERED = """
+import os, signal
+from mvuav_ros.nodes.running import _StopRequest
+stop = _StopRequest()
+stop.initialised = True
+signal.signal(signal.SIGALRM, stop._on_signal)
+signal.setitimer(signal.ITIMER_REAL, 1e-5, 1e-5)
+for _ in range(20_000):
+    stop.end(3)
+os._exit(0)
+"""
+
+
+def test_a_signal_in_the_midst_of_another_one_blocks_nothing():
+    command = [sys.executable, '-c', HAMMERED]
+    assert subprocess.run(command, cwd=ROOT, env=CLEAN, timeout=60, check=False).returncode == 0
+
+
 def test_a_signal_in_the_midst_of_frames(graph):
     stream = Stream(graph, 'marker_tracker', 'runway_detector')
     stream.play(0.5)
