@@ -101,7 +101,7 @@ class _StopRequest:
 
     def __init__(self) -> None:
         self.made, self._status = False, 0
-        # Unlike an Event, it takes a signal that comes while another one is told to it.
+        # Unlike an Event, it may be put to while a handler interrupts another put.
         self._ends: SimpleQueue[None] = SimpleQueue()
         Thread(target=self._end_at_last, daemon=True).start()
         # From then on there is something to clean up.
