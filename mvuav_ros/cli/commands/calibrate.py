@@ -78,7 +78,7 @@ def calibrate(
     camera_calibration writes; nothing is written if the views do not determine the camera.
     """
     from mvuav_ros.offline import calibrate_camera as work
-    from mvuav_ros.offline.report import PAGE, write_report
+    from mvuav_ros.offline.report import write_report
     from mvuav_ros.sources.calibration import save_calibration
     from mvuav_ros.sources.opening import open_source
     from mvuav_ros.sources.source import SourceError
@@ -93,8 +93,7 @@ def calibrate(
     except BoardError as error:
         raise ParameterError('--board, --square, --marker', str(error)) from error
     refuse_to_overwrite(output, force, inputs=[source])
-    report = report or output.with_name(f'{output.stem}_report')
-    refuse_to_overwrite(report / PAGE, force)
+    report = _report_folder(report, output, force)
     with closing(open_source(source, topic=topic)) as images, frame_progress() as progress:
         task = progress.add_task('frames', total=images.count)
         search = work.search_board(images, printed, views, seconds, lambda: progress.advance(task))
@@ -239,7 +238,7 @@ def calibrate_rig(
     written if the flight does not determine them.
     """
     from mvuav_ros.offline import calibrate_rig as work
-    from mvuav_ros.offline.report import PAGE, write_report
+    from mvuav_ros.offline.report import write_report
     from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
     from mvuav_ros.parameters.parameter_file import resolve_parameters
     from mvuav_ros.recordings.remote import write_whole
@@ -260,8 +259,7 @@ def calibrate_rig(
     given = resolve_parameters(['marker_tracker'], params_file, param or [])
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
     refuse_to_overwrite(output, force, inputs=[source, camera_info, rig, params_file])
-    report = report or output.with_name(f'{output.stem}_report')
-    refuse_to_overwrite(report / PAGE, force)
+    report = _report_folder(report, output, force)
     camera = load_calibration(camera_info) if camera_info else None
     with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)
@@ -296,3 +294,12 @@ def calibrate_rig(
             'a measured --distance is better'
         )
     say(output, report / 'index.html')
+
+
+def _report_folder(given: Path | None, output: Path, force: bool) -> Path:
+    """Where the report goes; refused where a page is already, unless that may be replaced."""
+    from mvuav_ros.offline.report import PAGE
+
+    folder = given or output.with_name(f'{output.stem}_report')
+    refuse_to_overwrite(folder / PAGE, force)
+    return folder

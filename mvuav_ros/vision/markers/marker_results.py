@@ -135,8 +135,19 @@ class MarkerResult:
     ids: tuple[int, ...] = ()
     camera_doubt: str = ''
 
+    @property
+    def named(self) -> list[Marker]:
+        """The markers that were seen and have names."""
+        return [
+            marker
+            for marker in self.markers
+            if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
+        ]
+
     def remarked(self, remark: str) -> MarkerResult:
         """The same with a remark behind the status; an empty one says nothing."""
+        if not remark:
+            return self
         return replace(self, status='; '.join(filter(None, (self.status, remark))))
 
 
@@ -145,11 +156,10 @@ def is_cut(marker: Marker, size: tuple[int, int]) -> bool:
 
     The centre of what is left of it is up to a radius beside its own.
     """
+    width, height = size
     radius = math.sqrt(marker.area / math.pi)
-    return any(
-        not radius <= place <= side - 1 - radius
-        for place, side in zip((marker.x, marker.y), size, strict=True)
-    )
+    across = radius <= marker.x <= width - 1 - radius
+    return not (across and radius <= marker.y <= height - 1 - radius)
 
 
 def named_places(
@@ -159,13 +169,7 @@ def named_places(
 
     Without those that the border of the image, of a size (px), cuts off.
     """
-    seen = [
-        marker
-        for marker in result.markers
-        if marker.state is MarkerState.DETECTED
-        and marker.label != Label.UNLABELLED
-        and not is_cut(marker, size)
-    ]
+    seen = [marker for marker in result.named if not is_cut(marker, size)]
     places = np.array([(marker.x, marker.y) for marker in seen]).reshape(-1, 2)
     return [int(marker.label) for marker in seen], places
 

@@ -114,8 +114,9 @@ class MarkerTracker:
         """Forget all earlier frames."""
         self._channel = INTENSITY
         self._has_found = False
-        # The second one is for the brightest channel, until either has found anything.
-        self._tracker, self._brighter = self._make_tracker(), self._make_tracker()
+        self._tracker = self._make_tracker()
+        # For the brightest channel of coloured lights, until either has found anything.
+        self._brighter: Tracker | None = None
         self._first_stamp_ns: int | None = None
         self._last_stamp_ns: int | None = None
 
@@ -165,6 +166,8 @@ class MarkerTracker:
         Only before the first marker is found: a tracker that has lost its markers knows more of
         them than a new one, and lights do not change their colour.
         """
+        if self._brighter is None:
+            self._brighter = self._make_tracker()
         other = self._find(image.seen_in(BRIGHTEST), time, self._brighter)
         if not _finds(other):
             return result
@@ -192,13 +195,7 @@ class MarkerTracker:
     def _explained(self, image: Image, result: MarkerResult) -> MarkerResult:
         """With a remark on lights cut off, and where all is too dark, as 12 bits in 16 are."""
         size = image.width, image.height
-        cut = [
-            self.rig.names[marker.label]
-            for marker in result.markers
-            if marker.state is MarkerState.DETECTED
-            and marker.label != Label.UNLABELLED
-            and is_cut(marker, size)
-        ]
+        cut = [self.rig.names[each.label] for each in result.named if is_cut(each, size)]
         if cut:
             return result.remarked(f'cut off by the border of the image: {", ".join(cut)}')
         if any(marker.state is not MarkerState.LOST for marker in result.markers):
