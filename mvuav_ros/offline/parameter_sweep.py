@@ -16,8 +16,7 @@ from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of
-from mvuav_ros.offline.processes import Done, each
-from mvuav_ros.offline.replay.batch import connect
+from mvuav_ros.offline.processes import each
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
@@ -120,10 +119,7 @@ def plan_runs(
     return runs
 
 
-_Measured = tuple[list[Metric], list[str]]
-
-
-def do_run(run: SweepRun) -> _Measured:
+def do_run(run: SweepRun) -> tuple[list[Metric], list[str]]:
     """Replay one run's input and measure; with what could not be read.
 
     Raises:
@@ -147,8 +143,7 @@ def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> I
     Raises:
         SourceError: Dask is not installed, or no scheduler answers.
     """
-    done = _on_cluster(runs, dask) if dask else each(do_run, runs, jobs)
-    for one in done:
+    for one in each(do_run, runs, jobs, dask):
         run = runs[one.number]
         if one.result is not None:
             metrics, losses = one.result
@@ -156,18 +151,6 @@ def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> I
         else:
             words = ' '.join(str(one.error).split())
             yield RunResult(run, error=words or type(one.error).__name__)
-
-
-def _on_cluster(runs: Sequence[SweepRun], address: str) -> Iterator[Done[_Measured]]:
-    client, distributed = connect(address)
-    with client:
-        futures = {client.submit(do_run, run, pure=False): n for n, run in enumerate(runs)}
-        with client.as_current():
-            done = distributed.as_completed(list(futures))
-        for future in done:
-            problem = future.exception()
-            result = None if problem else future.result()
-            yield Done(futures[future], result, problem)
 
 
 def in_order(results: Iterable[RunResult]) -> list[RunResult]:

@@ -238,7 +238,7 @@ def _serve(
                     connection.send(TaskProgress(number, message))
 
                 done = attempted(number, partial(work, task, report, stop))
-                connection.send(_sendable(done))
+                connection.send(sendable(done))
         except (BrokenPipeError, ConnectionResetError):
             pass
 
@@ -255,7 +255,7 @@ def _next_task(connection: Connection, stop: Stop, parent: int) -> tuple[int, An
     return None
 
 
-def _sendable(done: Done[Any]) -> Done[Any]:
+def sendable(done: Done[Any]) -> Done[Any]:
     """With an error that survives the way to the parent."""
     if done.error is not None:
         try:
@@ -276,27 +276,36 @@ TaskT = TypeVar('TaskT')
 
 
 def each(
-    work: Callable[[TaskT], ResultT], tasks: Sequence[TaskT], jobs: int = 1
+    work: Callable[[TaskT], ResultT],
+    tasks: Sequence[TaskT],
+    jobs: int = 1,
+    cluster: str | None = None,
 ) -> Iterator[Done[ResultT]]:
     """Do the work on every task; one that fails does not stop the others.
 
     The work is a function of a module, so that other processes find it; with one job all is done
-    in this one.
+    in this one. With the address of a Dask scheduler its cluster does it.
 
     Yields:
         Tasks as they end, in any order.
 
     Raises:
         Interrupted: by Ctrl-C or SIGTERM, when all processes have ended.
+        SourceError: the cluster cannot be used.
     """
-    if jobs <= 1 or len(tasks) <= 1:
+    if cluster is None and (jobs <= 1 or len(tasks) <= 1):
         yield from (attempted(number, partial(work, task)) for number, task in enumerate(tasks))
         return
+    plain = partial(_plain, work)
     with stop_on_signals() as stop:
-        done = run_in_processes(
-            partial(_plain, work), tasks, min(jobs, len(tasks)), stop, closing_time=0.0
-        )
-        for message in done:
+        if cluster is None:
+            messages = run_in_processes(plain, tasks, min(jobs, len(tasks)), stop, closing_time=0.0)
+        else:
+            # It imports this module.
+            from mvuav_ros.offline.cluster import run_on_cluster
+
+            messages = run_on_cluster(plain, tasks, cluster, stop, closing_time=0.0)
+        for message in messages:
             # What is cut off by the stop has not failed.
             if isinstance(message, Done) and not (stop and message.error):
                 yield message

@@ -109,10 +109,10 @@ def replay_many(
     Raises:
         SourceError: the cluster cannot be used.
     """
-    from mvuav_ros.offline.replay.batch import run_jobs, run_on_cluster
+    from mvuav_ros.offline.replay.batch import run_jobs
     from mvuav_ros.offline.replay.job import JobProgress
 
-    events = run_on_cluster(jobs, cluster, stop) if cluster else run_jobs(jobs, at_once, stop)
+    events = run_jobs(jobs, at_once, cluster, stop)
     outcomes: list[ReplayOutcome] = []
     # Without a thread of its own: this process forks.
     with closing(events), frame_progress(thread=False) as progress:
