@@ -7,10 +7,13 @@ import hashlib
 import json
 import time
 from collections import Counter
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import cv2
 
 import mvuav_ros
 from mvuav_ros.offline.cluster import run_on_cluster
@@ -25,6 +28,7 @@ from mvuav_ros.offline.replay.job import (
     is_own_input,
 )
 from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.processing.process_tuning import keep_freed_memory
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import SIMULATED, by_flight, recordings_in
 from mvuav_ros.recordings.remote import inside, is_url, read_text, size_at, write_text
@@ -86,26 +90,33 @@ def _absolute(source: str) -> str:
     return str(Path(source).expanduser().absolute())
 
 
-Event = tuple[int, JobProgress | ReplayOutcome]
-"""The number of a job, and how far it is or what became of it."""
-
-
 def run_jobs(
-    jobs: Sequence[ReplayJob], at_once: int, cluster: str | None, stop: Stop
-) -> Generator[Event, None, None]:
+    jobs: Sequence[ReplayJob],
+    at_once: int,
+    cluster: str | None,
+    stop: Stop,
+    show: Callable[[int, JobProgress], None],
+) -> Generator[tuple[int, ReplayOutcome], None, None]:
     """Do the jobs in so many processes or on a Dask cluster, whose address is given.
 
-    Interrupted, those under way close their files. A process that dies costs its own recording
-    only.
+    A single one is done here by so many threads. Interrupted, those under way close their files.
+    A process that dies costs its own recording only. ``show`` gets a job's number and progress.
 
     Yields:
-        Each job's progress and, at its end, its outcome.
+        Each job's number and, at its end, its outcome.
 
     Raises:
         SourceError: the cluster cannot be used.
     """
+    if not jobs:
+        return
     if cluster:
         messages = run_on_cluster(attempt, jobs, cluster, stop)
+    elif len(jobs) == 1:
+        keep_freed_memory()
+        cv2.setNumThreads(1)
+        yield 0, attempt(jobs[0], partial(show, 0), stop, at_once)
+        return
     else:
         # Forked if possible, as to import everything takes a second; fsspec may begin a thread.
         remote = any(is_url(job.source) or is_url(job.output) for job in jobs)
@@ -113,12 +124,15 @@ def run_jobs(
         messages = run_in_processes(attempt, jobs, at_once, stop, method=method)
     for message in messages:
         if isinstance(message, TaskProgress):
-            yield message.number, JobProgress(*message.message)
-        elif message.result is not None:
-            yield message.number, message.result
-        else:
-            job, failure = jobs[message.number], ' '.join(str(message.error).split())
-            yield message.number, ReplayOutcome(job.source, job.output, failure=failure)
+            show(message.number, JobProgress(*message.message))
+            continue
+        job, outcome = jobs[message.number], message.result
+        if outcome is None:
+            failure = ' '.join(str(message.error).split())
+            outcome = ReplayOutcome(job.source, job.output, failure=failure)
+        if outcome.failure and outcome.source not in outcome.failure:
+            outcome.failure = f'{outcome.source}: {outcome.failure}'
+        yield message.number, outcome
 
 
 MANIFEST = 'manifest.json'

@@ -26,8 +26,8 @@ from support.commands import (
 from support.interrupting import FRAMES, SLOW
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
 
-from mvuav_ros.offline.replay.batch import Event, plan
-from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
+from mvuav_ros.offline.replay.batch import plan
+from mvuav_ros.offline.replay.job import ReplayJob, ReplayOutcome, ReplaySettings, attempt
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.recordings.stored_file import RecordedMessage
 
@@ -53,7 +53,9 @@ def content(path: Path) -> tuple[list[RecordedMessage], dict[str, dict[str, str]
 def without_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     """The jobs in this process: what is tested is not the pool, and starting takes a second."""
 
-    def run(jobs: Sequence[ReplayJob], _: int, __: None, stop: Stop) -> Iterator[Event]:
+    def run(
+        jobs: Sequence[ReplayJob], _: int, __: None, stop: Stop, ___: object
+    ) -> Iterator[tuple[int, ReplayOutcome]]:
         for number, job in enumerate(jobs):
             yield number, attempt(job, lambda _: None, stop)
 
