@@ -68,11 +68,11 @@ def _run_panel(bags: Path, console: Console) -> None:
     """
     import webbrowser
 
-    from mvuav_ros.cli.demo.sample_flights import panel_flights
+    from mvuav_ros.cli.demo.sample_flights import sample_flights
     from mvuav_ros.cli.node_processes import NodeProcesses
     from mvuav_ros.sources.source import SourceError
 
-    flights = panel_flights(bags)
+    flights = sample_flights(bags)
     with NodeProcesses() as nodes:
         panel = nodes.start('mvuav_ros', 'tuning_panel', '--port', '0', '--bags', str(bags))
         for flight in flights:

@@ -21,18 +21,11 @@ from mvuav_ros.messages.images import decode_image
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
-from mvuav_ros.vision.runway.results import LineFlag, LineRole
 
 mpl.use('Agg')
 
-_GREEN, _YELLOW, _RED, _BLUE = '#50e66e', '#ffd800', '#ff5050', '#59c2ff'
+_GREEN, _YELLOW = '#50e66e', '#ffd800'
 _SHADOW = [withStroke(linewidth=3, foreground='black')]
-_EDGES = {
-    LineRole.LEFT_EDGE: ('left edge', _RED),
-    LineRole.RIGHT_EDGE: ('right edge', _GREEN),
-    LineRole.CENTRELINE: ('centreline', _BLUE),
-}
-
 Messages = dict[int, Any]
 """One topic's messages by their stamps (ns)."""
 
@@ -80,7 +73,9 @@ def _draw_names(axis: Axes, rows: NDArray[Any]) -> None:
         away = (place - middle) / max(1.0, float(np.hypot(*(place - middle))))
         axis.plot(*place, 'o', ms=14, mfc='none', mec=color, mew=2)
         name = TANKER_NAMES[row['label']].replace('_', ' ') + word
-        _write(axis, name, place + away * 38, color)
+        x, y = place + away * 38
+        style: Any = {'ha': 'center', 'va': 'center', 'path_effects': _SHADOW}
+        axis.text(x, y, name, color=color, clip_on=True, **style)
 
 
 def save_roll(bag: Path, sample: Path, target: Path) -> Path:
@@ -117,66 +112,30 @@ def save_roll(bag: Path, sample: Path, target: Path) -> Path:
 
 
 def save_runway(bag: Path, sample: Path, target: Path) -> Path:
-    """One frame twice: mode approach with its guidance, and the thesis's scheme."""
-    images = _read(bag, '/runway/image_raw', Image)
-    approach = _read(bag, '/runway_detector/line_params', PointCloud2)
+    """One frame as two nodes draw it: mode approach with its guidance, and the thesis's scheme."""
+    approach = _read(bag, '/runway_detector/debug/overlay', Image)
     poses = _read(bag, '/runway_detector/pose', PoseWithCovarianceStamped)
-    thesis = _read(bag, '/runway_thesis/line_params', PointCloud2)
+    thesis = _read(bag, '/runway_thesis/debug/overlay', Image)
     truth = _read(sample, '/truth/pose', PoseStamped)
-    stamps = sorted(images.keys() & approach.keys() & poses.keys() & thesis.keys() & truth.keys())
+    stamps = sorted(approach.keys() & poses.keys() & thesis.keys() & truth.keys())
     stamp = stamps[len(stamps) // 3]
-    figure, axes = _side_by_side(2)
-    left, right = axes.flat
-    _show(left, images[stamp])
-    for row in view_points(approach[stamp]):
-        if row['role'] in _EDGES and np.isfinite(row['x']):
-            _draw_edge(left, row)
     here, there = poses[stamp].pose.pose.position, truth[stamp].pose.position
     side = 'left' if here.y > 0 else 'right'
+    figure, axes = _side_by_side(2)
+    left, right = axes.flat
+    _show(left, approach[stamp])
     left.set_title(
         'Mode approach finds the runway by itself\n'
         f'{abs(here.y):.1f} m {side} of the centreline, {here.z:.1f} m high '
         f'(truth: {abs(there.y):.1f} m, {there.z:.1f} m)'
     )
-    _show(right, images[stamp])
-    rows = [row for row in view_points(thesis[stamp]) if np.isfinite(row['x'])]
-    for row in rows:
-        _draw_checked(right, row)
-    held = sum(bool(row['flags'] & LineFlag.CORRECTED) for row in rows)
+    _show(right, thesis[stamp])
     right.set_title(
         "The thesis's scheme draws the strongest lines\n"
-        f'{len(rows) - held} agree with the last frame, {held} jumped and kept its old place'
+        'green agrees with the last frame; red has jumped, and kept its old place'
     )
-    right.legend(loc='lower right', fontsize=9)
     figure.savefig(target, dpi=100)
     return target
-
-
-def _draw_edge(axis: Axes, row: Any) -> None:
-    name, color = _EDGES[LineRole(row['role'])]
-    (x, y), (x2, y2) = (row['x'], row['y']), (row['x2'], row['y2'])
-    axis.plot((x, x2), (y, y2), color=color, lw=2.5, path_effects=_SHADOW)
-    beside = {LineRole.LEFT_EDGE: -30.0, LineRole.RIGHT_EDGE: 30.0}.get(LineRole(row['role']), 0.0)
-    place = np.array([x + 0.6 * (x2 - x) + beside, y + 0.6 * (y2 - y)])
-    _write(axis, name, place, color)
-
-
-def _draw_checked(axis: Axes, row: Any) -> None:
-    held = bool(row['flags'] & LineFlag.CORRECTED)
-    label = 'jumped: drawn at its old place' if held else 'agrees with the last frame'
-    known = axis.get_legend_handles_labels()[1]
-    axis.plot(
-        *((row['x'], row['x2']), (row['y'], row['y2'])),
-        color=_RED if held else _GREEN,
-        ls='--' if held else '-',
-        lw=2.5,
-        label=None if label in known else label,
-    )
-
-
-def _write(axis: Axes, word: str, place: NDArray[np.float64], color: str) -> None:
-    x, y = place
-    axis.text(x, y, word, color=color, clip_on=True, ha='center', va='center', path_effects=_SHADOW)
 
 
 def _side_by_side(count: int) -> tuple[Figure, Any]:

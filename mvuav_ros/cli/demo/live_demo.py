@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from rich.text import Text
 from sensor_msgs.msg import Image
 
 from mvuav_ros.cli.demo.figures import save_roll, save_runway, save_tanker
-from mvuav_ros.cli.demo.sample_flights import SampleFlight, demo_flights
+from mvuav_ros.cli.demo.sample_flights import SampleFlight, sample_flights
 from mvuav_ros.cli.node_processes import NodeProcesses
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.nodes.running import prepare_transport
@@ -55,10 +54,6 @@ class DemoRecorder(Node):
         for topic, kind in topics.items():
             self.create_subscription(kind, topic, self._keeper(topic, kind), EVERYTHING, raw=True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-
-    def has_publishers(self, topics: Iterable[str]) -> bool:
-        """Whether each of the topics has a publisher."""
-        return all(self.count_publishers(topic) > 0 for topic in topics)
 
     def rate(self, topic: str) -> float:
         """Messages per second in the moments before the newest one."""
@@ -95,7 +90,7 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
     Raises:
         SourceError: a bag is missing, or a node failed.
     """
-    flights = demo_flights(bags)
+    flights = sample_flights(bags, with_thesis=True)
     out.mkdir(parents=True, exist_ok=True)
     bag = out / 'demo.mcap'
     prepare_transport()
@@ -110,7 +105,13 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
             recorder.destroy_node()
         finally:
             rclpy.try_shutdown(context=context)
-    return [bag, *_make_figures(flights, bag, out)]
+    flown, made = {flight.name: flight.bag for flight in flights}, [bag]
+    if 'tanker' in flown:
+        made += [save_tanker(bag, out / 'tanker.png')]
+        made += [save_roll(bag, flown['tanker'], out / 'roll.png')]
+    if 'runway' in flown:
+        made += [save_runway(bag, flown['runway'], out / 'runway.png')]
+    return made
 
 
 def _topics(flights: list[SampleFlight]) -> dict[str, type]:
@@ -137,12 +138,15 @@ def _watch(
             if now - shown > 0.1:
                 live.update(_screen(flights, recorder), refresh=True)
                 shown = now
-            if ready_at is None and recorder.has_publishers(flight.main for flight in flights):
+            if ready_at is None and all(recorder.count_publishers(f.main) for f in flights):
                 ready_at = now
             if ready_at is not None and not playing and now - ready_at > SETTLING_TIME:
                 playing = True
                 end = now + MAX_DURATION
-                _start_sources(flights, nodes)
+                # Each bag once, however many nodes look at it beside the recorder.
+                for bag, flight in {flight.bag: flight for flight in flights}.items():
+                    listeners = 1 + sum(other.bag == bag for other in flights)
+                    flight.start_source(nodes, wait_for_subscribers=str(listeners))
             if reason := nodes.failure():
                 raise SourceError(reason)
             answered = all(recorder.counts[flight.main] >= flight.frames for flight in flights)
@@ -152,14 +156,6 @@ def _watch(
     for flight in flights:
         if not recorder.counts[flight.main]:
             raise SourceError(f'{flight.node_name} published nothing within {MAX_DURATION:.0f} s')
-
-
-def _start_sources(flights: list[SampleFlight], nodes: NodeProcesses) -> None:
-    """Play each bag once, however many nodes look at it."""
-    by_bag = {flight.bag: flight for flight in flights}
-    for bag, flight in by_bag.items():
-        listeners = sum(other.bag == bag for other in flights) + 1  # the recorder
-        flight.start_source(nodes, wait_for_subscribers=str(listeners))
 
 
 def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
@@ -178,14 +174,3 @@ def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
         )
         parts += [Text(words, style='bold'), flight.make_table(newest), Text()]
     return Group(*parts)
-
-
-def _make_figures(flights: list[SampleFlight], bag: Path, out: Path) -> list[Path]:
-    flown = {flight.name: flight.bag for flight in flights}
-    made = []
-    if 'tanker' in flown:
-        made += [save_tanker(bag, out / 'tanker.png')]
-        made += [save_roll(bag, flown['tanker'], out / 'roll.png')]
-    if 'runway' in flown:
-        made += [save_runway(bag, flown['runway'], out / 'runway.png')]
-    return made
