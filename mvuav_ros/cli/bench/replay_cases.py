@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.cli.bench.case import Case
+from mvuav_ros.cli.bench.scenes import lights_above_runway
 
 _RATE = 30
 _TIMES_REAL_TIME = 15
@@ -22,7 +22,6 @@ _TWO_JOBS_GAIN = 1.6
 _FLOOR_LIMIT = 1.6
 _THRESHOLD = 128
 _NODES = ('marker_tracker', 'runway_detector')
-_LEDS = ((-200, 0), (-72, -26), (0, -84), (72, -26), (200, 0))
 
 
 class _Replay(NamedTuple):
@@ -140,7 +139,8 @@ def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> No
         for index in range(frames):
             stamp_ns = 1_700_000_000_000_000_000 + round(index * 1e9 / _RATE)
             header = cdr_header(stamp_ns, 'camera')
-            scene = _scene(index, random)
+            noise = random.integers(0, 9, (480, 640), dtype=np.uint8)
+            scene = np.asarray(cv2.add(lights_above_runway(640, 480, index), noise), np.uint8)
             if jpeg_size is None:
                 message = serialize_image(Image(scene, 'mono8'), header)
                 writer.write('/image_raw', IMAGE, stamp_ns, message)
@@ -149,19 +149,3 @@ def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> No
             jpeg = cv2.imencode('.jpg', colour)[1].tobytes()
             message = serialize_compressed_image('jpeg', jpeg, header)
             writer.write('/image_raw/compressed', COMPRESSED_IMAGE, stamp_ns, message)
-
-
-def _scene(index: int, random: np.random.Generator) -> NDArray[np.uint8]:
-    """Three lines that meet at the horizon, five lights that sway, and sensor noise."""
-    frame = np.full((480, 640), 60, np.uint8)
-    frame[:45] = 90
-    apex = 320 + 3 * np.sin(index / 9), 30
-    for left, right in ((-150, -140), (-5, 5), (140, 150)):
-        corners = np.array([apex, (320 + left, 480), (320 + right, 480)])
-        points = np.round(corners * 16).astype(np.int32)
-        cv2.fillPoly(frame, [points], 140, cv2.LINE_AA, 4)
-    for x, y in _LEDS:
-        center = round((320 + x + 20 * np.sin(index / 20)) * 16), (300 + y) * 16
-        cv2.circle(frame, center, 48, 240, -1, cv2.LINE_AA, 4)
-    # Nothing is brighter than 240: the sum stays within 8 bits.
-    return frame + random.integers(0, 9, frame.shape, dtype=np.uint8)
