@@ -136,14 +136,11 @@ class NodePart:
     """What one node says of a flight.
 
     Attributes:
-        node: its name.
         is_runway: whether it is of a runway, else of markers.
         curves: the numbers of each topic, by its last word.
-        names: of the markers, in the order of their states.
-        states: of n groups of frames, each the worst states of the names by then, indices into
-            `_STATES`.
+        states: of each group of ``at_once`` frames the worst states of the names by then, indices
+            into `_STATES`.
         counts: markers in frames, by state.
-        frames: how many there were.
         poses: frames with a pose.
         extent: least, median and greatest of what the overview draws, once the page is drawn.
     """
@@ -173,10 +170,7 @@ class FlightPlot:
 def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) -> list[Path]:
     """Draw a page for each flight that has something to draw, and an overview, as PNG.
 
-    Args:
-        flights: recordings of results by the names of their flights.
-        folder: where the pictures go; it is made.
-        overwrite: replace files that exist.
+    Recordings of results are given by the names of their flights.
 
     Raises:
         RecordingError: there is nothing to draw, or a file exists.

@@ -10,6 +10,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import resource_tracker
@@ -59,10 +60,7 @@ class TaskProgress(NamedTuple):
 
 @dataclass(frozen=True)
 class Done(Generic[ResultT]):
-    """A task that has ended: its number, and its result or what went wrong.
-
-    ``accounts`` are of the inputs that it has opened.
-    """
+    """A task that has ended: its result or what went wrong, and the accounts of its inputs."""
 
     number: int
     result: ResultT | None
@@ -79,13 +77,10 @@ class Worker:
     def __init__(
         self, work: Work, method: Method = 'spawn', threads: int = 1, *, may_fork: bool = False
     ) -> None:
-        """Start the process.
+        """Start the process, with so many threads of OpenCV.
 
-        Args:
-            work: does the tasks; a function of a module, or an object that can be pickled.
-            method: how to start it.
-            threads: OpenCV's.
-            may_fork: whether its work starts processes; `end` must then be called before the exit.
+        The work is a function of a module, or an object that can be pickled. One that may start
+        processes itself must be ended by `end` before the exit.
         """
         context: Any = multiprocessing.get_context(method)
         self._connection, theirs = context.Pipe()
@@ -150,17 +145,10 @@ def run_in_processes(
     method: Method = 'spawn',
     closing_time: float = 30.0,
 ) -> Generator[TaskProgress | Done[Any], None, None]:
-    """Do tasks in so many processes; one that dies costs its own task only.
+    """Do tasks in their order in so many processes; one that dies costs its own task only.
 
-    Once the end is asked for no task is begun, and those under way are asked to end as well.
-
-    Args:
-        work: does a task.
-        tasks: in the order in which they are begun.
-        at_once: number of processes.
-        stop: when to end.
-        method: how the processes are started.
-        closing_time: that tasks under way have to end, s.
+    Once the end is asked for no task is begun, and those under way have ``closing_time`` (s) to
+    end as well.
 
     Yields:
         What the tasks report, and each one's end, in the order in which they come.
@@ -186,13 +174,12 @@ def run_in_processes(
             for worker in [worker for worker in busy if worker.fileno() in ready]:
                 try:
                     message = worker.receive()
-                except ProcessDiedError as error:
-                    worker.end()
-                    message = Done(busy.pop(worker), None, error)
-                else:
                     if isinstance(message, Done):
                         del busy[worker]
                         idle.append(worker)
+                except ProcessDiedError as error:
+                    worker.end()
+                    message = Done(busy.pop(worker), None, error)
                 yield message
             if deadline is not None and time.monotonic() > deadline:
                 late = ProcessDiedError(f'did not end within {closing_time:g} s, and was killed')
@@ -227,7 +214,7 @@ def _serve(
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         cv2.setNumThreads(threads)
         keep_freed_memory()
-        try:
+        with suppress(BrokenPipeError, ConnectionResetError):
             while (given := _next_task(connection, stop, parent)) is not None:
                 number, task = given
 
@@ -239,19 +226,16 @@ def _serve(
 
                 done = attempted(number, partial(work, task, report, stop))
                 connection.send(sendable(done))
-        except (BrokenPipeError, ConnectionResetError):
-            pass
 
 
 def _next_task(connection: Connection, stop: Stop, parent: int) -> tuple[int, Any] | None:
     """Wait for a task; None when there will be none any more."""
     while not stop and os.getppid() == parent:
         if connection.poll(_PARENT_LOOK):
-            try:
+            with suppress(EOFError):
                 task: tuple[int, Any] = connection.recv()
-            except EOFError:
-                return None
-            return task
+                return task
+            return None
     return None
 
 

@@ -63,14 +63,9 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers with names.
+    """Numbers with names; the key is the name of its files without suffix.
 
-    Attributes:
-        key: file name without suffix.
-        title: what a reader calls it.
-        columns: of every row.
-        rows: one cell per column; None or NaN where there is no number.
-        notes: below it, one paragraph each.
+    Each row has a cell for every column: None or NaN where there is no number.
     """
 
     key: str
@@ -139,14 +134,9 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything on the page.
+    """Everything on the page, with the settings that made it.
 
-    Attributes:
-        title: of the page.
-        lead: paragraphs at its beginning.
-        settings: what made it, by name; shown and kept as JSON.
-        sections: in order.
-        data: what report.json holds besides settings, tables and figures.
+    ``data`` is what report.json holds besides settings, tables and figures.
     """
 
     title: str
@@ -376,12 +366,7 @@ DATA = 'report.json'
 def write_report(report: Report, folder: Path) -> Path:
     """Write ``index.html``, ``report.json``, and each table (CSV, JSON) and figure (PNG).
 
-    Args:
-        report: what to write.
-        folder: made if it is missing; files of the same names are overwritten.
-
-    Returns:
-        The page.
+    The folder is made; files of the same names are overwritten. Returns the page.
 
     Raises:
         RecordingError: a file cannot be written.

@@ -94,8 +94,6 @@ class EvaluationRun:
     """One input's results and truth.
 
     Attributes:
-        name: of the input.
-        results: of the nodes.
         truth: empty where the input has none.
         names: of the markers by their labels, where they are known.
         frames: replayed, or with results in the bag.

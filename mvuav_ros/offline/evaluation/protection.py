@@ -65,30 +65,19 @@ class ProtectionTask:
 
 @dataclass
 class ProtectionCounts:
-    """What became of the frames.
-
-    Attributes:
-        frames: flown.
-        faulty: with at least one faulty light.
-        available: without a fault at `DISTANCE`, and levels within the alert limits.
-        at_distance: without a fault at `DISTANCE`.
-        alerts: with a level beyond its alert limit.
-        silent: without levels, or without a pose.
-        misleading: with levels of which at least one was exceeded by its error.
-        hazardous: misleading, and beyond the alert limit without an alert.
-        stanford: (6, bins, bins), of errors by levels, in units of `_SCALES`.
-        failures: of misleading frames: seed, frame, faulty lights, worst error over level.
-    """
+    """What became of the frames."""
 
     frames: int = 0
-    faulty: int = 0
-    available: int = 0
-    at_distance: int = 0
-    alerts: int = 0
-    silent: int = 0
-    misleading: int = 0
-    hazardous: int = 0
+    faulty: int = 0  # with at least one faulty light
+    available: int = 0  # without a fault at `DISTANCE`, and levels within the alert limits
+    at_distance: int = 0  # without a fault at `DISTANCE`
+    alerts: int = 0  # with a level beyond its alert limit
+    silent: int = 0  # without levels, or without a pose
+    misleading: int = 0  # with levels of which at least one was exceeded by its error
+    hazardous: int = 0  # misleading, and beyond the alert limit without an alert
+    # (6, bins, bins), of errors by levels, in units of `_SCALES`
     stanford: Array = field(default_factory=lambda: np.zeros((6, len(_BINS) - 1, len(_BINS) - 1)))
+    # of misleading frames: seed, frame, faulty lights, worst error over level
     failures: list[tuple[int, int, str, str]] = field(default_factory=list)
 
     def add(self, other: ProtectionCounts) -> None:

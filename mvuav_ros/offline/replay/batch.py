@@ -49,23 +49,18 @@ def plan(
     overwrite: bool = False,
     absolute: bool = False,
 ) -> Plan:
-    """Say where the results of each recording go.
+    """Say where the results of each recording go; of a folder of them each is one by itself.
 
-    Args:
-        sources: what the user names; of a folder of recordings each is a recording by itself.
-        output: a path or URL: a name that ends in .mcap or, needed for several recordings, a
-            folder. A single recording's results as a rosbag2 folder are that folder.
-        settings: what is done with each of them.
-        overwrite: whether outputs that exist are replaced.
-        absolute: whether the paths are to hold in other processes.
+    The output is a name that ends in .mcap or, needed for several recordings, a folder; either
+    may be a URL. A single recording's results as a rosbag2 folder are that folder. Absolute paths
+    hold in other processes.
 
     Raises:
         RecordingError: the output does not fit, or two recordings have the same name.
         OSError: the folder cannot be made.
     """
     if absolute:
-        output = output if is_url(output) else str(Path(output).absolute())
-        sources = [_absolute(source) for source in sources]
+        output, *sources = map(_absolute, (output, *sources))
     sources = [each for source in sources for each in recordings_in(source)]
     is_folder = settings.split_bytes is not None
     if len(sources) == 1 and (is_folder or output.endswith('.mcap')):

@@ -72,27 +72,18 @@ PROGRESS_INTERVAL = 0.1
 class ReplaySettings:
     """What is done with every recording.
 
-    Attributes:
-        parameters: of each node to run, by its name.
-        image_topic: of bags that have several.
-        fps: frame rate of images without stamps, Hz.
-        selection: the part of the recording.
-        keep_inputs: whether the input's messages go along.
-        debug_images: whether debug images are made.
-        gamma: eq. 3.2 on every image before the nodes see it, as ``video_source`` has it; 1: off.
-        camera: the calibration of all images; None: what comes with them.
-        split_bytes: None for one mcap file; else a rosbag2 folder, and the size at which its next
-            part begins (0: never).
+    ``split_bytes`` is None for one mcap file; else a rosbag2 folder is written, and that is the
+    size at which its next part begins (0: never).
     """
 
-    parameters: Mapping[str, Mapping[str, Any]]
-    image_topic: str | None = None
-    fps: float | None = None
-    selection: Selection = EVERYTHING
-    keep_inputs: bool = False
-    debug_images: bool = False
-    gamma: float = 1.0
-    camera: CameraModel | None = None
+    parameters: Mapping[str, Mapping[str, Any]]  # of each node to run, by its name
+    image_topic: str | None = None  # of bags that have several
+    fps: float | None = None  # frame rate of images without stamps, Hz
+    selection: Selection = EVERYTHING  # the part of the recording
+    keep_inputs: bool = False  # whether the input's messages go along
+    debug_images: bool = False  # whether they are made
+    gamma: float = 1.0  # eq. 3.2 on every image before the nodes see it; 1: off
+    camera: CameraModel | None = None  # the calibration of all images; None: what comes with them
     split_bytes: int | None = None
 
 
@@ -108,33 +99,19 @@ class ReplayJob:
 
 @dataclass
 class ReplayOutcome:
-    """What became of a job.
-
-    Attributes:
-        source: the recording.
-        output: what was written.
-        frames: read, unusable ones included.
-        processed: by every node.
-        rejected: number of frames without a result, by reason.
-        errors: what of the recording could not be read, in words.
-        warnings: what is unusual without a loss.
-        account: of the recording; None if it was not read.
-        done_before: the output was finished before.
-        interrupted: the end was asked for; the file is complete up to there.
-        failure: why it came to nothing, in words; empty otherwise.
-    """
+    """What became of a job."""
 
     source: str
     output: str
-    frames: int = 0
-    processed: int = 0
-    rejected: Counter[str] = field(default_factory=Counter)
-    errors: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    account: Account | None = None
+    frames: int = 0  # read, unusable ones included
+    processed: int = 0  # by every node
+    rejected: Counter[str] = field(default_factory=Counter)  # frames without a result, by reason
+    errors: list[str] = field(default_factory=list)  # what could not be read, in words
+    warnings: list[str] = field(default_factory=list)  # what is unusual without a loss
+    account: Account | None = None  # of the recording; None if it was not read
     done_before: bool = False
-    interrupted: bool = False
-    failure: str = ''
+    interrupted: bool = False  # the end was asked for; the file is complete up to there
+    failure: str = ''  # why it came to nothing, in words
 
     @property
     def lossy(self) -> bool:
@@ -270,23 +247,14 @@ class ResultMessage(NamedTuple):
 
 @dataclass(slots=True)
 class FrameResults:
-    """What the nodes made of one frame.
-
-    Attributes:
-        stamp_ns: the frame's, ns.
-        messages: the results, node after node.
-        reasons: why a node has none; empty where every node could use the frame.
-        statuses: what was missing, in the words of each node that could use the frame.
-        seconds: that the nodes took for it.
-        is_frame: False for what nodes say once, at the end.
-    """
+    """What the nodes made of one frame."""
 
     stamp_ns: int
-    messages: list[ResultMessage] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
-    statuses: dict[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
-    is_frame: bool = True
+    messages: list[ResultMessage] = field(default_factory=list)  # node after node
+    reasons: list[str] = field(default_factory=list)  # why a node could not use the frame
+    statuses: dict[str, str] = field(default_factory=dict)  # of those that could: what was missing
+    seconds: float = 0.0  # that the nodes took for it
+    is_frame: bool = True  # False for what nodes say once, at the end
 
 
 def make_processors(parameters: Mapping[str, Mapping[str, Any]]) -> list[Processor]:
