@@ -115,13 +115,10 @@ class Curves:
     def _close_group(self) -> None:
         rows = np.array(self._pending, np.float64)
         self._pending.clear()
-        known = np.isfinite(rows)
-        counts = np.maximum(known.sum(axis=0), 1)
-        mean = np.where(known.any(axis=0), np.where(known, rows, 0.0).sum(axis=0) / counts, np.nan)
-        least = np.where(known, rows, np.inf).min(axis=0)
-        greatest = np.where(known, rows, -np.inf).max(axis=0)
-        group = np.stack([mean, least, greatest])
-        self._groups.append(np.where(np.isfinite(group), group, np.nan))
+        rows[~np.isfinite(rows)] = np.nan
+        counts = np.isfinite(rows).sum(axis=0)
+        mean = np.where(counts, np.nansum(rows, axis=0) / np.maximum(counts, 1), np.nan)
+        self._groups.append(np.stack([mean, np.fmin.reduce(rows), np.fmax.reduce(rows)]))
 
     def by_name(self) -> dict[str, Array]:
         """(3, n) each: mean, least and greatest, also of the time, ``seconds``."""
@@ -305,11 +302,9 @@ def page(flight: FlightPlot) -> Figure:
 
 
 def _words(part: NodePart) -> str:
-    of = f'{part.node}: pose in {part.poses} of {part.frames} frames'
-    total = sum(part.counts)
-    return (
-        f'{of}, names in {100 * (part.counts[0] + part.counts[1]) / total:.1f} %' if total else of
-    )
+    posed = f'{part.node}: pose in {part.poses} of {part.frames} frames'
+    named, total = part.counts[0] + part.counts[1], sum(part.counts)
+    return f'{posed}, names in {100 * named / total:.1f} %' if total else posed
 
 
 def _panels(part: NodePart) -> Iterator[tuple[float, Callable[[Axes], None]]]:
@@ -355,17 +350,10 @@ def _draw_states(axis: Axes, part: NodePart) -> None:
     step = float(np.median(steps)) if len(steps) else 1.0
     # Bars from each frame to the next one, also where frames are missing.
     edges = np.append(times, times[-1] + step)
-    axis.pcolormesh(
-        edges,
-        np.arange(len(part.names) + 1),
-        states,
-        cmap=ListedColormap(_STATE_COLORS),
-        vmin=-0.5,
-        vmax=2.5,
-        rasterized=True,
-    )
-    axis.hlines(np.arange(1, len(part.names)), edges[0], edges[-1], color='white', linewidth=2)
-    axis.set_yticks(np.arange(len(part.names)) + 0.5, part.names, fontsize='small')
+    rows, colors = np.arange(len(part.names) + 1), ListedColormap(_STATE_COLORS)
+    axis.pcolormesh(edges, rows, states, cmap=colors, vmin=-0.5, vmax=2.5, rasterized=True)
+    axis.hlines(rows[1:-1], edges[0], edges[-1], color='white', linewidth=2)
+    axis.set_yticks(rows[:-1] + 0.5, part.names, fontsize='small')
     axis.invert_yaxis()
     _add_legend(axis, _states_key(), (1.0, 1.0))
 
@@ -402,39 +390,29 @@ def _summarise(flight: FlightPlot) -> None:
 @mpl.rc_context(_AS_WRITTEN)
 def overview(flights: Sequence[FlightPlot]) -> Figure:
     """All flights on one page: a line for each."""
-    kinds = [
-        kind
-        for kind in (False, True)
-        if any(part.is_runway is kind for flight in flights for part in flight.parts)
-    ]
-    columns = [column for kind in kinds for column in ((kind, 'share'), (kind, 'range'))]
+    kinds = sorted({part.is_runway for flight in flights for part in flight.parts})
+    columns = [(kind, draw) for kind in kinds for draw in (_draw_shares, _draw_extent)]
     figure = Figure(
         figsize=(3.0 + 4.0 * len(columns), 1.8 + 0.3 * len(flights)), layout='constrained'
     )
     axes = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
-    for axis, (is_runway, what) in zip(axes, columns, strict=True):
+    for axis, (is_runway, draw) in zip(axes, columns, strict=True):
         for row, flight in enumerate(flights):
             for part in flight.parts:
-                if part.is_runway is not is_runway:
-                    continue
-                if what == 'share':
-                    _draw_shares(axis, row, part)
-                else:
-                    least, median, greatest = part.extent
-                    axis.plot([least, greatest], [row, row], color=_COLORS[0], linewidth=2)
-                    axis.plot(median, row, 'o', color=_COLORS[0], markersize=5)
+                if part.is_runway is is_runway:
+                    draw(axis, row, part)
         axis.grid(axis='x', alpha=0.3)
-        if what == 'share':
-            axis.set_xlim(0, 100)
-            axis.set_xlabel('frames with a pose [%]' if is_runway else 'markers and poses [%]')
-            if is_runway:
-                axis.set_title('runway', fontsize='medium')
-            else:
-                posed = Patch(color=_COLORS[2], label='frames with a pose')
-                _add_legend(axis, [*_states_key(), posed], (0.0, 1.0), columns=2)
-        else:
+        if draw is _draw_extent:
             words = 'height [m]' if is_runway else 'roll [°]'
             axis.set_xlabel(f'{words}: least, median, greatest')
+            continue
+        axis.set_xlim(0, 100)
+        axis.set_xlabel('frames with a pose [%]' if is_runway else 'markers and poses [%]')
+        if is_runway:
+            axis.set_title('runway', fontsize='medium')
+        else:
+            posed = Patch(color=_COLORS[2], label='frames with a pose')
+            _add_legend(axis, [*_states_key(), posed], (0.0, 1.0), columns=2)
     names = [f'{flight.name}  {flight.seconds:.0f} s' for flight in flights]
     axes[0].set_yticks(range(len(flights)), names, fontsize='small')
     axes[0].set_ylim(len(flights) - 0.5, -0.5)
@@ -443,13 +421,18 @@ def overview(flights: Sequence[FlightPlot]) -> Figure:
 
 def _draw_shares(axis: Axes, row: int, part: NodePart) -> None:
     """Markers by state above, frames with a pose below."""
-    left, total = 0.0, sum(part.counts)
+    left, total = 0.0, max(sum(part.counts), 1)
     for count, color in zip(part.counts, _STATE_COLORS, strict=True):
-        if total:
-            width = 100.0 * count / total
-            axis.barh(row - 0.15, width, 0.4, left, color=color)
-            left += width
+        width = 100.0 * count / total
+        axis.barh(row - 0.15, width, 0.4, left, color=color)
+        left += width
     axis.barh(row + 0.2, 100.0 * part.poses / max(part.frames, 1), 0.2, color=_COLORS[2])
+
+
+def _draw_extent(axis: Axes, row: int, part: NodePart) -> None:
+    least, median, greatest = part.extent
+    axis.plot([least, greatest], [row, row], color=_COLORS[0], linewidth=2)
+    axis.plot(median, row, 'o', color=_COLORS[0], markersize=5)
 
 
 def _save(figure: Figure, path: Path) -> None:
