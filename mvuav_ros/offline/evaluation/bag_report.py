@@ -31,7 +31,14 @@ from mvuav_ros.vision.markers.marker_results import MarkerState
 
 def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     """Every error that results and truth allow; settings are shown besides version and input."""
-    sections = [_everything(run)]
+    numbers = Table.of(
+        'metrics',
+        'All numbers',
+        'what | value .4 | unit',
+        [(m.name, m.cell, m.unit) for m in metrics_of(run) if not math.isnan(m.value)],
+        'Statistics as the runway GUI has them, and errors where there is truth.',
+    )
+    sections = [Section('Overview', (), (numbers,))]
     markers, roll, lines = marker_errors(run), roll_errors(run), line_errors(run)
     if markers is not None:
         sections.append(Section('Markers', (), (_marker_table(markers), _marker_figure(markers))))
@@ -47,17 +54,6 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
         {'version': f'mvuav_ros {mvuav_ros.__version__}', 'input': run.name, **settings},
         tuple(sections),
     )
-
-
-def _everything(run: EvaluationRun) -> Section:
-    table = Table.of(
-        'metrics',
-        'All numbers',
-        'what | value .4 | unit',
-        [(m.name, m.cell, m.unit) for m in metrics_of(run) if not math.isnan(m.value)],
-        'Statistics as the runway GUI has them, and errors where there is truth.',
-    )
-    return Section('Overview', (), (table,))
 
 
 def _marker_table(errors: MarkerErrors) -> Table:
@@ -100,12 +96,12 @@ def _marker_figure(errors: MarkerErrors) -> Figure:
     with drawing(9.6, 4.0) as canvas:
         axes = canvas.figure.subplots()
         for index, name in enumerate(errors.names):
-            detected = errors.state[:, index] == MarkerState.DETECTED
-            predicted = errors.state[:, index] == MarkerState.PREDICTED
-            values = distance[:, index]
-            axes.plot(errors.time, np.where(detected, values, np.nan), **line_of(index), label=name)
-            color = line_of(index)['color']
-            axes.plot(errors.time[predicted], values[predicted], 'x', color=color, ms=5)
+            state, values = errors.state[:, index], distance[:, index]
+            detected = np.where(state == MarkerState.DETECTED, values, np.nan)
+            predicted = state == MarkerState.PREDICTED
+            look = line_of(index)
+            axes.plot(errors.time, detected, **look, label=name)
+            axes.plot(errors.time[predicted], values[predicted], 'x', color=look['color'], ms=5)
         axes.plot([], [], 'x', color=TRUTH, label='predicted')
         axes.set_ylim(bottom=0)
         label(axes, '', 'time [s]', 'distance from truth [px]')

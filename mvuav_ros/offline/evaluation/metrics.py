@@ -78,15 +78,6 @@ def match_lines(found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[L
     return matched
 
 
-def line_numbers(matches: Sequence[LineMatch], visible: int) -> tuple[float, float, float]:
-    """Percent of the frames that show a line in which it was found; RMS of its error, px and °."""
-    return (
-        100.0 * len(matches) / visible if visible else math.nan,
-        rms(np.array([match.distance for match in matches])),
-        math.degrees(rms(np.array([match.dtheta for match in matches]))),
-    )
-
-
 @dataclass(eq=False)
 class LineErrors:
     """Lines found on some frames against the true ones of a runway.
@@ -113,10 +104,19 @@ class LineErrors:
         self.matches += matches
         return matches
 
-    def numbers(self, true: int) -> tuple[float, float, float]:
-        """`line_numbers` of one true line (its index in `ALONG`)."""
-        own = [match for match in self.matches if match.true == true]
-        return line_numbers(own, self.visible[true])
+    def numbers(self, *which: int) -> tuple[float, float, float]:
+        """Of true lines, by their indices in `ALONG`; of all without.
+
+        Percent of the frames that show a line in which it was found; RMS of its error, px and °.
+        """
+        which = which or tuple(range(len(ALONG)))
+        own = [match for match in self.matches if match.true in which]
+        visible = sum(self.visible[index] for index in which)
+        return (
+            100.0 * len(own) / visible if visible else math.nan,
+            rms(np.array([match.distance for match in own])),
+            math.degrees(rms(np.array([match.dtheta for match in own]))),
+        )
 
 
 NEAR = 5.0
@@ -353,7 +353,7 @@ def _errors(run: EvaluationRun) -> list[Metric]:
         metrics.append(Metric('error of roll', 'roll, RMS error', '°', error))
     lines = line_errors(run)
     if lines is not None:
-        share, distance, turned = line_numbers(lines.matches, sum(lines.visible))
+        share, distance, turned = lines.numbers()
         metrics += [
             Metric('true lines found', 'true lines found', '%', share),
             Metric('error of lines', 'lines, RMS distance', 'px', distance),
