@@ -74,20 +74,16 @@ class Worker:
     Ctrl-C in a terminal reaches it too and is left to the parent, which asks by `request_stop`.
     """
 
-    def __init__(
-        self, work: Work, method: Method = 'spawn', threads: int = 1, *, may_fork: bool = False
-    ) -> None:
+    def __init__(self, work: Work, method: Method = 'spawn', threads: int = 1) -> None:
         """Start the process, with so many threads of OpenCV.
 
-        The work is a function of a module, or an object that can be pickled. One that may start
-        processes itself must be ended by `end` before the exit.
+        The work is a function of a module, or an object that can be pickled.
         """
         context: Any = multiprocessing.get_context(method)
         self._connection, theirs = context.Pipe()
         forked = self._connection if method == 'fork' else None
-        self._process = context.Process(
-            target=_serve, args=(theirs, forked, work, threads), daemon=not may_fork
-        )
+        given = theirs, forked, work, threads
+        self._process = context.Process(target=_serve, args=given, daemon=True)
         # It would let the signals through again when it is started with the first process.
         if method == 'spawn':
             resource_tracker.ensure_running()

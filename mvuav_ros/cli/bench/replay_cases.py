@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import importlib.util
 import os
 from collections.abc import Callable
@@ -42,8 +41,7 @@ def replay_cases(frames: int = _RATE * 15) -> list[Case]:
     from mvuav_ros.offline.processes import Done, Worker
 
     folder = TemporaryDirectory(prefix='mvuav_bench_')
-    worker = Worker(_do, may_fork=True)
-    atexit.register(worker.end)
+    worker = Worker(_do)
 
     def action(replay: _Replay) -> Callable[[], object]:
         def run() -> object:
