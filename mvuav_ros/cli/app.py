@@ -33,11 +33,7 @@ from mvuav_ros.recordings.account import Account, RecordingError, SourceError, c
 
 _INPUTS = frozenset({'source', 'sources'})
 """Of a command that reads what others wrote."""
-_ADDED = {
-    'strict': (Strict, False),
-    'max_size': (MaxSize, None),
-    'as_json': (AsJson, False),
-}
+_ADDED = {'strict': (Strict, False), 'max_size': (MaxSize, None), 'as_json': (AsJson, False)}
 """What every such command takes, with the defaults."""
 COMMANDS = {
     'replay': 'replay',

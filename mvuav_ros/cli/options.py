@@ -63,12 +63,9 @@ class Storage(StrEnum):
         return split_mb * 1_000_000 if self is Storage.ROSBAG2 else None
 
 
-ParamsFile = Annotated[
-    Optional[Path], typer.Option(help='A ROS 2 parameter file.', show_default=False)
-]
+ParamsFile = Annotated[Optional[Path], typer.Option(help='A ROS 2 parameter file.')]
 Param = Annotated[
-    Optional[list[str]],
-    typer.Option(help='A parameter, node:name:=value; may be repeated.', show_default=False),
+    Optional[list[str]], typer.Option(help='A parameter, node:name:=value; may be repeated.')
 ]
 ImageTopic = Annotated[Optional[str], typer.Option(help='Image topic of a bag that has several.')]
 CameraInfo = Annotated[
@@ -76,7 +73,6 @@ CameraInfo = Annotated[
     typer.Option(
         help="The camera's calibration for all images: the YAML file of camera_calibration.",
         metavar='FILE',
-        show_default=False,
     ),
 ]
 Dask = Annotated[
@@ -102,7 +98,6 @@ MaxSize = Annotated[
         'at least 537.',
         metavar='MB',
         min=1,
-        show_default=False,
     ),
 ]
 AsJson = Annotated[

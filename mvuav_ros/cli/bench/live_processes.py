@@ -39,10 +39,7 @@ _RESULT_BYTES = 400
 WARM_UP = 1.0
 """Seconds of images before those that count."""
 _STAMP_AT = 4
-_STREAMS = {
-    'raw': (RosImage, 'image_raw'),
-    'compressed': (CompressedImage, 'image_raw/compressed'),
-}
+_STREAMS = {'raw': (RosImage, 'image_raw'), 'compressed': (CompressedImage, 'image_raw/compressed')}
 """Type and topic of the images by transport."""
 
 

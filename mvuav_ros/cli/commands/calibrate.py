@@ -132,8 +132,7 @@ def _rig() -> None:
 def check(
     file: Annotated[Path, typer.Argument(help='A rig file like config/tanker_747.yaml.')],
     distance: Annotated[
-        Optional[list[float]],
-        typer.Option(help='Distance from the camera, m; may be repeated.', show_default=False),
+        Optional[list[float]], typer.Option(help='Distance from the camera, m; may be repeated.')
     ] = None,
     width: Annotated[int, typer.Option(help='Width of the images, px.', min=16)] = 640,
     fov: Annotated[

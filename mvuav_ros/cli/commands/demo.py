@@ -26,12 +26,9 @@ def demo(
     output: Annotated[Path, typer.Option('--output', '-o', help='Folder for the results.')] = Path(
         'out'
     ),
-    bags: Annotated[
-        Optional[Path], typer.Option(help='Folder of the sample bags.', show_default=False)
-    ] = None,
+    bags: Annotated[Optional[Path], typer.Option(help='Folder of the sample bags.')] = None,
     panel: Annotated[
-        bool,
-        typer.Option('--panel', help='Loop the bags and open the tuning panel, until Ctrl-C.'),
+        bool, typer.Option('--panel', help='Loop the bags and open the tuning panel, until Ctrl-C.')
     ] = False,
 ) -> None:
     """Play the sample bags through real nodes in separate processes; takes half a minute.

@@ -238,17 +238,14 @@ def bag(
     ],
     output: Output = Path('out/evaluation'),
     replayed: Annotated[
-        bool,
-        typer.Option('--replay', help='Run the nodes even if the bag holds their results.'),
+        bool, typer.Option('--replay', help='Run the nodes even if the bag holds their results.')
     ] = False,
     params_file: Annotated[
         Optional[Path], typer.Option(help='A ROS 2 parameter file; implies --replay.')
     ] = None,
     param: Annotated[
         Optional[list[str]],
-        typer.Option(
-            help='node:name:=value; may be repeated; implies --replay.', show_default=False
-        ),
+        typer.Option(help='node:name:=value; may be repeated; implies --replay.'),
     ] = None,
     image_topic: ImageTopic = None,
     force: Force = False,
@@ -291,11 +288,7 @@ def _parameters(
 ) -> dict[str, dict[str, Any]]:
     """The nodes that the input's truth or the user asks for, with their parameters."""
     from mvuav_ros.offline.evaluation.evaluation_run import nodes_for
-    from mvuav_ros.parameters.parameter_file import (
-        node_names,
-        parse_assignment,
-        resolve_parameters,
-    )
+    from mvuav_ros.parameters.parameter_file import node_names, parse_assignment, resolve_parameters
 
     asked = [parse_assignment(assignment)[0] for assignment in assignments]
     nodes = node_names(','.join([*nodes_for(source), *asked]))

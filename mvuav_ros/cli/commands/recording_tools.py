@@ -139,10 +139,7 @@ def _print_images(summary: FrameSummary) -> None:
 def repair(
     source: Annotated[str, typer.Argument(metavar='INPUT', help='A bag in any condition.')],
     output: Annotated[
-        str,
-        typer.Option(
-            '--output', '-o', help='OUT.mcap, or a new folder; or a URL.', show_default=False
-        ),
+        str, typer.Option('--output', '-o', help='OUT.mcap, or a new folder; or a URL.')
     ],
     storage: Format = Storage.MCAP,
     split_mb: SplitMb = 0,
@@ -180,14 +177,10 @@ class Form(StrEnum):
 
 def export(
     sources: Annotated[
-        list[str],
-        typer.Argument(metavar='RESULTS...', help='Bags of results, or folders of them.'),
+        list[str], typer.Argument(metavar='RESULTS...', help='Bags of results, or folders of them.')
     ],
     output: Annotated[
-        str,
-        typer.Option(
-            '--output', '-o', help='The folder for the files, or its URL.', show_default=False
-        ),
+        str, typer.Option('--output', '-o', help='The folder for the files, or its URL.')
     ],
     form: Annotated[
         Form,

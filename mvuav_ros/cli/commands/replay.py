@@ -131,7 +131,6 @@ def replay(
             '-o',
             help='The bag to write, OUT.mcap; with several inputs a folder for their bags; '
             'or a URL.',
-            show_default=False,
         ),
     ],
     nodes: Annotated[str, typer.Option(help='Nodes to run, separated by commas.')] = ','.join(
@@ -189,11 +188,7 @@ def replay(
     split_mb: SplitMb = 0,
     jobs: Annotated[
         Optional[int],
-        typer.Option(
-            help='Number of cores that share the work; default: all.',
-            min=1,
-            show_default=False,
-        ),
+        typer.Option(help='Number of cores that share the work; default: all.', min=1),
     ] = None,
     dask: Dask = None,
     strict: Strict = False,
@@ -227,13 +222,7 @@ def replay(
         camera=load_calibration(camera_info) if camera_info else None,
         split_bytes=storage.split_bytes(split_mb),
     )
-    planned = plan(
-        sources,
-        output,
-        settings,
-        overwrite=force,
-        absolute=dask is not None,
-    )
+    planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)
     jobs = jobs or len(os.sched_getaffinity(0))
     with stop_on_signals() as stop:
         outcomes = replay_all(planned, jobs, dask, stop)

@@ -7,13 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from mvuav_ros.cli.options import (
-    Dask,
-    Force,
-    ImageTopic,
-    ParamsFile,
-    take_folder,
-)
+from mvuav_ros.cli.options import Dask, Force, ImageTopic, ParamsFile, take_folder
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.offline.stopping import Interrupted
@@ -33,15 +27,13 @@ def sweep(
         ),
     ],
     param: Annotated[
-        Optional[list[str]],
-        typer.Option(help='node:name:=value,value,…; several make a grid.', show_default=False),
+        Optional[list[str]], typer.Option(help='node:name:=value,value,…; several make a grid.')
     ] = None,
     output: Annotated[
         Path, typer.Option('--output', '-o', help='Folder for table, trends and report.')
     ] = Path('out/sweep'),
     nodes: Annotated[
-        Optional[str],
-        typer.Option(help='Nodes to run; default: those of --param.', show_default=False),
+        Optional[str], typer.Option(help='Nodes to run; default: those of --param.')
     ] = None,
     params_file: ParamsFile = None,
     image_topic: ImageTopic = None,

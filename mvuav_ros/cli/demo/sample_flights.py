@@ -177,8 +177,7 @@ def sample_flights(bags: Path, *, with_thesis: bool = False) -> list[SampleFligh
     approach = {'mode': 'approach', 'runway_width': '30.0'}
     flights = [
         SampleFlight(
-            *(tanker, MarkerTrackerProcessor, 'marker_tracker', marker_table),
-            title='five lights',
+            *(tanker, MarkerTrackerProcessor, 'marker_tracker', marker_table), title='five lights'
         ),
         SampleFlight(
             *(runway, RunwayDetectorProcessor, 'runway_detector', approach_table),
