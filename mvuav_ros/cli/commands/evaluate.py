@@ -73,7 +73,6 @@ def corners(
     """
     from mvuav_ros.offline.evaluation.corners import (
         WARM_UP,
-        CornersError,
         LabelledRun,
         Tolerance,
         read_corners,
@@ -89,18 +88,14 @@ def corners(
         refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
     given = resolve_parameters([_NODE], params_file, param or [])[_NODE]
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
-    try:
-        frames = read_corners(labels)
-        lines = None if horizon is None else read_horizon(horizon, frames)
-        allowed = Tolerance(tolerance, tolerance_share)
-        run = LabelledRun(labels.parent, frames, lines, gray, allowed)
-        with frame_progress() as progress:
-            task = progress.add_task('frames', total=len(frames))
-            score = run_detector(run, parameters, lambda: progress.advance(task))
-        if images is not None:
-            write_images(run, parameters, score, images)
-    except CornersError as error:
-        raise SourceError(str(error)) from error
+    frames = read_corners(labels)
+    lines = None if horizon is None else read_horizon(horizon, frames)
+    run = LabelledRun(labels.parent, frames, lines, gray, Tolerance(tolerance, tolerance_share))
+    with frame_progress() as progress:
+        task = progress.add_task('frames', total=len(frames))
+        score = run_detector(run, parameters, lambda: progress.advance(task))
+    if images is not None:
+        write_images(run, parameters, score, images)
     _report(score)
     if not score.counted:
         raise SourceError(f'{labels}: no frame counts, as the first {WARM_UP} do not')
@@ -238,15 +233,14 @@ def bag(
     ],
     output: Output = Path('out/evaluation'),
     replayed: Annotated[
-        bool, typer.Option('--replay', help='Run the nodes even if the bag holds their results.')
+        bool,
+        typer.Option(
+            '--replay',
+            help='Run the nodes even if the bag holds their results; parameters imply it.',
+        ),
     ] = False,
-    params_file: Annotated[
-        Optional[Path], typer.Option(help='A ROS 2 parameter file; implies --replay.')
-    ] = None,
-    param: Annotated[
-        Optional[list[str]],
-        typer.Option(help='node:name:=value; may be repeated; implies --replay.'),
-    ] = None,
+    params_file: ParamsFile = None,
+    param: Param = None,
     image_topic: ImageTopic = None,
     force: Force = False,
 ) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.attitude import HorizonLine
@@ -42,7 +43,7 @@ COLUMNS = ('file', *(f'{corner}_{axis}' for corner in _CORNERS for axis in 'xy')
 Point = tuple[float, float]
 
 
-class CornersError(ValueError):
+class CornersError(SourceError):
     """A file of corners that cannot be used, with the reason."""
 
 
@@ -247,8 +248,6 @@ def _read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, list[f
                 raise CornersError(f'{path}: no column {", ".join(missing)}')
             for row in reader:
                 yield row[columns[0]], [_number(row[name] or '') for name in columns[1:]]
-        except CornersError:
-            raise
         except UnicodeDecodeError:
             raise CornersError(f'{path}: its text is not UTF-8') from None
         except (ValueError, csv.Error) as error:
