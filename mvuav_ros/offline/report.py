@@ -254,21 +254,19 @@ def escape(text: object) -> str:
 
 def render_page(report: Report) -> str:
     """The whole page."""
-    sections = [(_anchor(s.title), s.title) for s in report.sections]
-    sections.append(('settings', 'Settings'))
-    links = ' '.join(f'<a href="#{anchor}">{escape(title)}</a>' for anchor, title in sections)
+    sections = (*report.sections, _settings(report.settings))
+    links = ' '.join(f'<a href="#{_anchor(s.title)}">{escape(s.title)}</a>' for s in sections)
     body = [
         f'<h1>{escape(report.title)}</h1>',
         *(f'<p class="lead">{escape(text)}</p>' for text in report.lead),
         f'<nav>{links}</nav>',
-        *map(_section, report.sections),
-        _settings(report),
+        *map(_section, sections),
     ]
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<title>{escape(report.title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n'
-        + '\n'.join(part for part in body if part)
+        + '\n'.join(body)
         + '\n</main>\n</body>\n</html>\n'
     )
 
@@ -342,16 +340,11 @@ def _notes(notes: tuple[str, ...], tag: str = 'div') -> str:
     return f'<{tag}{name}>{"<br>".join(map(escape, notes))}</{tag}>'
 
 
-def _settings(report: Report) -> str:
-    rows = ''.join(
-        f'<tr><td class="word">{escape(name)}</td>'
-        f'<td class="word">{escape("" if value is None else str(value))}</td></tr>'
-        for name, value in report.settings.items()
-    )
-    return (
-        '<h2 id="settings">Settings</h2><p>What made this page; the same settings make the same '
-        f'numbers, apart from times.</p><div class="table">{_SCROLL}<table>'
-        f'<tbody>{rows}</tbody></table></div></div>'
+def _settings(settings: Mapping[str, Cell]) -> Section:
+    rows = [(name, None if value is None else str(value)) for name, value in settings.items()]
+    words = 'The same settings make the same numbers, apart from times.'
+    return Section(
+        'Settings', (words,), (Table.of('made', 'What made this page', 'setting | value', rows),)
     )
 
 
