@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import matplotlib as mpl
 import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3Stamped
 from matplotlib.axes import Axes
@@ -19,10 +18,13 @@ from sensor_msgs.msg import Image, PointCloud2
 from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import decode_image
 from mvuav_ros.messages.sensors import stamp_ns_of
+from mvuav_ros.offline.evaluation.bag_report import roll_figure
+from mvuav_ros.offline.evaluation.evaluation_run import read_bag
+from mvuav_ros.offline.evaluation.metrics import roll_errors
+from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
-
-mpl.use('Agg')
 
 _GREEN, _YELLOW = '#50e66e', '#ffd800'
 _SHADOW = [withStroke(linewidth=3, foreground='black')]
@@ -80,34 +82,12 @@ def _draw_names(axis: Axes, rows: NDArray[Any]) -> None:
 
 def save_roll(bag: Path, sample: Path, target: Path) -> Path:
     """Roll against time with the truth beside it, and the error below."""
-    measured = _read(bag, '/marker_tracker/rpy', Vector3Stamped)
-    truth = _read(sample, '/truth/rpy', Vector3Stamped)
-    points = _read(bag, '/marker_tracker/markers', PointCloud2)
-    stamps = sorted(measured.keys() & truth.keys())
-    times = (np.array(stamps) - stamps[0]) * 1e-9
-    roll, true = (
-        np.degrees([messages[stamp].vector.x for stamp in stamps]) for messages in (measured, truth)
-    )
-    predicted = [
-        (stamp - stamps[0]) * 1e-9
-        for stamp in stamps
-        if stamp in points and (view_points(points[stamp])['state'] != 1).any()
-    ]
-    figure = Figure(figsize=(9, 6), layout='constrained')
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    above.plot(times, true, color='0.65', lw=5, label='truth of the simulated flight')
-    above.plot(times, roll, color='tab:blue', lw=1.5, label='measured by marker_tracker, live')
-    below.plot(times, roll - true, color='tab:blue', lw=1)
-    for axis in (above, below):
-        if predicted:
-            span = (predicted[0] - 0.03, predicted[-1] + 0.03)
-            axis.axvspan(*span, color='tab:orange', alpha=0.35, label='a light is off')
-        axis.grid(alpha=0.3)
-    above.legend(loc='best')
-    above.set(title="The tanker's roll, measured from the image", ylabel='roll [°]')
-    rms = float(np.sqrt(np.mean((roll - true) ** 2)))
-    below.set(title=f'error: {rms:.3f}° rms', xlabel='time [s]', ylabel='error [°]')
-    figure.savefig(target, dpi=100)
+    run = read_bag(bag)
+    run.truth = read_bag(sample).truth
+    errors = roll_errors(run)
+    if errors is None:
+        raise SourceError(f'{bag} holds no roll of a frame of {sample}')
+    write_whole(target, roll_figure(errors).png)
     return target
 
 

@@ -43,7 +43,7 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     if markers is not None:
         sections.append(Section('Markers', (), (_marker_table(markers), _marker_figure(markers))))
     if roll is not None:
-        sections.append(Section('Roll', (), (_roll_table(roll), _roll_figure(roll))))
+        sections.append(Section('Roll', (), (_roll_table(roll), roll_figure(roll))))
     elif run.results.rpy:
         sections.append(Section('Roll', ('The truth holds no roll for these frames.',)))
     if lines is not None:
@@ -126,7 +126,8 @@ def _roll_table(errors: RollErrors) -> Table:
     )
 
 
-def _roll_figure(errors: RollErrors) -> Figure:
+def roll_figure(errors: RollErrors) -> Figure:
+    """Roll and true roll over time, and the error below."""
     with drawing(9.6, 4.6) as canvas:
         upper, lower = canvas.figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         upper.plot(errors.time, np.degrees(errors.true), color=TRUTH, lw=2.6, label='truth')
