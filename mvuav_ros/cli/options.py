@@ -125,10 +125,13 @@ def refuse_to_overwrite(
         raise RecordingError(f'{output} exists; --force overwrites it')
 
 
-def take_folder(folder: Path, page: str, force: bool) -> None:
-    """Make the folder of a report; one that holds such a page already is taken by force only.
+def take_folder(folder: Path, force: bool, *files: str) -> None:
+    """Make the folder of a report; one that holds a page or these files is taken by force only.
 
     Before the work: what took an hour must not be lost to a folder that cannot be made.
     """
-    refuse_to_overwrite(folder / page, force)
+    from mvuav_ros.offline.report import PAGE
+
+    for name in (PAGE, *files):
+        refuse_to_overwrite(folder / name, force)
     folder.mkdir(parents=True, exist_ok=True)

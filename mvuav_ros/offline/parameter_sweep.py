@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-import mvuav_ros
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.evaluation.evaluation_run import replay
@@ -175,7 +174,7 @@ def sweep_table(results: Sequence[RunResult], axes: Sequence[Axis]) -> Table:
 def sweep_report(
     results: Sequence[RunResult], axes: Sequence[Axis], settings: Mapping[str, Cell]
 ) -> Report:
-    """Table and trends of results in the order of the runs; settings besides the version."""
+    """Table and trends of results in the order of the runs."""
     good = [result for result in results if not result.error]
     groups = metric_groups(result.metrics for result in good)
     lead = (
@@ -200,12 +199,7 @@ def sweep_report(
             Section('Trends grouped by input', (), _grouped(good, groups, axes)),
             Section('Trends one by one', (), tuple(singles)),
         ]
-    return Report(
-        'Parameter sweep',
-        lead,
-        {'version': f'mvuav_ros {mvuav_ros.__version__}', **settings},
-        tuple(sections),
-    )
+    return Report('Parameter sweep', lead, settings, tuple(sections))
 
 
 def _run_columns(axes: Sequence[Axis]) -> tuple[Column, ...]:

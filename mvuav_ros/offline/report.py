@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import mvuav_ros
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.remote import write_whole
 
@@ -134,7 +135,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything on the page, with the settings that made it.
+    """Everything on the page, with the settings that made it besides the version.
 
     ``data`` is what report.json holds besides settings, tables and figures.
     """
@@ -144,6 +145,10 @@ class Report:
     settings: Mapping[str, Cell]
     sections: tuple[Section, ...] = ()
     data: Mapping[str, object] = field(default_factory=dict)
+
+    def made_by(self) -> dict[str, Cell]:
+        """Version and settings."""
+        return {'version': f'mvuav_ros {mvuav_ros.__version__}', **self.settings}
 
     def tables(self) -> list[Table]:
         """All tables in order."""
@@ -254,7 +259,7 @@ def escape(text: object) -> str:
 
 def render_page(report: Report) -> str:
     """The whole page."""
-    sections = (*report.sections, _settings(report.settings))
+    sections = (*report.sections, _settings(report.made_by()))
     links = ' '.join(f'<a href="#{_anchor(s.title)}">{escape(s.title)}</a>' for s in sections)
     body = [
         f'<h1>{escape(report.title)}</h1>',
@@ -396,7 +401,7 @@ def as_data(report: Report) -> dict[str, object]:
     """Settings, tables and the report's own data as JSON knows them."""
     return {
         'title': report.title,
-        'settings': dict(report.settings),
+        'settings': report.made_by(),
         **report.data,
         'tables': {table.key: table.records() for table in report.tables()},
         'figures': {figure.key: f'{figure.key}.png' for figure in report.figures()},

@@ -129,7 +129,6 @@ def _report(score: CornersScore) -> None:
         say(f'failures {name} {count}')
 
 
-PAGE = 'index.html'
 Output = Annotated[Path, typer.Option('--output', '-o', help='Folder for the report.')]
 
 
@@ -171,7 +170,7 @@ def thesis(
     from mvuav_thesis.build import build_report, steps_of
     from mvuav_thesis.plan import Plan
 
-    take_folder(output, PAGE, force)
+    take_folder(output, force)
     plan = Plan.quick(seed, jobs) if quick else Plan(seed=seed, jobs=jobs)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=steps_of(plan))
@@ -205,7 +204,7 @@ def integrity(
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.vision.integrity import IntegrityBudget
 
-    take_folder(output, PAGE, force)
+    take_folder(output, force)
     budget, more = IntegrityBudget(), max(frames // 10, 1)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=flights_of(frames) + flights_of(more))
@@ -255,7 +254,7 @@ def bag(
 
     if not (source.startswith('sim:') or Path(source).expanduser().exists()):
         raise RecordingError(f'{source} does not exist')
-    take_folder(output, PAGE, force)
+    take_folder(output, force)
     run = None
     again = replayed or param or params_file is not None
     if not again and not source.startswith('sim:'):

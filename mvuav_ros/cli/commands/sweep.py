@@ -56,7 +56,7 @@ def sweep(
         sweep_table,
     )
     from mvuav_ros.offline.parameter_sweep import sweep as run_sweep
-    from mvuav_ros.offline.report import PAGE, write_csv, write_report
+    from mvuav_ros.offline.report import write_csv, write_report
     from mvuav_ros.parameters.parameter_file import node_names, resolve_parameters
 
     axes = [parse_axis(text) for text in param or []]
@@ -64,8 +64,7 @@ def sweep(
     chosen = node_names(nodes, swept or DETECTORS)
     base = resolve_parameters(chosen, params_file)
     runs = plan_runs(sources, axes, base, image_topic)
-    for name in (CSV, PAGE):
-        take_folder(output, name, force)
+    take_folder(output, force, CSV)
     finished: list[RunResult] = []
     interruption = None
     with frame_progress() as progress:

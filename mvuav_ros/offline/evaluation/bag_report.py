@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-import mvuav_ros
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
 from mvuav_ros.offline.evaluation.metrics import (
     ALONG,
@@ -51,7 +50,7 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     return Report(
         f'Results against truth: {run.name}',
         tuple(f'Not all is in it: {error}' for error in run.errors),
-        {'version': f'mvuav_ros {mvuav_ros.__version__}', 'input': run.name, **settings},
+        {'input': run.name, **settings},
         tuple(sections),
     )
 

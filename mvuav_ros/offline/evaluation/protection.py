@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 from scipy.special import betaincinv
 
-import mvuav_ros
 from mvuav_ros.offline.evaluation.metrics import Array
 from mvuav_ros.offline.processes import all_of
 from mvuav_ros.offline.report import Figure, Report, Section, Table
@@ -296,12 +295,7 @@ def protection_report(
             'Bare lights of the built-in tanker, with noise, an error of the calibration in each '
             'flight, and faults: ' + ', '.join(FAULTS) + '.',
         ),
-        {
-            'version': f'mvuav_ros {mvuav_ros.__version__}',
-            'first seed': seed,
-            'noise [px]': _NOISE,
-            **vars(budget),
-        },
+        {'first seed': seed, 'noise [px]': _NOISE, **vars(budget)},
         (Section('Results', (), tuple(items)),),
     )
 
