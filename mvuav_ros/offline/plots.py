@@ -44,21 +44,13 @@ _STATE_COLORS = ('#4477aa', '#ddaa33', '#d0d0d0')
 _COLORS = ('#4477aa', '#cc6677', '#228833', '#aa3377', '#66ccee', '#ccbb44')
 _FROM_ZERO = {'lines found': 5.5, 'confidence': 1.05, 'lights': 1.0}
 """Diagrams that begin at zero, and how far they reach at least."""
-_LEVELS = ('along', 'across', 'up', 'offset', 'height')
-_CURVES = {
-    'markers': ('lights',),
-    'rpy': ('roll_deg', 'pitch_deg', 'yaw_deg'),
-    'pose': ('x', 'y', 'z', 'yaw_deg', 'bound_x', 'bound_y', 'bound_z', 'bound_rz'),
-    'integrity': (*_LEVELS, *(f'alert_limit_{level}' for level in _LEVELS)),
-    'line_params': ('confidence', 'lines', 'line 1', 'line 2', 'line 3', 'line 4'),
-}
-"""What is drawn of each topic: columns of `ResultRows`, and what `_take` makes of them."""
 
 
 class Diagram(NamedTuple):
     """One of a page: height (inches), title, topic, and curves.
 
-    Each curve has a name, its column, and the column of its bound, which may be empty.
+    Each curve has a name, its column, and the column of its bound, which may be empty: columns of
+    `ResultRows`, and what `_take` makes of them.
     """
 
     height: float
@@ -94,6 +86,15 @@ _MARKERS = (
     _levels('along', 'across', 'up'),
     Diagram(1.3, 'lights', 'markers', (('tracked', 'lights', ''),)),
 )
+
+
+def _columns(is_runway: bool) -> dict[str, list[str]]:
+    """What is drawn of each topic."""
+    columns: dict[str, list[str]] = {}
+    for diagram in _RUNWAY if is_runway else _MARKERS:
+        for _, column, bound in diagram.lines:
+            columns.setdefault(diagram.topic, []).extend(filter(None, (column, bound)))
+    return columns
 
 
 class Curves:
@@ -215,10 +216,10 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
         if messages is None:
             messages = sum(1 for _ in recording.messages({topic}))
         part.at_once = max(1, math.ceil(messages / _MAX_STATES))
-        for other in (kind, 'rpy', 'pose', 'integrity'):
+        for other, names in _columns(part.is_runway).items():
             if f'{node}/{other}' in rows.kinds:
                 wanted[f'{node}/{other}'] = part, other
-                part.curves[other] = Curves(_CURVES[other], messages)
+                part.curves[other] = Curves(names, messages)
     stamps: list[int] = []
     for message in recording.messages(wanted):
         part, kind = wanted[message.topic]
