@@ -1,8 +1,4 @@
-"""``mvuav``: the subcommands, what their inputs lost, and how mistakes and interruptions end.
-
-Every command that takes an input says what it lost: on stderr, in ``--json``, and with ``--strict``
-(`account_for_inputs`), whatever it does itself.
-"""
+"""``mvuav``: the subcommands, what their inputs lost, and how mistakes and interruptions end."""
 
 from __future__ import annotations
 
@@ -52,7 +48,10 @@ COMMANDS = {
 
 
 def account_for_inputs(app: typer.Typer) -> None:
-    """Make every command of an application and its groups that has an input account for it."""
+    """Make every command of an application and its groups that has an input say what it lost.
+
+    It does so on stderr, in ``--json``, and with ``--strict``, whatever the command does itself.
+    """
     for command in app.registered_commands:
         if command.callback is not None:
             command.callback = _callback(command.callback)
@@ -111,10 +110,7 @@ def _account_for(
 
 
 def _named(value: Any) -> Any:
-    """An option's value; a place that a file:// URL or ~ names is its path, whoever looks at it.
-
-    The shell leaves ~ as it is in ``--output=~/flight``.
-    """
+    """An option's value; a place that a file:// URL or ~ names is its path, whoever looks at it."""
     if isinstance(value, list):
         return [_named(each) for each in value]
     if isinstance(value, Path):
@@ -123,7 +119,8 @@ def _named(value: Any) -> Any:
         return value
     if value.startswith('file://'):
         return unquote(value.removeprefix('file://'))
-    return os.path.expanduser(value)  # noqa: PTH111  Keeps a slash at the end.
+    # The shell leaves ~ as it is in --output=~/flight. A slash at the end is kept.
+    return os.path.expanduser(value)  # noqa: PTH111
 
 
 def _of_each_input(accounts: Iterable[Account]) -> list[Account]:
@@ -210,11 +207,7 @@ def main() -> NoReturn:
 
 
 def _explained(error: Exception, name: str) -> tuple[str, int]:
-    """A user's mistake in words and as an exit status.
-
-    Raises:
-        Exception: the error, if it is a defect of ours.
-    """
+    """A user's mistake in words and as an exit status; raises what is a defect of ours."""
     if isinstance(error, ImportError):
         return explain_missing_module(name, error), 1
     if isinstance(error, (ParameterError, SourceError, OSError)):

@@ -1,7 +1,6 @@
-"""Options that several commands share, and commands whose options are not in their code.
+"""Options that several commands share, and commands whose options are not in their code."""
 
-What may be left out is an ``Optional``: typer 0.9, which a robot has, knows no ``X | None``.
-"""
+# What may be left out is an Optional: typer 0.9, which a robot has, knows no X | None.
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
-"""One request to end, which every loop looks at: Ctrl-C and SIGTERM only set a flag.
+"""One request to end, which every loop looks at: Ctrl-C and SIGTERM only set a flag."""
 
-A handler that raises may land anywhere: between a lock and its ``with``, in a destructor, in a
-callback. There the interruption is lost, or the lock is never let go of. These handlers raise
-nothing; what is to end in good order looks at the flag, and waits for nothing else for long.
-"""
+# A handler that raises may land anywhere: between a lock and its with, in a destructor, in a
+# callback. There the interruption is lost, or the lock is never let go of.
 
 from __future__ import annotations
 

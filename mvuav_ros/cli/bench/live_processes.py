@@ -1,8 +1,4 @@
-"""The processes of ``mvuav bench live`` beside the nodes: ``camera`` and ``floor``.
-
-The camera publishes images and receives the nodes' results. The floor is the least that any rclpy
-node does with an image: it takes it, and answers at once with a message as large as a result.
-"""
+"""The processes of ``mvuav bench live`` beside the nodes: ``camera`` and ``floor``."""
 
 from __future__ import annotations
 
@@ -57,7 +53,11 @@ def _stamped(message: bytes, stamp_ns: int) -> bytes:
 
 
 def floor(transport: str) -> None:
-    """Answer images; when interrupted, print when each came (ns) by its stamp as JSON."""
+    """Do the least that any rclpy node does with an image: take it, and answer at once.
+
+    The answer is as large as a result. When interrupted, print when each image came (ns) by its
+    stamp as JSON.
+    """
     arrivals: dict[int, int] = {}
     answer = serialize_message(PointCloud2(data=bytes(_RESULT_BYTES)))
 
@@ -78,7 +78,7 @@ def floor(transport: str) -> None:
 
 
 def camera(orders: str) -> None:
-    """Publish for a while; print what came back as JSON."""
+    """Publish images for a while; print which results came back as JSON."""
     given = json.loads(orders)
     tune_process()
     prepare_transport()

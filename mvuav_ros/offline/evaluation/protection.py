@@ -1,8 +1,4 @@
-"""Protection levels against the truth: flights of bare lights with faults, and what came of them.
-
-No image is drawn: the true places of the built-in tanker's lights with noise, faults and an error
-of the calibration go to the pose estimator, and its pose to the protection levels.
-"""
+"""Protection levels against the truth: flights of bare lights with faults."""
 
 from __future__ import annotations
 
@@ -141,7 +137,11 @@ class _Faults:
 
 
 def fly(task: ProtectionTask) -> ProtectionCounts:
-    """Fly once, and hold every level against the error."""
+    """Fly once, and hold every level against the error.
+
+    No image is drawn: the true places of the lights with noise, faults and an error of the
+    calibration go to the pose estimator, and its pose to the protection levels.
+    """
     rng = np.random.default_rng((2011, task.seed))
     rig, dock, budget = TANKER_747, np.array(TANKER_747.dock), task.budget
     k = (_FOCAL, 0.0, _CENTER[0], 0.0, _FOCAL, _CENTER[1], 0.0, 0.0, 1.0)
