@@ -205,7 +205,8 @@ class ReplayInput:
         """Those of no bag, which have no messages: a frame's are made of it."""
         for index, frame in enumerate(self._selection.stretch(self._source.frames())):
             if isinstance(frame, Frame):
-                frame = replace(frame, camera=self._camera or frame.camera)
+                if self._camera is not None:
+                    frame = replace(frame, camera=self._camera)
                 if keep:
                     stamp_ns = frame.stamp_ns
                     data = serialize_image(frame.image, cdr_header(stamp_ns, frame.frame_id))
