@@ -7,15 +7,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3Stamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import Image
 
-from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import decode_image
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.offline.evaluation.bag_report import roll_figure
@@ -28,11 +27,10 @@ from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
 
 _GREEN, _YELLOW = '#50e66e', '#ffd800'
 _SHADOW = [withStroke(linewidth=3, foreground='black')]
-Messages = dict[int, Any]
-"""One topic's messages by their stamps (ns)."""
 
 
-def _read(bag: Path, topic: str, kind: type) -> Messages:
+def _read(bag: Path, topic: str, kind: type) -> dict[int, Any]:
+    """One topic's messages by their stamps (ns)."""
     with open_recording(bag) as recording:
         messages = [
             deserialize_message(bytes(message.data), kind)
@@ -43,12 +41,9 @@ def _read(bag: Path, topic: str, kind: type) -> Messages:
 
 def save_tanker(bag: Path, target: Path) -> Path:
     """Two frames with the names of the lights: all in view, and one of them off."""
+    said = read_bag(bag).results
+    markers, rolls = said.markers, said.rpy
     images = _read(bag, '/tanker/image_raw', Image)
-    markers = {
-        stamp: view_points(points)
-        for stamp, points in _read(bag, '/marker_tracker/markers', PointCloud2).items()
-    }
-    rolls = _read(bag, '/marker_tracker/rpy', Vector3Stamped)
     poses = _read(bag, '/marker_tracker/pose', PoseWithCovarianceStamped)
     stamps = sorted(images.keys() & markers.keys() & rolls.keys() & poses.keys())
     off = [stamp for stamp in stamps if (markers[stamp]['state'] == MarkerState.PREDICTED).any()]
@@ -59,7 +54,7 @@ def save_tanker(bag: Path, target: Path) -> Path:
         _show(axis, images[stamp])
         _draw_names(axis, markers[stamp])
         distance = poses[stamp].pose.pose.position.z
-        roll = np.degrees(rolls[stamp].vector.x)
+        roll = np.degrees(rolls[stamp])
         down = 'right' if roll > 0 else 'left'
         axis.set_title(f'{title}\nroll {roll:+.1f}° ({down} wing down), {distance:.0f} m away')
     figure.savefig(target, dpi=100)
