@@ -20,6 +20,7 @@ from mvuav_ros.cli.options import (
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recordings.account import SourceError
 
 _LITTLE = 0.6
 """Part of the image below which its coverage is worth a word."""
@@ -81,7 +82,6 @@ def calibrate(
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.sources.calibration import save_calibration
     from mvuav_ros.sources.opening import open_source
-    from mvuav_ros.sources.source import SourceError
     from mvuav_ros.vision.board import Board, BoardError
     from mvuav_ros.vision.camera import CalibrationError
 
@@ -241,7 +241,6 @@ def calibrate_rig(
     from mvuav_ros.recordings.remote import write_whole
     from mvuav_ros.sources.calibration import load_calibration
     from mvuav_ros.sources.opening import open_source
-    from mvuav_ros.sources.source import SourceError
     from mvuav_ros.vision.rig import RigError, load_rig, rig_text
     from mvuav_ros.vision.rig_calibration import RigCalibrationError
 

@@ -13,6 +13,7 @@ import typer
 
 from mvuav_ros.cli.terminal import say
 from mvuav_ros.offline.stopping import Interrupted
+from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.recordings.layout import shipped_folder
 
 if TYPE_CHECKING:
@@ -37,8 +38,6 @@ def demo(
     """
     from rich.console import Console
 
-    from mvuav_ros.sources.source import SourceError
-
     # Of a checkout, or installed with the package.
     folder = bags or shipped_folder('bags')
     if folder is None:
@@ -62,7 +61,6 @@ def _run_panel(bags: Path, console: Console) -> None:
 
     from mvuav_ros.cli.demo.sample_flights import sample_flights
     from mvuav_ros.cli.node_processes import NodeProcesses
-    from mvuav_ros.sources.source import SourceError
 
     flights = sample_flights(bags)
     with NodeProcesses() as nodes:

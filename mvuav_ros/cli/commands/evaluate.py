@@ -21,7 +21,7 @@ from mvuav_ros.cli.options import (
     take_folder,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
-from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.account import RecordingError, SourceError
 from mvuav_ros.recordings.remote import write_whole
 
 if TYPE_CHECKING:
@@ -82,7 +82,6 @@ def corners(
     )
     from mvuav_ros.parameters.parameter_file import resolve_parameters
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-    from mvuav_ros.sources.source import SourceError
 
     if as_json is not None:
         refuse_to_overwrite(as_json, True, inputs=(labels, horizon))

@@ -25,6 +25,7 @@ from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
+from mvuav_ros.recordings.account import SourceError
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -205,7 +206,7 @@ def replay(
     from mvuav_ros.offline.replay.job import ReplaySettings
     from mvuav_ros.parameters.parameter_file import complete, node_names, resolve_parameters
     from mvuav_ros.sources.calibration import load_calibration
-    from mvuav_ros.sources.source import Selection, SourceError
+    from mvuav_ros.sources.source import Selection
 
     chosen = node_names(nodes)
     assignments = list(param or [])

@@ -87,20 +87,12 @@ def sweep(
     }
     write_csv(sweep_table(results, axes), output / CSV)
     page = write_report(sweep_report(results, axes, described), output)
-    is_good = _report(results, page, len(runs))
-    if interruption is not None:
-        raise interruption
-    if not is_good:
-        raise typer.Exit(1)
-
-
-def _report(results: list[RunResult], page: Path, runs: int) -> bool:
-    """Say what became of so many runs; whether none failed."""
     failed = [result for result in results if result.error]
     for result in failed:
-        say(
-            f'warning: run {result.run.number} ({result.run.source}) failed: {result.error}',
-            err=True,
-        )
-    say(f'{page}: {len(results) - len(failed)} of {runs} runs')
-    return not failed
+        run = f'run {result.run.number} ({result.run.source})'
+        say(f'warning: {run} failed: {result.error}', err=True)
+    say(f'{page}: {len(results) - len(failed)} of {len(runs)} runs')
+    if interruption is not None:
+        raise interruption
+    if failed:
+        raise typer.Exit(1)
