@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -74,14 +73,9 @@ def _run_panel(bags: Path, console: Console) -> None:
         console.print(
             f'ROS_DOMAIN_ID is {nodes.domain_id}. Ctrl-C ends everything.', highlight=False
         )
-        if _has_browser():
+        # Never a browser in the terminal.
+        if os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY'):
             webbrowser.open(url)
         while not (reason := nodes.failure()):
             time.sleep(0.5)
         raise SourceError(reason)
-
-
-def _has_browser() -> bool:
-    """Whether there is a screen to open a browser on; never one in the terminal."""
-    screen = os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')
-    return bool(screen) or sys.platform == 'darwin'
