@@ -39,20 +39,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class SweepRun:
-    """One input with one set of parameters.
+    """One input with one set of parameters."""
 
-    Attributes:
-        number: from 1.
-        values: of the axes, in their order.
-        parameters: of each node to run; changes of the defaults.
-        topic: of the images of a bag that has several.
-    """
-
-    number: int
+    number: int  # from 1
     source: str
-    values: tuple[Value, ...]
-    parameters: Mapping[str, Mapping[str, Any]]
-    topic: str | None = None
+    values: tuple[Value, ...]  # of the axes, in their order
+    parameters: Mapping[str, Mapping[str, Any]]  # of each node to run; changes of the defaults
+    topic: str | None = None  # of the images of a bag that has several
 
 
 @dataclass(frozen=True)

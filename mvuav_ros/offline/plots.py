@@ -131,28 +131,20 @@ class Curves:
 
 @dataclass
 class NodePart:
-    """What one node says of a flight.
-
-    Attributes:
-        is_runway: whether it is of a runway, else of markers.
-        curves: the numbers of each topic, by its last word.
-        states: of each group of ``at_once`` frames the worst states of the names by then, indices
-            into `_STATES`.
-        counts: markers in frames, by state.
-        poses: frames with a pose.
-        extent: least, median and greatest of what the overview draws, once the page is drawn.
-    """
+    """What one node says of a flight."""
 
     node: str
-    is_runway: bool
-    curves: dict[str, Curves] = field(default_factory=dict)
-    names: list[str] = field(default_factory=list)
+    is_runway: bool  # else it is of markers
+    curves: dict[str, Curves] = field(default_factory=dict)  # of each topic, by its last word
+    names: list[str] = field(default_factory=list)  # of the markers
+    # Of each group of `at_once` frames the worst states of the names by then, in `_STATES`.
     states: list[list[int]] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
-    counts: list[int] = field(default_factory=lambda: [0, 0, 0])
+    counts: list[int] = field(default_factory=lambda: [0, 0, 0])  # markers in frames, by state
     frames: int = 0
-    poses: int = 0
+    poses: int = 0  # frames with one
     at_once: int = 1
+    # Least, median and greatest of what the overview draws, once the page is drawn.
     extent: tuple[float, float, float] = (math.nan,) * 3
 
 

@@ -91,25 +91,16 @@ def names_of(processors: Iterable[Processor]) -> dict[int, str]:
 
 @dataclass
 class EvaluationRun:
-    """One input's results and truth.
-
-    Attributes:
-        truth: empty where the input has none.
-        names: of the markers by their labels, where they are known.
-        frames: replayed, or with results in the bag.
-        rejected: frames without a result; None for results read from a bag.
-        milliseconds: median time of all nodes together for a frame; NaN without a replay.
-        errors: what could not be read, in words.
-    """
+    """One input's results and truth."""
 
     name: str
     results: Observations = field(default_factory=Observations)
-    truth: Observations = field(default_factory=Observations)
-    names: dict[int, str] = field(default_factory=dict)
-    frames: int = 0
-    rejected: int | None = None
-    milliseconds: float = float('nan')
-    errors: list[str] = field(default_factory=list)
+    truth: Observations = field(default_factory=Observations)  # empty where the input has none
+    names: dict[int, str] = field(default_factory=dict)  # of the markers by label, where known
+    frames: int = 0  # replayed, or with results in the bag
+    rejected: int | None = None  # without a result; None for results read from a bag
+    milliseconds: float = float('nan')  # of all nodes for a frame, median; NaN without a replay
+    errors: list[str] = field(default_factory=list)  # what could not be read, in words
 
 
 def read_bag(path: Path) -> EvaluationRun:

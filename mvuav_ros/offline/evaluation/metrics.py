@@ -80,18 +80,11 @@ def match_lines(found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[L
 
 @dataclass(eq=False)
 class LineErrors:
-    """Lines found on some frames against the true ones of a runway.
+    """Lines found on some frames against the true ones of a runway."""
 
-    Attributes:
-        frames: seen.
-        found: lines found in all frames.
-        visible: frames in which each true line was.
-        matches: every pair of a found and a true line.
-    """
-
-    frames: int = 0
-    found: int = 0
-    visible: list[int] = field(default_factory=lambda: [0] * len(ALONG))
+    frames: int = 0  # seen
+    found: int = 0  # lines found in all frames
+    visible: list[int] = field(default_factory=lambda: [0] * len(ALONG))  # frames with each
     matches: list[LineMatch] = field(default_factory=list)
 
     def add(self, found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[LineMatch]:
@@ -125,23 +118,14 @@ NEAR = 5.0
 
 @dataclass(frozen=True, eq=False)
 class MarkerErrors:
-    """Of the frames that have results and truth.
-
-    Attributes:
-        names: of the k markers.
-        time: (n,) s since the first of them.
-        offset: (n, k, 2) px, place minus true place; NaN for a lost marker.
-        state: (n, k), `MarkerState`.
-        visible: (n, k), whether the light could be seen.
-        wrong: (n, k), whether a detected marker carries another's name.
-    """
+    """Of the n frames that have results and truth, and their k markers."""
 
     names: tuple[str, ...]
-    time: Array
-    offset: Array
-    state: Array
-    visible: Array
-    wrong: Array
+    time: Array  # (n,) s since the first of them
+    offset: Array  # (n, k, 2) px, place minus true place; NaN for a lost marker
+    state: Array  # (n, k), `MarkerState`
+    visible: Array  # (n, k), whether the light could be seen
+    wrong: Array  # (n, k), whether a detected marker carries another's name
 
 
 @dataclass(frozen=True, eq=False)
