@@ -24,11 +24,11 @@ _NODES = ('marker_tracker', 'runway_detector')
 
 
 class _Replay(NamedTuple):
-    """A replay of a bag with nodes by so many threads, each with a core; no nodes: the floor."""
+    """A replay of a bag with nodes by a thread for each of some cores; no nodes: the floor."""
 
     bag: Path
     nodes: tuple[str, ...]
-    threads: int = 1
+    cores: list[int]
 
 
 def replay_cases(frames: int = _RATE * 15) -> list[Case]:
@@ -69,17 +69,18 @@ def replay_cases(frames: int = _RATE * 15) -> list[Case]:
 def _cases_of(
     name: str, bag: Path, frames: int, action: Callable[[_Replay], Callable[[], object]]
 ) -> list[Case]:
-    one = action(_Replay(bag, _NODES))
-    floor = action(_Replay(bag, ()))
+    cores = sorted(os.sched_getaffinity(0))
+    one = action(_Replay(bag, _NODES, cores[:1]))
+    floor = action(_Replay(bag, (), cores[:1]))
     raw = '640x480' in name
     limit_ms = frames / _RATE / _TIMES_REAL_TIME * 1e3 if raw else None
     cases = [Case(f'replay {name}, both nodes, one core', one, limit_ms=limit_ms)]
     for node in _NODES:
-        alone = action(_Replay(bag, (node,)))
+        alone = action(_Replay(bag, (node,), cores[:1]))
         beside = ('read, decode, threshold', floor, _FLOOR_LIMIT)
         cases.append(Case(f'replay {name}, {node}', alone, *beside))
-    if len(os.sched_getaffinity(0)) > 1:
-        both = action(_Replay(bag, _NODES, 2))
+    if len(cores) > 1:
+        both = action(_Replay(bag, _NODES, cores[:2]))
         limit, note = 1 / _TWO_JOBS_GAIN, f'{_TWO_JOBS_GAIN} times the frames/s at the limit'
         title = f'replay {name}, both nodes, --jobs 2'
         cases.append(Case(title, both, '--jobs 1', one, limit, note=note))
@@ -87,24 +88,18 @@ def _cases_of(
 
 
 def _do(replay: _Replay, _report: object, stop: Any) -> int:
-    """Runs in the worker: as many cores as threads, and the frames that were replayed."""
+    """Runs in the worker; the frames that were replayed."""
     from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 
-    cores = _CORES or sorted(os.sched_getaffinity(0))
-    _CORES[:] = cores
-    os.sched_setaffinity(0, set(cores[: replay.threads]))
+    os.sched_setaffinity(0, replay.cores)
     if not replay.nodes:
         return _floor(replay.bag)
     settings = ReplaySettings({node: {} for node in replay.nodes})
     output = str(replay.bag.with_suffix('.results.mcap'))
     job = ReplayJob(str(replay.bag), output, settings, True)
-    outcome = attempt(job, lambda _: None, stop, replay.threads)
+    outcome = attempt(job, lambda _: None, stop, len(replay.cores))
     assert outcome.processed == outcome.frames, outcome
     return outcome.processed
-
-
-_CORES: list[int] = []
-"""Those that the worker was born with."""
 
 
 def _floor(bag: Path) -> int:

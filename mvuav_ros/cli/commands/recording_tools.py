@@ -63,7 +63,10 @@ def info(
             summary = _summarise_images(source, open_source(name, cameras=False))
     summary.path = source
     if isinstance(summary, FrameSummary):
-        _print_images(summary)
+        rate = f'{summary.rate_hz:.2f} Hz' if summary.rate_hz else 'no rate'
+        formats = ', '.join(summary.formats) or 'nothing that decodes'
+        said = f'{summary.frames} frames, {rate}, {summary.duration_s:.2f} s, {formats}'
+        say(f'{source}: {said}')
     else:
         _print_recording(summary)
     return summary
@@ -126,14 +129,6 @@ def _notes(topic: TopicSummary) -> str:
     if topic.images and topic.images.malformed:
         warnings.append(f'{topic.images.malformed} malformed: {topic.images.first_problem}')
     return '; '.join(warnings)
-
-
-def _print_images(summary: FrameSummary) -> None:
-    rate = f'{summary.rate_hz:.2f} Hz' if summary.rate_hz else 'no rate'
-    say(
-        f'{summary.path}: {summary.frames} frames, {rate}, {summary.duration_s:.2f} s, '
-        f'{", ".join(summary.formats) or "nothing that decodes"}'
-    )
 
 
 def repair(

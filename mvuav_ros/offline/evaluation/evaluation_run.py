@@ -146,13 +146,13 @@ def replay(
     """
     processors = replay_job.make_processors(parameters)
     run = EvaluationRun(text, names=names_of(processors))
-    rejected = answers = 0
+    run.rejected = answers = 0
     reasons: Counter[str] = Counter()
     seconds: list[float] = []
     for step in replay_job.replay(_frames(text, topic, run), processors):
         if isinstance(step, replay_job.FrameResults) and step.is_frame:
             run.frames += 1
-            rejected += bool(step.reasons)
+            run.rejected += bool(step.reasons)
             reasons.update(step.reasons)
             seconds += [step.seconds] if step.seconds else []
             answers += len(step.messages)
@@ -161,10 +161,8 @@ def replay(
                     run.results.add(RESULT_TOPICS[name], data)
     if not answers:
         raise SourceError(f'{text}: not a single frame could be used')
-    run.errors += [
-        f'{count} frames: {why}' for why, count in reasons.items() if why.startswith('internal')
-    ]
-    run.rejected = rejected
+    defects = ((why, count) for why, count in reasons.items() if why.startswith(replay_job.DEFECT))
+    run.errors += [f'{count} frames: {why}' for why, count in defects]
     run.milliseconds = float(np.median(seconds)) * 1e3
     return run
 
@@ -172,7 +170,13 @@ def replay(
 def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame | BadFrame]:
     """The input's frames; its truth goes to ``run`` meanwhile."""
     if text.startswith(SIMULATED):
-        yield from _flown(text, run.truth)
+        flight = planned_flight(text)
+        camera = camera_model(flight.camera)
+        for flown in flight:
+            for name, _, data in truth_messages(flown):
+                if name in TRUTH_TOPICS:
+                    run.truth.add(TRUTH_TOPICS[name], data)
+            yield Frame(flown.stamp_ns, OPTICAL_FRAME, flown.image, camera)
         return
     if is_url(text):
         with local_copy(text) as copied:
@@ -189,16 +193,6 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
 def _bag(text: str) -> Path | None:
     path = Path(text).expanduser()
     return path if path.exists() and looks_like_bag(path) else None
-
-
-def _flown(text: str, truth: Observations) -> Iterator[Frame]:
-    flight = planned_flight(text)
-    camera = camera_model(flight.camera)
-    for frame in flight:
-        for topic, _, data in truth_messages(frame):
-            if topic in TRUTH_TOPICS:
-                truth.add(TRUTH_TOPICS[topic], data)
-        yield Frame(frame.stamp_ns, OPTICAL_FRAME, frame.image, camera)
 
 
 def nodes_for(text: str) -> list[str]:
