@@ -12,7 +12,6 @@ from typing import Any
 
 import cv2
 
-import mvuav_ros
 from mvuav_ros.offline.processes import all_of
 from mvuav_ros.offline.report import Cell, Report, Table
 from mvuav_ros.parameters.declaration import ParameterSet
@@ -127,11 +126,10 @@ def build_report(
 
 
 def settings(plan: Plan, command: str = '') -> dict[str, Cell]:
-    """What made the report: version, machine, plan, parameters."""
+    """What made the report besides the version: machine, plan, parameters."""
     libraries = ('numpy', 'scipy', 'matplotlib')
     versions = ', '.join(f'{name} {metadata.version(name)}' for name in libraries)
     return {
-        'version': f'mvuav_ros {mvuav_ros.__version__}',
         'command': command or None,
         'made': datetime.now(timezone.utc).strftime('%Y-%m-%d %H:%M UTC'),  # noqa: UP017
         'processor': _processor(),

@@ -1,8 +1,4 @@
-"""``mvuav``: the subcommands, what their inputs lost, and how mistakes and interruptions end.
-
-Every command that takes an input says what it lost: on stderr, in ``--json``, and with ``--strict``
-(`account_for_inputs`), whatever it does itself.
-"""
+"""``mvuav``: the subcommands, what their inputs lost, and how mistakes and interruptions end."""
 
 from __future__ import annotations
 
@@ -33,11 +29,7 @@ from mvuav_ros.recordings.account import Account, RecordingError, SourceError, c
 
 _INPUTS = frozenset({'source', 'sources'})
 """Of a command that reads what others wrote."""
-_ADDED = {
-    'strict': (Strict, False),
-    'max_size': (MaxSize, None),
-    'as_json': (AsJson, False),
-}
+_ADDED = {'strict': (Strict, False), 'max_size': (MaxSize, None), 'as_json': (AsJson, False)}
 """What every such command takes, with the defaults."""
 COMMANDS = {
     'replay': 'replay',
@@ -56,68 +48,69 @@ COMMANDS = {
 
 
 def account_for_inputs(app: typer.Typer) -> None:
-    """Make every command of an application and its groups that has an input account for it.
+    """Make every command of an application and its groups that has an input say what it lost.
 
-    The others are `_annotated` alone.
+    It does so on stderr, in ``--json``, and with ``--strict``, whatever the command does itself.
     """
     for command in app.registered_commands:
-        work = command.callback
-        if work and _INPUTS & inspect.signature(work).parameters.keys():
-            command.callback = _accounting(work)
-        elif work:
-            command.callback = _annotated(work)
+        if command.callback is not None:
+            command.callback = _callback(command.callback)
     for group in app.registered_groups:
         if group.typer_instance is not None:
             account_for_inputs(group.typer_instance)
 
 
-def _annotated(work: Callable[..., Any]) -> Callable[..., Any]:
+def _callback(work: Callable[..., Any]) -> Callable[..., Any]:
     """A command whose annotations are no texts: those typer 0.9, which apt has, does not read."""
+    own = inspect.signature(work, eval_str=True).parameters
+    added = {}
+    if _INPUTS & own.keys():
+        added = {name: each for name, each in _ADDED.items() if name not in own}
 
     def run(**given: Any) -> Any:
-        return work(**{name: _named(value) for name, value in given.items()})
-
-    run.__name__, run.__doc__ = work.__name__, work.__doc__
-    take_options(run, inspect.signature(work, eval_str=True).parameters.values(), {})
-    return run
-
-
-def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
-    own = inspect.signature(work, eval_str=True).parameters
-    added = {name: each for name, each in _ADDED.items() if name not in own}
-
-    def run(**given: Any) -> None:
-        from mvuav_ros.recordings.compression import allowing
-
-        strict = given['strict']
-        max_size = allowing(given['max_size'])
-        as_json = bool('as_json' in added and given['as_json'])
-        given = {name: _named(value) for name, value in given.items() if name not in added}
-        with collecting() as accounts, max_size:
-            # Words and numbers for people would be in the way of the machine that reads it.
-            with redirect_stdout(StringIO()) if as_json else nullcontext():
-                result, ending = _result(work, given)
-            inputs = _of_each_input(accounts)
-            for account in inputs:
-                if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
-                    report_account(account)
-        if as_json:
-            _print_json(result, inputs)
-        if ending is not None:
-            raise ending
-        if strict and any(account.is_lossy for account in accounts):
-            raise RecordingError('--strict: something was lost or altered; see above')
+        ours = {name: given.pop(name) for name in added}
+        given = {name: _named(value) for name, value in given.items()}
+        return _account_for(work, given, **{**given, **ours}) if added else work(**given)
 
     run.__name__, run.__doc__ = work.__name__, work.__doc__
     take_options(run, own.values(), added)
     return run
 
 
-def _named(value: Any) -> Any:
-    """An option's value; a place that a file:// URL or ~ names is its path, whoever looks at it.
+def _account_for(
+    work: Callable[..., Any],
+    given: dict[str, Any],
+    strict: bool,
+    max_size: int | None,
+    as_json: bool,
+    **_: Any,
+) -> None:
+    from mvuav_ros.recordings.compression import allowing
 
-    The shell leaves ~ as it is in ``--output=~/flight``.
-    """
+    result, ending = None, None
+    with allowing(max_size), collecting() as accounts:
+        # Words and numbers for people would be in the way of the machine that reads it.
+        with redirect_stdout(StringIO()) if as_json else nullcontext():
+            try:
+                result = work(**given)
+            except CommandFailedError as failed:
+                result, ending = failed.result, failed.ending
+            except Exception as error:
+                ending = error
+        inputs = _of_each_input(accounts)
+        for account in inputs:
+            if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
+                report_account(account)
+    if as_json:
+        _print_json(result, inputs)
+    if ending is not None:
+        raise ending
+    if strict and any(account.is_lossy for account in accounts):
+        raise RecordingError('--strict: something was lost or altered; see above')
+
+
+def _named(value: Any) -> Any:
+    """An option's value; a place that a file:// URL or ~ names is its path, whoever looks at it."""
     if isinstance(value, list):
         return [_named(each) for each in value]
     if isinstance(value, Path):
@@ -126,7 +119,8 @@ def _named(value: Any) -> Any:
         return value
     if value.startswith('file://'):
         return unquote(value.removeprefix('file://'))
-    return os.path.expanduser(value)  # noqa: PTH111  Keeps a slash at the end.
+    # The shell leaves ~ as it is in --output=~/flight. A slash at the end is kept.
+    return os.path.expanduser(value)  # noqa: PTH111
 
 
 def _of_each_input(accounts: Iterable[Account]) -> list[Account]:
@@ -139,16 +133,6 @@ def _of_each_input(accounts: Iterable[Account]) -> list[Account]:
 
 def _says(account: Account) -> tuple[bool, int, int, int]:
     return account.is_reported, len(account.errors), len(account.warnings), account.kept
-
-
-def _result(work: Callable[..., Any], given: dict[str, Any]) -> tuple[Any, Exception | None]:
-    """What a command returns, and how it ends otherwise; an interruption passes."""
-    try:
-        return work(**given), None
-    except CommandFailedError as failed:
-        return failed.result, failed.ending
-    except Exception as error:
-        return None, error
 
 
 def _print_json(result: Any, accounts: Iterable[Account]) -> None:
@@ -167,7 +151,7 @@ def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
         add_completion=False,
         pretty_exceptions_enable=False,
     )
-    app.callback()(_annotated(_options))
+    app.callback()(_callback(_options))
     for name in names:
         command = getattr(import_module(f'mvuav_ros.cli.commands.{COMMANDS[name]}'), name)
         if isinstance(command, typer.Typer):
@@ -223,11 +207,7 @@ def main() -> NoReturn:
 
 
 def _explained(error: Exception, name: str) -> tuple[str, int]:
-    """A user's mistake in words and as an exit status.
-
-    Raises:
-        Exception: the error, if it is a defect of ours.
-    """
+    """A user's mistake in words and as an exit status; raises what is a defect of ours."""
     if isinstance(error, ImportError):
         return explain_missing_module(name, error), 1
     if isinstance(error, (ParameterError, SourceError, OSError)):

@@ -1,7 +1,6 @@
-"""Options that several commands share, and commands whose options are not in their code.
+"""Options that several commands share, and commands whose options are not in their code."""
 
-What may be left out is an ``Optional``: typer 0.9, which a robot has, knows no ``X | None``.
-"""
+# What may be left out is an Optional: typer 0.9, which a robot has, knows no X | None.
 
 from __future__ import annotations
 
@@ -63,12 +62,9 @@ class Storage(StrEnum):
         return split_mb * 1_000_000 if self is Storage.ROSBAG2 else None
 
 
-ParamsFile = Annotated[
-    Optional[Path], typer.Option(help='A ROS 2 parameter file.', show_default=False)
-]
+ParamsFile = Annotated[Optional[Path], typer.Option(help='A ROS 2 parameter file.')]
 Param = Annotated[
-    Optional[list[str]],
-    typer.Option(help='A parameter, node:name:=value; may be repeated.', show_default=False),
+    Optional[list[str]], typer.Option(help='A parameter, node:name:=value; may be repeated.')
 ]
 ImageTopic = Annotated[Optional[str], typer.Option(help='Image topic of a bag that has several.')]
 CameraInfo = Annotated[
@@ -76,7 +72,6 @@ CameraInfo = Annotated[
     typer.Option(
         help="The camera's calibration for all images: the YAML file of camera_calibration.",
         metavar='FILE',
-        show_default=False,
     ),
 ]
 Dask = Annotated[
@@ -102,7 +97,6 @@ MaxSize = Annotated[
         'at least 537.',
         metavar='MB',
         min=1,
-        show_default=False,
     ),
 ]
 AsJson = Annotated[
@@ -130,10 +124,13 @@ def refuse_to_overwrite(
         raise RecordingError(f'{output} exists; --force overwrites it')
 
 
-def take_folder(folder: Path, page: str, force: bool) -> None:
-    """Make the folder of a report; one that holds such a page already is taken by force only.
+def take_folder(folder: Path, force: bool, *files: str) -> None:
+    """Make the folder of a report; one that holds a page or these files is taken by force only.
 
     Before the work: what took an hour must not be lost to a folder that cannot be made.
     """
-    refuse_to_overwrite(folder / page, force)
+    from mvuav_ros.offline.report import PAGE
+
+    for name in (PAGE, *files):
+        refuse_to_overwrite(folder / name, force)
     folder.mkdir(parents=True, exist_ok=True)

@@ -12,15 +12,18 @@ from numpy.typing import NDArray
 
 from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.offline.report import Figure, Report, Section, Table
-from mvuav_ros.offline.report_figures import COLORS, INK, drawing, label
+from mvuav_ros.offline.report_figures import (
+    COLORS,
+    INK,
+    draw_residuals,
+    drawing,
+    label,
+    label_image,
+)
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.board import Board, BoardView, different_views, in_eight_bits, sharpness
 from mvuav_ros.vision.camera import CalibrationError
-from mvuav_ros.vision.camera_calibration import (
-    MIN_VIEWS,
-    CameraCalibration,
-    calibrate_camera,
-)
+from mvuav_ros.vision.camera_calibration import MIN_VIEWS, CameraCalibration, calibrate_camera
 from mvuav_ros.vision.image import ImageError
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -37,15 +40,10 @@ _CELLS = 8, 6  # Into which the image is divided for its coverage
 
 @dataclass
 class BoardSearch:
-    """What a recording shows of a board.
+    """What a recording shows of a board: every view, its time and its image.
 
-    Attributes:
-        size: of the images, px.
-        views: every one that was found.
-        stamps: of the views, s since the first frame.
-        thumbnails: of the views' images, for people.
-        frames: that were read.
-        searched: how many were looked at for the board.
+    ``stamps`` are s since the first frame, ``thumbnails`` are for people. So many frames were
+    read, and so many of them searched.
     """
 
     size: tuple[int, int] = (0, 0)
@@ -67,14 +65,10 @@ def search_board(
     seconds: float,
     advance: Callable[[], object] = lambda: None,
 ) -> BoardSearch:
-    """Look for a board in a recording, or in a camera's images until there are enough views.
+    """Look for a board in a recording, or in a camera's images.
 
-    Args:
-        source: open.
-        board: to be found.
-        most: different views that are enough for a camera to stop.
-        seconds: after which a camera is left.
-        advance: called for each frame.
+    A camera is left when it has shown the ``most`` different views, or after some seconds.
+    ``advance`` is called for each frame.
 
     Raises:
         SourceError: it has no frames, frames of several sizes, or cannot be read.
@@ -186,7 +180,7 @@ def report_of(
         'camera',
         'Camera',
         'parameter | value .6 | standard deviation .6 | unit',
-        [(what, value, deviation, unit) for what, value, deviation, unit in describe(found)],
+        describe(found),
         'Standard deviations are of the noise of the corners alone: noise² (JᵀJ)⁻¹.',
     )
     models = Table.of(
@@ -240,17 +234,8 @@ def _coverage_figure(
     with drawing(9.6, 9.6 * size[1] / size[0]) as canvas:
         axes = canvas.figure.add_subplot()
         for view, residual, use in zip(views, found.residuals, found.used, strict=True):
-            axes.quiver(
-                *view.pixels.T,
-                *(residual * scale).T,
-                color=COLORS[0] if use else COLORS[1],
-                angles='xy',
-                scale_units='xy',
-                scale=1.0,
-                width=0.0012,
-            )
-        axes.set(xlim=(-0.5, size[0] - 0.5), ylim=(size[1] - 0.5, -0.5), aspect='equal')
-        label(axes, '', 'u [px]', 'v [px]')
+            draw_residuals(axes, view.pixels, residual, scale, COLORS[0] if use else COLORS[1])
+        label_image(axes, *size)
     return canvas.as_figure(
         'residuals',
         'Where corners were seen, and their residuals',

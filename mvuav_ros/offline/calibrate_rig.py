@@ -10,7 +10,15 @@ import numpy as np
 
 from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.offline.report import Figure, Report, Section, Table
-from mvuav_ros.offline.report_figures import COLORS, SOFT, drawing, label, legend_below
+from mvuav_ros.offline.report_figures import (
+    COLORS,
+    SOFT,
+    draw_residuals,
+    drawing,
+    label,
+    label_image,
+    legend_below,
+)
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
@@ -33,16 +41,10 @@ _DRAWN = 4000  # Residuals
 
 @dataclass(frozen=True, eq=False)
 class CalibratedRig:
-    """A rig, and what it was made from.
+    """A rig, the rough one that it was made from, and how.
 
-    Attributes:
-        rig: the calibrated one.
-        rough: the one that was given.
-        camera: that saw it.
-        sightings: its lights' places in the flight, by the names of the last pass.
-        found: the adjustment.
-        frames: of the flight.
-        passes: how often the flight was named, each time with a better rig.
+    The sightings are by the names of the last pass over the flight's frames, of which each had a
+    better rig.
     """
 
     rig: MarkerRig
@@ -68,13 +70,9 @@ def calibrate_from(
 ) -> CalibratedRig:
     """Name the lights in a flight and calibrate the rig, again with each better rig.
 
-    Args:
-        source: of the flight's images, not a live one.
-        rough: the rig as far as it is known.
-        camera: calibrated; None: the flight's own.
-        parameters: of the tracker that names the lights.
-        distance: two of the lights and their distance, m.
-        advance: called with the number of frames read in this pass.
+    The rough rig is known within a few percent; without a camera the flight's own is taken.
+    ``distance`` is that of two of the lights, m. ``advance`` gets the number of frames read in a
+    pass.
 
     Raises:
         SourceError: the flight has no images, or no calibration of theirs.
@@ -87,21 +85,7 @@ def calibrate_from(
             f'{len(rough.names)} lights are too few: an image with {MIN_LIGHTS} tells more than '
             'its own pose'
         )
-    between = None
-    if distance is not None:
-        unknown = [name for name in distance[:2] if name not in rough.names]
-        if unknown:
-            raise RigCalibrationError(
-                f'there is no light {unknown[0]} in {rough.name}: {", ".join(rough.names)}'
-            )
-        between = rough.names.index(distance[0]), rough.names.index(distance[1]), distance[2]
-        first, second = (rough.positions[index] for index in between[:2])
-        roughly = math.dist(first, second)
-        if not roughly / _MAX_OFF < distance[2] < roughly * _MAX_OFF:
-            raise RigCalibrationError(
-                f'{distance[0]} and {distance[1]} are {roughly:g} m apart on the rough rig, not '
-                f'{distance[2]:g}: is the distance in m?'
-            )
+    between = None if distance is None else _between(rough, *distance)
     rig, before, best = rough, 0.0, None
     for number in range(1, _MAX_PASSES + 1):
         frames, used, sightings = name_lights(source, rig, camera, parameters, advance)
@@ -114,6 +98,23 @@ def calibrate_from(
         best = CalibratedRig(rig, rough, used, sightings, found, frames, number)
     assert best is not None
     return best
+
+
+def _between(rough: MarkerRig, first: str, second: str, metres: float) -> tuple[int, int, float]:
+    """Two lights by their numbers and their distance, if it can be meant in m."""
+    for name in (first, second):
+        if name not in rough.names:
+            raise RigCalibrationError(
+                f'there is no light {name} in {rough.name}: {", ".join(rough.names)}'
+            )
+    one, other = map(rough.names.index, (first, second))
+    roughly = math.dist(rough.positions[one], rough.positions[other])
+    if not roughly / _MAX_OFF < metres < roughly * _MAX_OFF:
+        raise RigCalibrationError(
+            f'{first} and {second} are {roughly:g} m apart on the rough rig, not '
+            f'{metres:g}: is the distance in m?'
+        )
+    return one, other, metres
 
 
 def name_lights(
@@ -134,26 +135,25 @@ def name_lights(
         if isinstance(frame, BadFrame) or frame.stamp_ns <= last_ns:
             continue
         last_ns, count = frame.stamp_ns, count + 1
+        width, height = frame.image.width, frame.image.height
         if count == 1:
             camera = camera or frame.camera
             if camera is None:
                 raise SourceError(f'{source.name} has no calibration of its own: --camera-info')
             if parameters.image_is_rectified or source.is_rectified:
                 camera = camera.rectified()
+            tracker.set_camera(camera)
         assert camera is not None
         try:
-            camera.check(frame.image.width, frame.image.height)
+            camera.check(width, height)
         except CalibrationError as error:
             raise SourceError(f'{source.name}: {error}') from error
-        if count == 1:
-            tracker.set_camera(camera)
         advance(count)
         try:
             result = tracker.process(frame.image, frame.stamp_ns)
         except ImageError:
             continue
-        size = frame.image.width, frame.image.height
-        labels, places = named_places(result, size)
+        labels, places = named_places(result, (width, height))
         rows += [(count, label, *place) for label, place in zip(labels, places, strict=True)]
     if camera is None or not count:
         raise SourceError(f'{source.name}: there is no image to read')
@@ -226,18 +226,10 @@ def _residual_figure(made: CalibratedRig) -> Figure:
         every = -(-int(found.used.sum()) // _DRAWN)
         for index, name in enumerate(made.rig.names):
             mine = np.flatnonzero(found.used & (made.sightings.markers == index))[::every]
-            axes.quiver(
-                *made.sightings.pixels[mine].T,
-                *(found.residuals[mine] * scale).T,
-                color=COLORS[index % len(COLORS)],
-                angles='xy',
-                scale_units='xy',
-                scale=1.0,
-                width=0.0012,
-                label=name,
-            )
-        axes.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect='equal')
-        label(axes, '', 'u [px]', 'v [px]')
+            seen, residuals = made.sightings.pixels[mine], found.residuals[mine]
+            color = COLORS[index % len(COLORS)]
+            draw_residuals(axes, seen, residuals, scale, color, name)
+        label_image(axes, camera.width, camera.height)
         legend_below(canvas.figure, axes)
     return canvas.as_figure(
         'residuals',

@@ -7,24 +7,20 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-import mvuav_ros
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of
-from mvuav_ros.offline.processes import Done, each
-from mvuav_ros.offline.replay.batch import connect
+from mvuav_ros.offline.processes import each
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
 from mvuav_ros.recordings.account import counted
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -43,20 +39,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class SweepRun:
-    """One input with one set of parameters.
+    """One input with one set of parameters."""
 
-    Attributes:
-        number: from 1.
-        values: of the axes, in their order.
-        parameters: of each node to run; changes of the defaults.
-        topic: of the images of a bag that has several.
-    """
-
-    number: int
+    number: int  # from 1
     source: str
-    values: tuple[Value, ...]
-    parameters: Mapping[str, Mapping[str, Any]]
-    topic: str | None = None
+    values: tuple[Value, ...]  # of the axes, in their order
+    parameters: Mapping[str, Mapping[str, Any]]  # of each node to run; changes of the defaults
+    topic: str | None = None  # of the images of a bag that has several
 
 
 @dataclass(frozen=True)
@@ -67,6 +56,15 @@ class RunResult:
     metrics: tuple[Metric, ...] = ()
     error: str = ''
     losses: tuple[str, ...] = ()
+
+    @cached_property
+    def cells(self) -> dict[str, Cell]:
+        """The numbers by their columns."""
+        return {metric.column: metric.cell for metric in self.metrics}
+
+    def value(self, column: str) -> float:
+        """One number; NaN where the run has none."""
+        return next((m.value for m in self.metrics if m.column == column), math.nan)
 
 
 def parse_axis(text: str) -> Axis:
@@ -120,10 +118,7 @@ def plan_runs(
     return runs
 
 
-_Measured = tuple[list[Metric], list[str]]
-
-
-def do_run(run: SweepRun) -> _Measured:
+def do_run(run: SweepRun) -> tuple[list[Metric], list[str]]:
     """Replay one run's input and measure; with what could not be read.
 
     Raises:
@@ -134,21 +129,8 @@ def do_run(run: SweepRun) -> _Measured:
 
 
 def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> Iterator[RunResult]:
-    """Do the runs; one that fails is reported and does not stop the others.
-
-    Args:
-        runs: to do.
-        jobs: processes on this machine.
-        dask: a scheduler's address, such as ``tcp://10.0.0.1:8786``, instead.
-
-    Yields:
-        Results as they come, in any order.
-
-    Raises:
-        SourceError: Dask is not installed, or no scheduler answers.
-    """
-    done = _on_cluster(runs, dask) if dask else each(do_run, runs, jobs)
-    for one in done:
+    """Do the runs, as `each` does tasks; one that fails is reported."""
+    for one in each(do_run, runs, jobs, dask):
         run = runs[one.number]
         if one.result is not None:
             metrics, losses = one.result
@@ -158,26 +140,9 @@ def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> I
             yield RunResult(run, error=words or type(one.error).__name__)
 
 
-def _on_cluster(runs: Sequence[SweepRun], address: str) -> Iterator[Done[_Measured]]:
-    client, distributed = connect(address)
-    with client:
-        futures = {client.submit(do_run, run, pure=False): n for n, run in enumerate(runs)}
-        with client.as_current():
-            done = distributed.as_completed(list(futures))
-        for future in done:
-            problem = future.exception()
-            result = None if problem else future.result()
-            yield Done(futures[future], result, problem)
-
-
 def in_order(results: Iterable[RunResult]) -> list[RunResult]:
     """By the runs' numbers."""
     return sorted(results, key=lambda result: result.run.number)
-
-
-def _shown(name: str) -> str:
-    """A name in a legend, from which matplotlib leaves out those that begin with ``_``."""
-    return f' {visible(name)}' if name.startswith('_') else visible(name)
 
 
 _MARKS = 'osD^vP*X'
@@ -191,43 +156,43 @@ _MAX_LEVEL = 12
 def sweep_table(results: Sequence[RunResult], axes: Sequence[Axis]) -> Table:
     """One row for each run, in order; metrics that a run lacks are empty."""
     columns = list(dict.fromkeys(m.column for r in results for m in r.metrics))
-    rows: list[tuple[Cell, ...]] = []
-    for result in results:
-        values = {metric.column: metric.cell for metric in result.metrics}
-        measured = (values.get(column) for column in columns)
-        rows.append((*_run_cells(result), *measured, result.error or None))
+    rows = tuple(
+        (*_run_cells(result), *map(result.cells.get, columns), result.error or None)
+        for result in results
+    )
     headings = (*_run_columns(axes), *map(Column, columns), Column('error'))
-    return Table('sweep', 'Runs', headings, tuple(rows))
+    return Table('sweep', 'Runs', headings, rows)
 
 
 def sweep_report(
     results: Sequence[RunResult], axes: Sequence[Axis], settings: Mapping[str, Cell]
 ) -> Report:
-    """Table and trends of results in the order of the runs; settings besides the version."""
-    failed = [result for result in results if result.error]
+    """Table and trends of results in the order of the runs."""
+    good = [result for result in results if not result.error]
+    groups = metric_groups(result.metrics for result in good)
     lead = (
         f'{counted(len(results), "run")}: {counted(len(axes), "parameter")}, '
         f'{counted(len({result.run.source for result in results}), "input")}.',
-        *(f'Run {r.run.number} failed: {r.error}' for r in failed),
+        *(f'Run {r.run.number} failed: {r.error}' for r in results if r.error),
         *(f'Run {r.run.number}, not all is in it: {loss}' for r in results for loss in r.losses),
     )
-    good = [result for result in results if not result.error]
-    groups = _groups(good)
-    sections = [Section('Runs', (), (_key_table(results, axes), *_metric_tables(results)))]
+    states = tuple((*_run_cells(result), result.error or 'ok') for result in results)
+    runs = Table('runs', 'What was run', (*_run_columns(axes), Column('state')), states)
+    sections = [Section('Runs', (), (runs, *_metric_tables(good, groups)))]
     if groups:
         ticks = _ticks(good, axes)
-        singles = tuple(_single(good, group, names, ticks) for group, names in groups.items())
+        size = math.ceil(len(groups) / 2), 2
+        together = _trends('trends_subplot', 'All trends', good, groups, ticks, size, 2.6)
+        singles = (
+            _trends(f'trend_{_key(g)}', g.capitalize(), good, {g: names}, ticks, (1, 1), 3.0)
+            for g, names in groups.items()
+        )
         sections += [
-            Section('Trends together', (), (_subplots(good, groups, ticks),)),
+            Section('Trends together', (), (together,)),
             Section('Trends grouped by input', (), _grouped(good, groups, axes)),
-            Section('Trends one by one', (), singles),
+            Section('Trends one by one', (), tuple(singles)),
         ]
-    return Report(
-        'Parameter sweep',
-        lead,
-        {'version': f'mvuav_ros {mvuav_ros.__version__}', **settings},
-        tuple(sections),
-    )
+    return Report('Parameter sweep', lead, settings, tuple(sections))
 
 
 def _run_columns(axes: Sequence[Axis]) -> tuple[Column, ...]:
@@ -240,82 +205,50 @@ def _run_cells(result: RunResult) -> tuple[Cell, ...]:
     return (run.number, run.source, *map(_cell, run.values))
 
 
-def _key_table(results: Sequence[RunResult], axes: Sequence[Axis]) -> Table:
-    rows = tuple((*_run_cells(result), result.error or 'ok') for result in results)
-    return Table('runs', 'What was run', (*_run_columns(axes), Column('state')), rows)
-
-
-def _metric_tables(results: Sequence[RunResult]) -> list[Table]:
+def _metric_tables(
+    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]]
+) -> Iterator[Table]:
     """Whole groups side by side as far as they fit; all of them are too wide for a page."""
-    groups = _groups(results)
     parts: list[list[str]] = [[]]
     for group, names in groups.items():
         if parts[-1] and sum(len(groups[g]) for g in parts[-1]) + len(names) > _MAX_COLUMNS:
             parts.append([])
         parts[-1].append(group)
-    tables = []
     for number, part in enumerate(parts, 1):
-        names = [name for group in part for name in groups[group]]
-        rows = []
-        for result in (result for result in results if not result.error):
-            cells = {metric.column: metric.cell for metric in result.metrics}
-            rows.append((result.run.number, *map(cells.get, names)))
-        columns = (Column('run'), *map(Column.parse, names))
-        title = ', '.join(part).capitalize()
-        tables.append(Table(f'numbers_{number}', title, columns, tuple(rows)))
-    return tables
+        columns = [name for group in part for name in groups[group]]
+        rows = [(result.run.number, *map(result.cells.get, columns)) for result in results]
+        title, heading = ', '.join(part).capitalize(), ' | '.join(('run', *columns))
+        yield Table.of(f'numbers_{number}', title, heading, rows)
 
 
-def _groups(results: Sequence[RunResult]) -> dict[str, list[str]]:
-    return metric_groups(result.metrics for result in results)
-
-
-def _value(result: RunResult, column: str) -> float:
-    return next((m.value for m in result.metrics if m.column == column), math.nan)
-
-
-def _single(
-    results: Sequence[RunResult], group: str, names: Sequence[str], ticks: Sequence[str]
+def _trends(
+    key: str,
+    title: str,
+    results: Sequence[RunResult],
+    groups: Mapping[str, Sequence[str]],
+    ticks: Sequence[str],
+    size: tuple[int, int],
+    height: float,
 ) -> Figure:
-    from mvuav_ros.offline.report_figures import drawing
-
-    with drawing(9.6, 3.6) as canvas:
-        axes = canvas.figure.subplots()
-        _draw(axes, results, group, names, ticks)
-    return Figure(f'trend_{_key(group)}', group.capitalize(), canvas.png)
-
-
-def _subplots(
-    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], ticks: Sequence[str]
-) -> Figure:
-    from mvuav_ros.offline.report_figures import drawing
-
-    rows = math.ceil(len(groups) / 2)
-    with drawing(9.6, 0.6 + 2.6 * rows) as canvas:
-        panels = canvas.figure.subplots(rows, 2, squeeze=False)
-        for axes, (group, names) in zip(panels.flat, groups.items(), strict=False):
-            _draw(axes, results, group, names, ticks)
-        for axes in list(panels.flat)[len(groups) :]:
-            axes.set_visible(False)
-    return Figure('trends_subplot', 'All trends', canvas.png)
-
-
-def _draw(
-    axes: Axes, results: Sequence[RunResult], group: str, names: Sequence[str], ticks: Sequence[str]
-) -> None:
-    from mvuav_ros.offline.report_figures import COLORS, label
+    """A diagram for each group, in rows and columns, each so high (inches)."""
+    from mvuav_ros.offline.report_figures import COLORS, drawing, label
 
     numbers = [result.run.number for result in results]
-    for index, name in enumerate(names):
-        values = [_value(result, name) for result in results]
-        mark, plain = _MARKS[index % len(_MARKS)], Column.parse(name).name
-        color = COLORS[index % len(COLORS)]
-        axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=plain)
-    label(axes, group.capitalize(), 'run', _unit(names))
-    if ticks:
-        axes.set_xticks(numbers, ticks)
-        axes.set_xlabel('run: value')
-    axes.legend(loc='best')
+    with drawing(9.6, 0.6 + height * size[0]) as canvas:
+        panels = canvas.figure.subplots(*size, squeeze=False).ravel()
+        for axes, (group, names) in zip(panels, groups.items(), strict=False):
+            for index, name in enumerate(names):
+                values = [result.value(name) for result in results]
+                mark, plain = _MARKS[index % len(_MARKS)], Column.parse(name).name
+                color = COLORS[index % len(COLORS)]
+                axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=plain)
+            label(axes, group.capitalize(), 'run: value' if ticks else 'run', _unit(names))
+            if ticks:
+                axes.set_xticks(numbers, ticks)
+            axes.legend(loc='best')
+        for axes in panels[len(groups) :]:
+            axes.set_visible(False)
+    return Figure(key, title, canvas.png)
 
 
 def _grouped(
@@ -327,28 +260,32 @@ def _grouped(
     sources = list(dict.fromkeys(result.run.source for result in results))
     cells = list(dict.fromkeys(result.run.values for result in results))
     titles = [', '.join(str(_cell(value)) for value in values) or 'defaults' for values in cells]
+    width = 0.8 / len(sources)
     figures = []
     for group, names in groups.items():
         with drawing(9.6, 0.8 + 2.3 * len(names)) as canvas:
             panels = canvas.figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
-            width = 0.8 / len(sources)
             for panel, name in zip(panels, names, strict=True):
                 for index, source in enumerate(sources):
                     own = (result for result in results if result.run.source == source)
-                    found = {result.run.values: _value(result, name) for result in own}
+                    found = {result.run.values: result.value(name) for result in own}
                     heights = [found.get(cell, math.nan) for cell in cells]
                     offset = (index - 0.5 * (len(sources) - 1)) * width
                     color, places = COLORS[index % len(COLORS)], np.arange(len(cells)) + offset
                     panel.bar(places, heights, width, color=color, label=_shown(source))
                 panel.grid(axis='x', visible=False)
                 label(panel, Column.parse(name).name, '', _unit([name]))
-            panels[-1].set_xticks(
-                range(len(cells)), titles, rotation=0 if len(cells) <= _MAX_LEVEL else 90
-            )
+            upright = 0 if len(cells) <= _MAX_LEVEL else 90
+            panels[-1].set_xticks(range(len(cells)), titles, rotation=upright)
             panels[-1].set_xlabel(', '.join(axis.title for axis in axes) or 'parameters')
             legend_below(canvas.figure, panels[0], columns=1)
         figures.append(Figure(f'grouped_{_key(group)}', group.capitalize(), canvas.png))
     return tuple(figures)
+
+
+def _shown(name: str) -> str:
+    """A name in a legend, from which matplotlib leaves out those that begin with ``_``."""
+    return f' {visible(name)}' if name.startswith('_') else visible(name)
 
 
 def _ticks(results: Sequence[RunResult], axes: Sequence[Axis]) -> list[str]:

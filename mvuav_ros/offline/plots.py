@@ -44,21 +44,13 @@ _STATE_COLORS = ('#4477aa', '#ddaa33', '#d0d0d0')
 _COLORS = ('#4477aa', '#cc6677', '#228833', '#aa3377', '#66ccee', '#ccbb44')
 _FROM_ZERO = {'lines found': 5.5, 'confidence': 1.05, 'lights': 1.0}
 """Diagrams that begin at zero, and how far they reach at least."""
-_LEVELS = ('along', 'across', 'up', 'offset', 'height')
-_CURVES = {
-    'markers': ('lights',),
-    'rpy': ('roll_deg', 'pitch_deg', 'yaw_deg'),
-    'pose': ('x', 'y', 'z', 'yaw_deg', 'bound_x', 'bound_y', 'bound_z', 'bound_rz'),
-    'integrity': (*_LEVELS, *(f'alert_limit_{level}' for level in _LEVELS)),
-    'line_params': ('confidence', 'lines', 'line 1', 'line 2', 'line 3', 'line 4'),
-}
-"""What is drawn of each topic: columns of `ResultRows`, and what `_take` makes of them."""
 
 
 class Diagram(NamedTuple):
     """One of a page: height (inches), title, topic, and curves.
 
-    Each curve has a name, its column, and the column of its bound, which may be empty.
+    Each curve has a name, its column, and the column of its bound, which may be empty: columns of
+    `ResultRows`, and what `_take` makes of them.
     """
 
     height: float
@@ -96,6 +88,15 @@ _MARKERS = (
 )
 
 
+def _columns(is_runway: bool) -> dict[str, list[str]]:
+    """What is drawn of each topic."""
+    columns: dict[str, list[str]] = {}
+    for diagram in _RUNWAY if is_runway else _MARKERS:
+        for _, column, bound in diagram.lines:
+            columns.setdefault(diagram.topic, []).extend(filter(None, (column, bound)))
+    return columns
+
+
 class Curves:
     """Numbers over time; of a long flight the mean, least and greatest of some frames at a time."""
 
@@ -115,13 +116,10 @@ class Curves:
     def _close_group(self) -> None:
         rows = np.array(self._pending, np.float64)
         self._pending.clear()
-        known = np.isfinite(rows)
-        counts = np.maximum(known.sum(axis=0), 1)
-        mean = np.where(known.any(axis=0), np.where(known, rows, 0.0).sum(axis=0) / counts, np.nan)
-        least = np.where(known, rows, np.inf).min(axis=0)
-        greatest = np.where(known, rows, -np.inf).max(axis=0)
-        group = np.stack([mean, least, greatest])
-        self._groups.append(np.where(np.isfinite(group), group, np.nan))
+        rows[~np.isfinite(rows)] = np.nan
+        counts = np.isfinite(rows).sum(axis=0)
+        mean = np.where(counts, np.nansum(rows, axis=0) / np.maximum(counts, 1), np.nan)
+        self._groups.append(np.stack([mean, np.fmin.reduce(rows), np.fmax.reduce(rows)]))
 
     def by_name(self) -> dict[str, Array]:
         """(3, n) each: mean, least and greatest, also of the time, ``seconds``."""
@@ -133,31 +131,20 @@ class Curves:
 
 @dataclass
 class NodePart:
-    """What one node says of a flight.
-
-    Attributes:
-        node: its name.
-        is_runway: whether it is of a runway, else of markers.
-        curves: the numbers of each topic, by its last word.
-        names: of the markers, in the order of their states.
-        states: of n groups of frames, each the worst states of the names by then, indices into
-            `_STATES`.
-        counts: markers in frames, by state.
-        frames: how many there were.
-        poses: frames with a pose.
-        extent: least, median and greatest of what the overview draws, once the page is drawn.
-    """
+    """What one node says of a flight."""
 
     node: str
-    is_runway: bool
-    curves: dict[str, Curves] = field(default_factory=dict)
-    names: list[str] = field(default_factory=list)
+    is_runway: bool  # else it is of markers
+    curves: dict[str, Curves] = field(default_factory=dict)  # of each topic, by its last word
+    names: list[str] = field(default_factory=list)  # of the markers
+    # Of each group of `at_once` frames the worst states of the names by then, in `_STATES`.
     states: list[list[int]] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
-    counts: list[int] = field(default_factory=lambda: [0, 0, 0])
+    counts: list[int] = field(default_factory=lambda: [0, 0, 0])  # markers in frames, by state
     frames: int = 0
-    poses: int = 0
+    poses: int = 0  # frames with one
     at_once: int = 1
+    # Least, median and greatest of what the overview draws, once the page is drawn.
     extent: tuple[float, float, float] = (math.nan,) * 3
 
 
@@ -173,10 +160,7 @@ class FlightPlot:
 def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) -> list[Path]:
     """Draw a page for each flight that has something to draw, and an overview, as PNG.
 
-    Args:
-        flights: recordings of results by the names of their flights.
-        folder: where the pictures go; it is made.
-        overwrite: replace files that exist.
+    Recordings of results are given by the names of their flights.
 
     Raises:
         RecordingError: there is nothing to draw, or a file exists.
@@ -224,10 +208,10 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
         if messages is None:
             messages = sum(1 for _ in recording.messages({topic}))
         part.at_once = max(1, math.ceil(messages / _MAX_STATES))
-        for other in (kind, 'rpy', 'pose', 'integrity'):
+        for other, names in _columns(part.is_runway).items():
             if f'{node}/{other}' in rows.kinds:
                 wanted[f'{node}/{other}'] = part, other
-                part.curves[other] = Curves(_CURVES[other], messages)
+                part.curves[other] = Curves(names, messages)
     stamps: list[int] = []
     for message in recording.messages(wanted):
         part, kind = wanted[message.topic]
@@ -311,11 +295,9 @@ def page(flight: FlightPlot) -> Figure:
 
 
 def _words(part: NodePart) -> str:
-    of = f'{part.node}: pose in {part.poses} of {part.frames} frames'
-    total = sum(part.counts)
-    return (
-        f'{of}, names in {100 * (part.counts[0] + part.counts[1]) / total:.1f} %' if total else of
-    )
+    posed = f'{part.node}: pose in {part.poses} of {part.frames} frames'
+    named, total = part.counts[0] + part.counts[1], sum(part.counts)
+    return f'{posed}, names in {100 * named / total:.1f} %' if total else posed
 
 
 def _panels(part: NodePart) -> Iterator[tuple[float, Callable[[Axes], None]]]:
@@ -361,17 +343,10 @@ def _draw_states(axis: Axes, part: NodePart) -> None:
     step = float(np.median(steps)) if len(steps) else 1.0
     # Bars from each frame to the next one, also where frames are missing.
     edges = np.append(times, times[-1] + step)
-    axis.pcolormesh(
-        edges,
-        np.arange(len(part.names) + 1),
-        states,
-        cmap=ListedColormap(_STATE_COLORS),
-        vmin=-0.5,
-        vmax=2.5,
-        rasterized=True,
-    )
-    axis.hlines(np.arange(1, len(part.names)), edges[0], edges[-1], color='white', linewidth=2)
-    axis.set_yticks(np.arange(len(part.names)) + 0.5, part.names, fontsize='small')
+    rows, colors = np.arange(len(part.names) + 1), ListedColormap(_STATE_COLORS)
+    axis.pcolormesh(edges, rows, states, cmap=colors, vmin=-0.5, vmax=2.5, rasterized=True)
+    axis.hlines(rows[1:-1], edges[0], edges[-1], color='white', linewidth=2)
+    axis.set_yticks(rows[:-1] + 0.5, part.names, fontsize='small')
     axis.invert_yaxis()
     _add_legend(axis, _states_key(), (1.0, 1.0))
 
@@ -408,39 +383,29 @@ def _summarise(flight: FlightPlot) -> None:
 @mpl.rc_context(_AS_WRITTEN)
 def overview(flights: Sequence[FlightPlot]) -> Figure:
     """All flights on one page: a line for each."""
-    kinds = [
-        kind
-        for kind in (False, True)
-        if any(part.is_runway is kind for flight in flights for part in flight.parts)
-    ]
-    columns = [column for kind in kinds for column in ((kind, 'share'), (kind, 'range'))]
+    kinds = sorted({part.is_runway for flight in flights for part in flight.parts})
+    columns = [(kind, draw) for kind in kinds for draw in (_draw_shares, _draw_extent)]
     figure = Figure(
         figsize=(3.0 + 4.0 * len(columns), 1.8 + 0.3 * len(flights)), layout='constrained'
     )
     axes = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
-    for axis, (is_runway, what) in zip(axes, columns, strict=True):
+    for axis, (is_runway, draw) in zip(axes, columns, strict=True):
         for row, flight in enumerate(flights):
             for part in flight.parts:
-                if part.is_runway is not is_runway:
-                    continue
-                if what == 'share':
-                    _draw_shares(axis, row, part)
-                else:
-                    least, median, greatest = part.extent
-                    axis.plot([least, greatest], [row, row], color=_COLORS[0], linewidth=2)
-                    axis.plot(median, row, 'o', color=_COLORS[0], markersize=5)
+                if part.is_runway is is_runway:
+                    draw(axis, row, part)
         axis.grid(axis='x', alpha=0.3)
-        if what == 'share':
-            axis.set_xlim(0, 100)
-            axis.set_xlabel('frames with a pose [%]' if is_runway else 'markers and poses [%]')
-            if is_runway:
-                axis.set_title('runway', fontsize='medium')
-            else:
-                posed = Patch(color=_COLORS[2], label='frames with a pose')
-                _add_legend(axis, [*_states_key(), posed], (0.0, 1.0), columns=2)
-        else:
+        if draw is _draw_extent:
             words = 'height [m]' if is_runway else 'roll [°]'
             axis.set_xlabel(f'{words}: least, median, greatest')
+            continue
+        axis.set_xlim(0, 100)
+        axis.set_xlabel('frames with a pose [%]' if is_runway else 'markers and poses [%]')
+        if is_runway:
+            axis.set_title('runway', fontsize='medium')
+        else:
+            posed = Patch(color=_COLORS[2], label='frames with a pose')
+            _add_legend(axis, [*_states_key(), posed], (0.0, 1.0), columns=2)
     names = [f'{flight.name}  {flight.seconds:.0f} s' for flight in flights]
     axes[0].set_yticks(range(len(flights)), names, fontsize='small')
     axes[0].set_ylim(len(flights) - 0.5, -0.5)
@@ -449,13 +414,18 @@ def overview(flights: Sequence[FlightPlot]) -> Figure:
 
 def _draw_shares(axis: Axes, row: int, part: NodePart) -> None:
     """Markers by state above, frames with a pose below."""
-    left, total = 0.0, sum(part.counts)
+    left, total = 0.0, max(sum(part.counts), 1)
     for count, color in zip(part.counts, _STATE_COLORS, strict=True):
-        if total:
-            width = 100.0 * count / total
-            axis.barh(row - 0.15, width, 0.4, left, color=color)
-            left += width
+        width = 100.0 * count / total
+        axis.barh(row - 0.15, width, 0.4, left, color=color)
+        left += width
     axis.barh(row + 0.2, 100.0 * part.poses / max(part.frames, 1), 0.2, color=_COLORS[2])
+
+
+def _draw_extent(axis: Axes, row: int, part: NodePart) -> None:
+    least, median, greatest = part.extent
+    axis.plot([least, greatest], [row, row], color=_COLORS[0], linewidth=2)
+    axis.plot(median, row, 'o', color=_COLORS[0], markersize=5)
 
 
 def _save(figure: Figure, path: Path) -> None:

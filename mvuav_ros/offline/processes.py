@@ -10,6 +10,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import resource_tracker
@@ -59,10 +60,7 @@ class TaskProgress(NamedTuple):
 
 @dataclass(frozen=True)
 class Done(Generic[ResultT]):
-    """A task that has ended: its number, and its result or what went wrong.
-
-    ``accounts`` are of the inputs that it has opened.
-    """
+    """A task that has ended: its result or what went wrong, and the accounts of its inputs."""
 
     number: int
     result: ResultT | None
@@ -76,23 +74,16 @@ class Worker:
     Ctrl-C in a terminal reaches it too and is left to the parent, which asks by `request_stop`.
     """
 
-    def __init__(
-        self, work: Work, method: Method = 'spawn', threads: int = 1, *, may_fork: bool = False
-    ) -> None:
-        """Start the process.
+    def __init__(self, work: Work, method: Method = 'spawn', threads: int = 1) -> None:
+        """Start the process, with so many threads of OpenCV.
 
-        Args:
-            work: does the tasks; a function of a module, or an object that can be pickled.
-            method: how to start it.
-            threads: OpenCV's.
-            may_fork: whether its work starts processes; `end` must then be called before the exit.
+        The work is a function of a module, or an object that can be pickled.
         """
         context: Any = multiprocessing.get_context(method)
         self._connection, theirs = context.Pipe()
         forked = self._connection if method == 'fork' else None
-        self._process = context.Process(
-            target=_serve, args=(theirs, forked, work, threads), daemon=not may_fork
-        )
+        given = theirs, forked, work, threads
+        self._process = context.Process(target=_serve, args=given, daemon=True)
         # It would let the signals through again when it is started with the first process.
         if method == 'spawn':
             resource_tracker.ensure_running()
@@ -150,17 +141,10 @@ def run_in_processes(
     method: Method = 'spawn',
     closing_time: float = 30.0,
 ) -> Generator[TaskProgress | Done[Any], None, None]:
-    """Do tasks in so many processes; one that dies costs its own task only.
+    """Do tasks in their order in so many processes; one that dies costs its own task only.
 
-    Once the end is asked for no task is begun, and those under way are asked to end as well.
-
-    Args:
-        work: does a task.
-        tasks: in the order in which they are begun.
-        at_once: number of processes.
-        stop: when to end.
-        method: how the processes are started.
-        closing_time: that tasks under way have to end, s.
+    Once the end is asked for no task is begun, and those under way have ``closing_time`` (s) to
+    end as well.
 
     Yields:
         What the tasks report, and each one's end, in the order in which they come.
@@ -186,13 +170,12 @@ def run_in_processes(
             for worker in [worker for worker in busy if worker.fileno() in ready]:
                 try:
                     message = worker.receive()
-                except ProcessDiedError as error:
-                    worker.end()
-                    message = Done(busy.pop(worker), None, error)
-                else:
                     if isinstance(message, Done):
                         del busy[worker]
                         idle.append(worker)
+                except ProcessDiedError as error:
+                    worker.end()
+                    message = Done(busy.pop(worker), None, error)
                 yield message
             if deadline is not None and time.monotonic() > deadline:
                 late = ProcessDiedError(f'did not end within {closing_time:g} s, and was killed')
@@ -227,7 +210,7 @@ def _serve(
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         cv2.setNumThreads(threads)
         keep_freed_memory()
-        try:
+        with suppress(BrokenPipeError, ConnectionResetError):
             while (given := _next_task(connection, stop, parent)) is not None:
                 number, task = given
 
@@ -238,24 +221,21 @@ def _serve(
                     connection.send(TaskProgress(number, message))
 
                 done = attempted(number, partial(work, task, report, stop))
-                connection.send(_sendable(done))
-        except (BrokenPipeError, ConnectionResetError):
-            pass
+                connection.send(sendable(done))
 
 
 def _next_task(connection: Connection, stop: Stop, parent: int) -> tuple[int, Any] | None:
     """Wait for a task; None when there will be none any more."""
     while not stop and os.getppid() == parent:
         if connection.poll(_PARENT_LOOK):
-            try:
+            with suppress(EOFError):
                 task: tuple[int, Any] = connection.recv()
-            except EOFError:
-                return None
-            return task
+                return task
+            return None
     return None
 
 
-def _sendable(done: Done[Any]) -> Done[Any]:
+def sendable(done: Done[Any]) -> Done[Any]:
     """With an error that survives the way to the parent."""
     if done.error is not None:
         try:
@@ -276,27 +256,36 @@ TaskT = TypeVar('TaskT')
 
 
 def each(
-    work: Callable[[TaskT], ResultT], tasks: Sequence[TaskT], jobs: int = 1
+    work: Callable[[TaskT], ResultT],
+    tasks: Sequence[TaskT],
+    jobs: int = 1,
+    cluster: str | None = None,
 ) -> Iterator[Done[ResultT]]:
     """Do the work on every task; one that fails does not stop the others.
 
     The work is a function of a module, so that other processes find it; with one job all is done
-    in this one.
+    in this one. With the address of a Dask scheduler its cluster does it.
 
     Yields:
         Tasks as they end, in any order.
 
     Raises:
         Interrupted: by Ctrl-C or SIGTERM, when all processes have ended.
+        SourceError: the cluster cannot be used.
     """
-    if jobs <= 1 or len(tasks) <= 1:
+    if cluster is None and (jobs <= 1 or len(tasks) <= 1):
         yield from (attempted(number, partial(work, task)) for number, task in enumerate(tasks))
         return
+    plain = partial(_plain, work)
     with stop_on_signals() as stop:
-        done = run_in_processes(
-            partial(_plain, work), tasks, min(jobs, len(tasks)), stop, closing_time=0.0
-        )
-        for message in done:
+        if cluster is None:
+            messages = run_in_processes(plain, tasks, min(jobs, len(tasks)), stop, closing_time=0.0)
+        else:
+            # It imports this module.
+            from mvuav_ros.offline.cluster import run_on_cluster
+
+            messages = run_on_cluster(plain, tasks, cluster, stop, closing_time=0.0)
+        for message in messages:
             # What is cut off by the stop has not failed.
             if isinstance(message, Done) and not (stop and message.error):
                 yield message

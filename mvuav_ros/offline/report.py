@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import mvuav_ros
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.remote import write_whole
 
@@ -63,14 +64,9 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers with names.
+    """Numbers with names; the key is the name of its files without suffix.
 
-    Attributes:
-        key: file name without suffix.
-        title: what a reader calls it.
-        columns: of every row.
-        rows: one cell per column; None or NaN where there is no number.
-        notes: below it, one paragraph each.
+    Each row has a cell for every column: None or NaN where there is no number.
     """
 
     key: str
@@ -139,14 +135,9 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything on the page.
+    """Everything on the page, with the settings that made it besides the version.
 
-    Attributes:
-        title: of the page.
-        lead: paragraphs at its beginning.
-        settings: what made it, by name; shown and kept as JSON.
-        sections: in order.
-        data: what report.json holds besides settings, tables and figures.
+    ``data`` is what report.json holds besides settings, tables and figures.
     """
 
     title: str
@@ -154,6 +145,10 @@ class Report:
     settings: Mapping[str, Cell]
     sections: tuple[Section, ...] = ()
     data: Mapping[str, object] = field(default_factory=dict)
+
+    def made_by(self) -> dict[str, Cell]:
+        """Version and settings."""
+        return {'version': f'mvuav_ros {mvuav_ros.__version__}', **self.settings}
 
     def tables(self) -> list[Table]:
         """All tables in order."""
@@ -264,21 +259,19 @@ def escape(text: object) -> str:
 
 def render_page(report: Report) -> str:
     """The whole page."""
-    sections = [(_anchor(s.title), s.title) for s in report.sections]
-    sections.append(('settings', 'Settings'))
-    links = ' '.join(f'<a href="#{anchor}">{escape(title)}</a>' for anchor, title in sections)
+    sections = (*report.sections, _settings(report.made_by()))
+    links = ' '.join(f'<a href="#{_anchor(s.title)}">{escape(s.title)}</a>' for s in sections)
     body = [
         f'<h1>{escape(report.title)}</h1>',
         *(f'<p class="lead">{escape(text)}</p>' for text in report.lead),
         f'<nav>{links}</nav>',
-        *map(_section, report.sections),
-        _settings(report),
+        *map(_section, sections),
     ]
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<title>{escape(report.title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n'
-        + '\n'.join(part for part in body if part)
+        + '\n'.join(body)
         + '\n</main>\n</body>\n</html>\n'
     )
 
@@ -352,16 +345,11 @@ def _notes(notes: tuple[str, ...], tag: str = 'div') -> str:
     return f'<{tag}{name}>{"<br>".join(map(escape, notes))}</{tag}>'
 
 
-def _settings(report: Report) -> str:
-    rows = ''.join(
-        f'<tr><td class="word">{escape(name)}</td>'
-        f'<td class="word">{escape("" if value is None else str(value))}</td></tr>'
-        for name, value in report.settings.items()
-    )
-    return (
-        '<h2 id="settings">Settings</h2><p>What made this page; the same settings make the same '
-        f'numbers, apart from times.</p><div class="table">{_SCROLL}<table>'
-        f'<tbody>{rows}</tbody></table></div></div>'
+def _settings(settings: Mapping[str, Cell]) -> Section:
+    rows = [(name, None if value is None else str(value)) for name, value in settings.items()]
+    words = 'The same settings make the same numbers, apart from times.'
+    return Section(
+        'Settings', (words,), (Table.of('made', 'What made this page', 'setting | value', rows),)
     )
 
 
@@ -376,12 +364,7 @@ DATA = 'report.json'
 def write_report(report: Report, folder: Path) -> Path:
     """Write ``index.html``, ``report.json``, and each table (CSV, JSON) and figure (PNG).
 
-    Args:
-        report: what to write.
-        folder: made if it is missing; files of the same names are overwritten.
-
-    Returns:
-        The page.
+    The folder is made; files of the same names are overwritten. Returns the page.
 
     Raises:
         RecordingError: a file cannot be written.
@@ -418,7 +401,7 @@ def as_data(report: Report) -> dict[str, object]:
     """Settings, tables and the report's own data as JSON knows them."""
     return {
         'title': report.title,
-        'settings': dict(report.settings),
+        'settings': report.made_by(),
         **report.data,
         'tables': {table.key: table.records() for table in report.tables()},
         'figures': {figure.key: f'{figure.key}.png' for figure in report.figures()},

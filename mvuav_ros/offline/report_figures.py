@@ -95,6 +95,22 @@ def label(axes: Axes, title: str = '', x: str = '', y: str = '') -> None:
     axes.set_ylabel(y)
 
 
+def draw_residuals(
+    axes: Axes, pixels: Any, residuals: Any, scale: float, color: str, name: str = ''
+) -> None:
+    """Arrows at pixels (n, 2), which are the residuals (n, 2) so many times as long."""
+    arrows = *pixels.T, *(residuals * scale).T
+    axes.quiver(
+        *arrows, color=color, angles='xy', scale_units='xy', scale=1.0, width=0.0012, label=name
+    )
+
+
+def label_image(axes: Axes, width: int, height: int) -> None:
+    """Axes as those of an image, px."""
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect='equal')
+    label(axes, '', 'u [px]', 'v [px]')
+
+
 def legend_below(figure: Figure, *panels: Axes, columns: int = 6) -> None:
     """One legend of what the panels show, below all of them, where it hides nothing."""
     handles: dict[str, Any] = {}

@@ -20,7 +20,7 @@ from mvuav_ros.simulation.flight import SimulatedFrame
 from mvuav_ros.simulation.runway_flight import RunwayTruth, measured_attitude
 from mvuav_ros.simulation.tanker_flight import TankerTruth
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, Vector, quaternion
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
 from mvuav_ros.vision.markers.marker_results import MarkerState
 
 Message = tuple[str, str, bytes]
@@ -47,46 +47,41 @@ def simulated_messages(
 
 
 def truth_messages(frame: SimulatedFrame[Any]) -> Iterator[Message]:
-    """What is true of one frame, in the form of the nodes' own results."""
+    """What is true of one frame, in the form of the nodes' own results.
+
+    The pose is that of the tanker in the camera's optical frame (m), or of the camera's body axes
+    in the runway's frame.
+    """
     header, truth = cdr_header(frame.stamp_ns, OPTICAL_FRAME), frame.truth
     if isinstance(truth, TankerTruth):
-        position, rotation = truth.translation, truth.rotation
-        yield '/truth/pose', type_name(PoseStamped), _encode_pose(position, rotation, header)
+        pose = stamped_doubles(header, *truth.translation, *quaternion(truth.rotation))
+        yield '/truth/pose', type_name(PoseStamped), pose
         yield '/truth/markers', type_name(PointCloud2), _encode_markers(truth, header)
         rpy = stamped_doubles(header, truth.roll, math.nan, math.nan)
         yield '/truth/rpy', type_name(Vector3Stamped), rpy
     elif isinstance(truth, RunwayTruth):
-        position, rotation = truth.pose.position, truth.pose.rotation @ OPTICAL_FROM_BODY
         above = cdr_header(frame.stamp_ns, RunwayDetectorParameters().runway_frame)
-        yield '/truth/pose', type_name(PoseStamped), _encode_pose(position, rotation, above)
+        rotation = truth.pose.rotation @ OPTICAL_FROM_BODY
+        pose = stamped_doubles(above, *truth.pose.position, *quaternion(rotation))
+        yield '/truth/pose', type_name(PoseStamped), pose
         yield '/truth/lines', type_name(PointCloud2), _encode_lines(truth, header)
-
-
-def _encode_pose(position: Vector, rotation: Matrix, header: bytes) -> bytes:
-    """A PoseStamped (m), as the nodes' ``~/pose``.
-
-    The tanker in the camera's optical frame, or the camera's body axes in the runway's frame.
-    """
-    return stamped_doubles(header, *position, *quaternion(rotation))
 
 
 def _encode_markers(truth: TankerTruth, header: bytes) -> bytes:
     """As ``~/markers``; a light that cannot be seen has state 2 (predicted) and its true place."""
-    unknown = math.nan
     rows = []
     for label, light in enumerate(truth.markers):
         state = MarkerState.DETECTED if light.visible else MarkerState.PREDICTED
         place = (light.x, light.y, light.x * 0.0, light.vx, light.vy)
-        rows.append((*place, *(unknown, unknown, unknown), label, state, unknown))
+        rows.append((*place, math.nan, math.nan, math.nan, label, state, math.nan))
     return _POINTS.encode(rows, header)
 
 
 def _encode_lines(truth: RunwayTruth, header: bytes) -> bytes:
     """As ``~/line_params``: left edge, right edge, centreline, far end, near end."""
-    votes = confidence = math.nan
-    flags = 0
     rows = []
     for line in truth.lines:
         ends, form = (line.x1, line.y1, line.x1 * 0.0, line.x2, line.y2), (line.rho, line.theta)
-        rows.append((*ends, *form, votes, *form, flags, line.role, confidence))
+        flags = 0
+        rows.append((*ends, *form, math.nan, *form, flags, line.role, math.nan))
     return _LINES.encode(rows, header)

@@ -1,9 +1,7 @@
-"""One request to end, which every loop looks at: Ctrl-C and SIGTERM only set a flag.
+"""One request to end, which every loop looks at: Ctrl-C and SIGTERM only set a flag."""
 
-A handler that raises may land anywhere: between a lock and its ``with``, in a destructor, in a
-callback. There the interruption is lost, or the lock is never let go of. These handlers raise
-nothing; what is to end in good order looks at the flag, and waits for nothing else for long.
-"""
+# A handler that raises may land anywhere: between a lock and its with, in a destructor, in a
+# callback. There the interruption is lost, or the lock is never let go of.
 
 from __future__ import annotations
 
@@ -13,6 +11,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from types import FrameType
 from typing import TypeVar
@@ -63,26 +62,21 @@ class Stop:
         Raises:
             Exception: what the function raises.
         """
-        results: list[ResultT] = []
-        errors: list[BaseException] = []
-        done = threading.Event()
+        future: Future[ResultT] = Future()
 
         def run() -> None:
             try:
-                results.append(function())
+                future.set_result(function())
             except BaseException as error:
-                errors.append(error)
-            done.set()
+                future.set_exception(error)
 
         # What is opened there is accounted for here.
         here = contextvars.copy_context()
         threading.Thread(target=here.run, args=(run,), name='opening', daemon=True).start()
-        while not done.wait(LOOK):
+        while not wait([future], LOOK).done:
             if self:
                 return None
-        if errors:
-            raise errors[0]
-        return results[0]
+        return future.result()
 
 
 @contextmanager

@@ -8,7 +8,6 @@ import os
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -124,8 +123,7 @@ def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
         floor_taken = json.loads(floor.wait_for('{'))
     sent = answer['sent']
     floor_ms = _latencies(sent, floor_taken)
-    answer_ms = _latencies(sent, answer['results'][FLOOR])
-    latencies = {name: _latencies(sent, answer['results'][name]) for name in case.nodes}
+    latencies = {name: _latencies(sent, came) for name, came in answer['results'].items()}
     return [
         LiveResult(
             case=case,
@@ -135,10 +133,10 @@ def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
             latency=_percentiles(latencies[name]),
             floor_taken=len(floor_ms),
             floor=_percentiles(floor_ms),
-            answer=_percentiles(answer_ms),
-            cpu_ms=(after[name].cpu - before[name].cpu) * 1e3 / len(sent),
-            memory_mb=after[name].memory,
-            memory_growth_mb=after[name].memory - before[name].memory,
+            answer=_percentiles(latencies[FLOOR]),
+            cpu_ms=(after[name][0] - before[name][0]) * 1e3 / len(sent),
+            memory_mb=after[name][1],
+            memory_growth_mb=after[name][1] - before[name][1],
             status=answer['status'].get(name, {}),
         )
         for name in case.nodes
@@ -157,21 +155,13 @@ def _percentiles(latencies: list[float]) -> tuple[float, float, float]:
     return float(p50), float(p95), float(p99)
 
 
-class _Usage(NamedTuple):
+def _usage(process: NodeProcess) -> tuple[float, float]:
     """Processor seconds and resident MB."""
-
-    cpu: float
-    memory: float
-
-
-def _usage(process: NodeProcess) -> _Usage:
     if failure := process.failure():
         raise SourceError(failure)
     folder = Path(f'/proc/{process.pid}')
     # After the command's name in brackets, which may hold blanks.
     fields = (folder / 'stat').read_text().rsplit(')', 1)[1].split()
     pages = int((folder / 'statm').read_text().split()[1])
-    return _Usage(
-        (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK'),
-        pages * os.sysconf('SC_PAGE_SIZE') / 1e6,
-    )
+    ticks = int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf('SC_CLK_TCK'), pages * os.sysconf('SC_PAGE_SIZE') / 1e6

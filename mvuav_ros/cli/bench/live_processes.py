@@ -1,8 +1,4 @@
-"""The processes of ``mvuav bench live`` beside the nodes: ``camera`` and ``floor``.
-
-The camera publishes images and receives the nodes' results. The floor is the least that any rclpy
-node does with an image: it takes it, and answers at once with a message as large as a result.
-"""
+"""The processes of ``mvuav bench live`` beside the nodes: ``camera`` and ``floor``."""
 
 from __future__ import annotations
 
@@ -16,7 +12,6 @@ from threading import Event, Thread
 from typing import Any
 
 import cv2
-import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -26,8 +21,10 @@ from sensor_msgs.msg import CompressedImage, PointCloud2
 from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.cli.bench.live import FLOOR
+from mvuav_ros.cli.bench.scenes import FRAMES, lights_above_runway
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import serialize_compressed_image, serialize_image
+from mvuav_ros.nodes.publishing import as_encoding
 from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.processing.process_tuning import tune_process
 from mvuav_ros.vision.image import Image
@@ -35,41 +32,19 @@ from mvuav_ros.vision.image import Image
 RESULTS = {'marker_tracker': 'markers', 'runway_detector': 'line_params', FLOOR: 'answers'}
 _RESULT_BYTES = 400
 """Of the rows of five markers."""
-PLACES = ((-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0))
 WARM_UP = 1.0
 """Seconds of images before those that count."""
 _STAMP_AT = 4
-_STREAMS = {
-    'raw': (RosImage, 'image_raw'),
-    'compressed': (CompressedImage, 'image_raw/compressed'),
-}
+_STREAMS = {'raw': (RosImage, 'image_raw'), 'compressed': (CompressedImage, 'image_raw/compressed')}
 """Type and topic of the images by transport."""
-
-
-def scene(width: int, height: int, encoding: str, index: int) -> Image:
-    """Five marker lights on a circle above swaying runway lines; thesis's layouts, any size."""
-    image = np.full((height, width), 40, np.uint8)
-    angle = 2 * np.pi * index / 60
-    # A runway that stands still would cost the detector less than one in flight.
-    middle, foot = width // 2 + round(8 * np.sin(angle)), height - 1
-    for offset in (-width // 5, 0, width // 5):
-        cv2.line(image, (middle, 20), (middle + offset, foot), 150, 5, cv2.LINE_AA)
-    centre = (width / 2 + 20 * np.cos(angle), height / 2 + 20 * np.sin(angle))
-    for x, y in PLACES:
-        place = round((x + centre[0]) * 16), round((y + centre[1]) * 16)
-        cv2.circle(image, place, 4 * 16, 255, -1, cv2.LINE_8, 4)
-    if encoding == 'bgr8':
-        return Image(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), encoding)
-    return Image(image, encoding)
 
 
 def _serialized(image: Image, compressed: bool) -> bytes:
     header = cdr_header(0, 'nose')
     if not compressed:
         return serialize_image(image, header)
-    return serialize_compressed_image(
-        'jpeg', cv2.imencode('.jpg', image.pixels)[1].tobytes(), header
-    )
+    jpeg = cv2.imencode('.jpg', image.pixels)[1].tobytes()
+    return serialize_compressed_image('jpeg', jpeg, header)
 
 
 def _stamped(message: bytes, stamp_ns: int) -> bytes:
@@ -78,7 +53,11 @@ def _stamped(message: bytes, stamp_ns: int) -> bytes:
 
 
 def floor(transport: str) -> None:
-    """Answer images; when interrupted, print when each came (ns) by its stamp as JSON."""
+    """Do the least that any rclpy node does with an image: take it, and answer at once.
+
+    The answer is as large as a result. When interrupted, print when each image came (ns) by its
+    stamp as JSON.
+    """
     arrivals: dict[int, int] = {}
     answer = serialize_message(PointCloud2(data=bytes(_RESULT_BYTES)))
 
@@ -99,7 +78,7 @@ def floor(transport: str) -> None:
 
 
 def camera(orders: str) -> None:
-    """Publish for a while; print what came back as JSON."""
+    """Publish images for a while; print which results came back as JSON."""
     given = json.loads(orders)
     tune_process()
     prepare_transport()
@@ -129,8 +108,13 @@ def camera(orders: str) -> None:
 def _publish(node: Any, given: dict[str, Any]) -> list[int]:
     """Returns the stamps of the images that count, ns."""
     compressed = given['transport'] == 'compressed'
-    look = given['width'], given['height'], given['encoding']
-    messages = cycle([_serialized(scene(*look, index), compressed) for index in range(60)])
+    images = (
+        Image(lights_above_runway(given['width'], given['height'], index), 'mono8')
+        for index in range(FRAMES)
+    )
+    messages = cycle(
+        [_serialized(as_encoding(image, given['encoding']), compressed) for image in images]
+    )
     publisher = node.create_publisher(*_STREAMS[given['transport']], QoSProfile(depth=10))
     end = time.monotonic() + 20.0
     while publisher.get_subscription_count() < given['subscribers'] and time.monotonic() < end:

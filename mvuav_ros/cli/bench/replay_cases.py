@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import importlib.util
 import os
 from collections.abc import Callable
@@ -12,9 +11,9 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.cli.bench.case import Case
+from mvuav_ros.cli.bench.scenes import lights_above_runway
 
 _RATE = 30
 _TIMES_REAL_TIME = 15
@@ -22,15 +21,14 @@ _TWO_JOBS_GAIN = 1.6
 _FLOOR_LIMIT = 1.6
 _THRESHOLD = 128
 _NODES = ('marker_tracker', 'runway_detector')
-_LEDS = ((-200, 0), (-72, -26), (0, -84), (72, -26), (200, 0))
 
 
 class _Replay(NamedTuple):
-    """A replay of a bag with nodes by so many threads, each with a core; no nodes: the floor."""
+    """A replay of a bag with nodes by a thread for each of some cores; no nodes: the floor."""
 
     bag: Path
     nodes: tuple[str, ...]
-    threads: int = 1
+    cores: list[int]
 
 
 def replay_cases(frames: int = _RATE * 15) -> list[Case]:
@@ -43,8 +41,7 @@ def replay_cases(frames: int = _RATE * 15) -> list[Case]:
     from mvuav_ros.offline.processes import Done, Worker
 
     folder = TemporaryDirectory(prefix='mvuav_bench_')
-    worker = Worker(_do, may_fork=True)
-    atexit.register(worker.end)
+    worker = Worker(_do)
 
     def action(replay: _Replay) -> Callable[[], object]:
         def run() -> object:
@@ -72,17 +69,18 @@ def replay_cases(frames: int = _RATE * 15) -> list[Case]:
 def _cases_of(
     name: str, bag: Path, frames: int, action: Callable[[_Replay], Callable[[], object]]
 ) -> list[Case]:
-    one = action(_Replay(bag, _NODES))
-    floor = action(_Replay(bag, ()))
+    cores = sorted(os.sched_getaffinity(0))
+    one = action(_Replay(bag, _NODES, cores[:1]))
+    floor = action(_Replay(bag, (), cores[:1]))
     raw = '640x480' in name
     limit_ms = frames / _RATE / _TIMES_REAL_TIME * 1e3 if raw else None
     cases = [Case(f'replay {name}, both nodes, one core', one, limit_ms=limit_ms)]
     for node in _NODES:
-        alone = action(_Replay(bag, (node,)))
+        alone = action(_Replay(bag, (node,), cores[:1]))
         beside = ('read, decode, threshold', floor, _FLOOR_LIMIT)
         cases.append(Case(f'replay {name}, {node}', alone, *beside))
-    if len(os.sched_getaffinity(0)) > 1:
-        both = action(_Replay(bag, _NODES, 2))
+    if len(cores) > 1:
+        both = action(_Replay(bag, _NODES, cores[:2]))
         limit, note = 1 / _TWO_JOBS_GAIN, f'{_TWO_JOBS_GAIN} times the frames/s at the limit'
         title = f'replay {name}, both nodes, --jobs 2'
         cases.append(Case(title, both, '--jobs 1', one, limit, note=note))
@@ -90,24 +88,18 @@ def _cases_of(
 
 
 def _do(replay: _Replay, _report: object, stop: Any) -> int:
-    """Runs in the worker: as many cores as threads, and the frames that were replayed."""
+    """Runs in the worker; the frames that were replayed."""
     from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 
-    cores = _CORES or sorted(os.sched_getaffinity(0))
-    _CORES[:] = cores
-    os.sched_setaffinity(0, set(cores[: replay.threads]))
+    os.sched_setaffinity(0, replay.cores)
     if not replay.nodes:
         return _floor(replay.bag)
     settings = ReplaySettings({node: {} for node in replay.nodes})
     output = str(replay.bag.with_suffix('.results.mcap'))
     job = ReplayJob(str(replay.bag), output, settings, True)
-    outcome = attempt(job, lambda _: None, stop, replay.threads)
+    outcome = attempt(job, lambda _: None, stop, len(replay.cores))
     assert outcome.processed == outcome.frames, outcome
     return outcome.processed
-
-
-_CORES: list[int] = []
-"""Those that the worker was born with."""
 
 
 def _floor(bag: Path) -> int:
@@ -140,7 +132,8 @@ def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> No
         for index in range(frames):
             stamp_ns = 1_700_000_000_000_000_000 + round(index * 1e9 / _RATE)
             header = cdr_header(stamp_ns, 'camera')
-            scene = _scene(index, random)
+            noise = random.integers(0, 9, (480, 640), dtype=np.uint8)
+            scene = np.asarray(cv2.add(lights_above_runway(640, 480, index), noise), np.uint8)
             if jpeg_size is None:
                 message = serialize_image(Image(scene, 'mono8'), header)
                 writer.write('/image_raw', IMAGE, stamp_ns, message)
@@ -149,19 +142,3 @@ def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> No
             jpeg = cv2.imencode('.jpg', colour)[1].tobytes()
             message = serialize_compressed_image('jpeg', jpeg, header)
             writer.write('/image_raw/compressed', COMPRESSED_IMAGE, stamp_ns, message)
-
-
-def _scene(index: int, random: np.random.Generator) -> NDArray[np.uint8]:
-    """Three lines that meet at the horizon, five lights that sway, and sensor noise."""
-    frame = np.full((480, 640), 60, np.uint8)
-    frame[:45] = 90
-    apex = 320 + 3 * np.sin(index / 9), 30
-    for left, right in ((-150, -140), (-5, 5), (140, 150)):
-        corners = np.array([apex, (320 + left, 480), (320 + right, 480)])
-        points = np.round(corners * 16).astype(np.int32)
-        cv2.fillPoly(frame, [points], 140, cv2.LINE_AA, 4)
-    for x, y in _LEDS:
-        center = round((320 + x + 20 * np.sin(index / 20)) * 16), (300 + y) * 16
-        cv2.circle(frame, center, 48, 240, -1, cv2.LINE_AA, 4)
-    # Nothing is brighter than 240: the sum stays within 8 bits.
-    return frame + random.integers(0, 9, frame.shape, dtype=np.uint8)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.cli.bench.case import Action, Case
+from mvuav_ros.cli.bench.scenes import PLACES, circle, lights
 from mvuav_ros.parameters.marker_tracker import MODES, MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.flight import Flight
@@ -32,11 +33,11 @@ from mvuav_ros.vision.rig import TANKER_747
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import automatic_threshold
 
+Frame = NDArray[np.uint8]
+Baseline = Callable[[Frame, float], object]
+"""Of a frame and the threshold of its edges."""
 LIMIT = 0.7 * 255
-# Left wing, left stabilizer, rudder, right stabilizer, right wing; px from the tanker's centre.
-PLACES = np.array([(-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0)])
 NO_TANKER = np.array([(100, 100), (200, 150), (320, 300), (400, 120), (520, 330)], float)
-FRAMES = 60
 
 
 def marker_cases() -> list[Case]:
@@ -120,13 +121,12 @@ def _scattered(count: int) -> NDArray[np.float64]:
     return np.asarray(grid + shift + (25.0, 25.0))
 
 
-def _stream(places: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
-    """Lights on a small circle; the last frame joins the first."""
-    return [_lights(640, 480, places + offset, 3) for offset in _circle(6)]
+def _stream(places: NDArray[np.float64]) -> list[Frame]:
+    return [lights(640, 480, places + offset, 3) for offset in circle(6)]
 
 
 def _followed(
-    mode: str, frames: list[NDArray[np.uint8]], prediction: str = 'kalman'
+    mode: str, frames: list[Frame], prediction: str = 'kalman'
 ) -> Callable[[], MarkerResult]:
     """A call that processes the next frame, again and again."""
     tracker = MarkerTracker(MarkerTrackerParameters(mode=mode, prediction=prediction))
@@ -134,32 +134,16 @@ def _followed(
     return lambda: tracker.process(Image(next(endless), 'mono8'), next(stamps))
 
 
-def _specks(bright: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def _specks(bright: NDArray[np.bool_]) -> Frame:
     return np.where(bright, 255, 0).astype(np.uint8)
 
 
-def _flight(width: int, height: int) -> list[NDArray[np.uint8]]:
-    """A tanker on a small circle; the last frame joins the first."""
+def _flight(width: int, height: int) -> list[Frame]:
     centre = (width / 2, height / 2)
-    return [_lights(width, height, PLACES + centre + offset) for offset in _circle(20)]
+    return [lights(width, height, PLACES + centre + offset) for offset in circle(20)]
 
 
-def _circle(radius: float) -> NDArray[np.float64]:
-    """(`FRAMES`, 2) px."""
-    angles = np.arange(FRAMES) * 2 * np.pi / FRAMES
-    return np.asarray(radius * np.stack((np.cos(angles), np.sin(angles)), axis=-1))
-
-
-def _lights(
-    width: int, height: int, places: NDArray[np.float64], radius: int = 4
-) -> NDArray[np.uint8]:
-    image = np.full((height, width), 40, np.uint8)
-    for x, y in places:
-        cv2.circle(image, (round(x * 16), round(y * 16)), radius * 16, 255, -1, cv2.LINE_8, 4)
-    return image
-
-
-def _whole_frame(mode: str, image: NDArray[np.uint8]) -> Action:
+def _whole_frame(mode: str, image: Frame) -> Action:
     parameters = MarkerTrackerParameters(mode=mode)
     return lambda: MarkerTracker(parameters).process(Image(image, 'mono8'), 0)
 
@@ -183,10 +167,10 @@ def _posed_frame() -> Action:
     tracker.set_camera(camera)  # As the node does
     behind = TANKER_747.positions @ OPTICAL_FROM_BODY.T + (0.0, 5.0, 100.0)
     frames = []
-    for x, y in _circle(4.0):
+    for x, y in circle(4.0):
         points = np.add(behind, (x, y, 0.0))
         places = (points @ camera.matrix.T)[:, :2] / points[:, 2:]
-        frames.append(Image(_lights(640, 480, places), 'mono8'))
+        frames.append(Image(lights(640, 480, places), 'mono8'))
     endless, stamps = itertools.cycle(frames), itertools.count(0, 33_333_333)
 
     def run() -> object:
@@ -200,7 +184,7 @@ def _posed_frame() -> Action:
     return run
 
 
-def _bare_windows(image: NDArray[np.uint8], windows: tuple[Window, ...]) -> Action:
+def _bare_windows(image: Frame, windows: tuple[Window, ...]) -> Action:
     def run() -> None:
         for x0, x1, y0, y1 in windows:
             window = image[y0 : y1 + 1, x0 : x1 + 1]
@@ -208,10 +192,6 @@ def _bare_windows(image: NDArray[np.uint8], windows: tuple[Window, ...]) -> Acti
 
     return run
 
-
-Frame = NDArray[np.uint8]
-Baseline = Callable[[Frame, float], object]
-"""Of a frame and the threshold of its edges."""
 
 _FRAMES = 8
 _VERTICAL = np.ones((3, 1), np.uint8)
@@ -329,7 +309,7 @@ def _approach(width: int, height: int, rate: int) -> Case:
     )
 
 
-def _opencv_lines(frame: NDArray[np.uint8]) -> object:
+def _opencv_lines(frame: Frame) -> object:
     """What OpenCV takes for the lines alone: Canny and HoughLinesP, on 320 px of width."""
     gray, _ = shrink_levels(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
     edges = cv2.Canny(gray, 60, 150)

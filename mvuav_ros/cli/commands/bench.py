@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
@@ -12,7 +12,7 @@ from mvuav_ros.cli.options import Json
 from mvuav_ros.cli.terminal import frame_progress, table_console
 
 if TYPE_CHECKING:
-    from mvuav_ros.cli.bench.case import Case, Measurement
+    from mvuav_ros.cli.bench.case import Measurement
     from mvuav_ros.cli.bench.live import LiveResult
 
 SUITES = ('markers', 'runway', 'approach', 'simulation', 'replay')
@@ -46,6 +46,7 @@ def bench(
     ] = False,
 ) -> None:
     """Measure medians in one process, each case in turn with its baseline; or live nodes."""
+    from mvuav_ros.cli.bench import replay_cases, vision_cases
     from mvuav_ros.cli.bench.case import measure
     from mvuav_ros.cli.bench.live import live_cases, measure_live
 
@@ -54,7 +55,14 @@ def bench(
     if unknown:
         raise typer.BadParameter(f'{", ".join(unknown)}; there are {", ".join(known)}')
     names = suite or SUITES
-    cases = [case for name in names if name != LIVE for case in _cases_of(name)()]
+    makers = {
+        'markers': vision_cases.marker_cases,
+        'runway': vision_cases.runway_cases,
+        'approach': vision_cases.approach_cases,
+        'simulation': vision_cases.simulation_cases,
+        'replay': replay_cases.replay_cases,
+    }
+    cases = [case for name in names if name != LIVE for case in makers[name]()]
     live = live_cases(full) if LIVE in names else []
     with frame_progress() as progress:
         measured = [measure(c, seconds) for c in progress.track(cases, description='bench')]
@@ -73,19 +81,6 @@ def bench(
         as_json.write_text(json.dumps([each.figures() for each in both], indent=2) + '\n')
     if check and not all(each.within_limits for each in both):
         raise typer.Exit(1)
-
-
-def _cases_of(suite: str) -> Callable[[], list[Case]]:
-    from mvuav_ros.cli.bench import replay_cases, vision_cases
-
-    makers: dict[str, Callable[[], list[Case]]] = {
-        'markers': vision_cases.marker_cases,
-        'runway': vision_cases.runway_cases,
-        'approach': vision_cases.approach_cases,
-        'simulation': vision_cases.simulation_cases,
-        'replay': replay_cases.replay_cases,
-    }
-    return makers[suite]
 
 
 def _print(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

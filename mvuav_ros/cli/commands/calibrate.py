@@ -20,6 +20,7 @@ from mvuav_ros.cli.options import (
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recordings.account import SourceError
 
 _LITTLE = 0.6
 """Part of the image below which its coverage is worth a word."""
@@ -81,7 +82,6 @@ def calibrate(
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.sources.calibration import save_calibration
     from mvuav_ros.sources.opening import open_source
-    from mvuav_ros.sources.source import SourceError
     from mvuav_ros.vision.board import Board, BoardError
     from mvuav_ros.vision.camera import CalibrationError
 
@@ -92,8 +92,7 @@ def calibrate(
         printed = Board(int(columns), int(rows), square, charuco or '', marker)
     except BoardError as error:
         raise ParameterError('--board, --square, --marker', str(error)) from error
-    refuse_to_overwrite(output, force, inputs=[source])
-    report = _report_folder(report, output, force)
+    report = _report_folder(report, output, force, source)
     with closing(open_source(source, topic=topic)) as images, frame_progress() as progress:
         task = progress.add_task('frames', total=images.count)
         search = work.search_board(images, printed, views, seconds, lambda: progress.advance(task))
@@ -111,12 +110,11 @@ def calibrate(
     for what, value, deviation, unit in work.describe(found):
         say(f'{what} {value:.6g} ± {deviation:.2g} {unit}'.rstrip())
     covered = work.coverage([search.views[i] for i in chosen], search.size)
-    say(
-        f'corners in {100 * covered:.0f} % of the image'
-        + ('' if covered >= _LITTLE else ': the lens is extrapolated outside; show the board there')
+    outside = (
+        '' if covered >= _LITTLE else ': the lens is extrapolated outside; show the board there'
     )
-    say(output)
-    say(report / 'index.html')
+    say(f'corners in {100 * covered:.0f} % of the image{outside}')
+    say(output, report / 'index.html')
 
 
 rig = typer.Typer(help='Examine and calibrate marker rigs.', no_args_is_help=True)
@@ -134,8 +132,7 @@ def _rig() -> None:
 def check(
     file: Annotated[Path, typer.Argument(help='A rig file like config/tanker_747.yaml.')],
     distance: Annotated[
-        Optional[list[float]],
-        typer.Option(help='Distance from the camera, m; may be repeated.', show_default=False),
+        Optional[list[float]], typer.Option(help='Distance from the camera, m; may be repeated.')
     ] = None,
     width: Annotated[int, typer.Option(help='Width of the images, px.', min=16)] = 640,
     fov: Annotated[
@@ -244,7 +241,6 @@ def calibrate_rig(
     from mvuav_ros.recordings.remote import write_whole
     from mvuav_ros.sources.calibration import load_calibration
     from mvuav_ros.sources.opening import open_source
-    from mvuav_ros.sources.source import SourceError
     from mvuav_ros.vision.rig import RigError, load_rig, rig_text
     from mvuav_ros.vision.rig_calibration import RigCalibrationError
 
@@ -258,8 +254,7 @@ def calibrate_rig(
         raise ParameterError('--distance', str(error)) from error
     given = resolve_parameters(['marker_tracker'], params_file, param or [])
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
-    refuse_to_overwrite(output, force, inputs=[source, camera_info, rig, params_file])
-    report = _report_folder(report, output, force)
+    report = _report_folder(report, output, force, source, camera_info, rig, params_file)
     camera = load_calibration(camera_info) if camera_info else None
     with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)
@@ -296,10 +291,13 @@ def calibrate_rig(
     say(output, report / 'index.html')
 
 
-def _report_folder(given: Path | None, output: Path, force: bool) -> Path:
-    """Where the report goes; refused where a page is already, unless that may be replaced."""
+def _report_folder(
+    given: Path | None, output: Path, force: bool, *inputs: str | Path | None
+) -> Path:
+    """Where the report goes; it and the output are refused where something is already."""
     from mvuav_ros.offline.report import PAGE
 
+    refuse_to_overwrite(output, force, inputs=inputs)
     folder = given or output.with_name(f'{output.stem}_report')
     refuse_to_overwrite(folder / PAGE, force)
     return folder

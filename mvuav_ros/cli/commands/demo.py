@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -13,6 +12,7 @@ import typer
 
 from mvuav_ros.cli.terminal import say
 from mvuav_ros.offline.stopping import Interrupted
+from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.recordings.layout import shipped_folder
 
 if TYPE_CHECKING:
@@ -26,12 +26,9 @@ def demo(
     output: Annotated[Path, typer.Option('--output', '-o', help='Folder for the results.')] = Path(
         'out'
     ),
-    bags: Annotated[
-        Optional[Path], typer.Option(help='Folder of the sample bags.', show_default=False)
-    ] = None,
+    bags: Annotated[Optional[Path], typer.Option(help='Folder of the sample bags.')] = None,
     panel: Annotated[
-        bool,
-        typer.Option('--panel', help='Loop the bags and open the tuning panel, until Ctrl-C.'),
+        bool, typer.Option('--panel', help='Loop the bags and open the tuning panel, until Ctrl-C.')
     ] = False,
 ) -> None:
     """Play the sample bags through real nodes in separate processes; takes half a minute.
@@ -39,8 +36,6 @@ def demo(
     Leaves demo.mcap with all messages, and three figures: tanker, runway and roll.
     """
     from rich.console import Console
-
-    from mvuav_ros.sources.source import SourceError
 
     # Of a checkout, or installed with the package.
     folder = bags or shipped_folder('bags')
@@ -60,19 +55,13 @@ def demo(
 
 
 def _run_panel(bags: Path, console: Console) -> None:
-    """Start the looping bags, the nodes and the panel, say where that is, and wait for Ctrl-C.
-
-    Raises:
-        SourceError: a bag is missing, or a process failed.
-        Interrupted: by Ctrl-C.
-    """
+    """Start the looping bags, the nodes and the panel, say where that is, and wait for Ctrl-C."""
     import webbrowser
 
-    from mvuav_ros.cli.demo.sample_flights import panel_flights
+    from mvuav_ros.cli.demo.sample_flights import sample_flights
     from mvuav_ros.cli.node_processes import NodeProcesses
-    from mvuav_ros.sources.source import SourceError
 
-    flights = panel_flights(bags)
+    flights = sample_flights(bags)
     with NodeProcesses() as nodes:
         panel = nodes.start('mvuav_ros', 'tuning_panel', '--port', '0', '--bags', str(bags))
         for flight in flights:
@@ -84,14 +73,9 @@ def _run_panel(bags: Path, console: Console) -> None:
         console.print(
             f'ROS_DOMAIN_ID is {nodes.domain_id}. Ctrl-C ends everything.', highlight=False
         )
-        if _has_browser():
+        # Never a browser in the terminal.
+        if os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY'):
             webbrowser.open(url)
         while not (reason := nodes.failure()):
             time.sleep(0.5)
         raise SourceError(reason)
-
-
-def _has_browser() -> bool:
-    """Whether there is a screen to open a browser on; never one in the terminal."""
-    screen = os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')
-    return bool(screen) or sys.platform == 'darwin'

@@ -21,7 +21,7 @@ from mvuav_ros.cli.options import (
     take_folder,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
-from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.account import RecordingError, SourceError
 from mvuav_ros.recordings.remote import write_whole
 
 if TYPE_CHECKING:
@@ -73,7 +73,6 @@ def corners(
     """
     from mvuav_ros.offline.evaluation.corners import (
         WARM_UP,
-        CornersError,
         LabelledRun,
         Tolerance,
         read_corners,
@@ -83,24 +82,19 @@ def corners(
     )
     from mvuav_ros.parameters.parameter_file import resolve_parameters
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-    from mvuav_ros.sources.source import SourceError
 
     if as_json is not None:
         refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
     given = resolve_parameters([_NODE], params_file, param or [])[_NODE]
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
-    try:
-        frames = read_corners(labels)
-        lines = None if horizon is None else read_horizon(horizon, frames)
-        allowed = Tolerance(tolerance, tolerance_share)
-        run = LabelledRun(labels.parent, frames, lines, gray, allowed)
-        with frame_progress() as progress:
-            task = progress.add_task('frames', total=len(frames))
-            score = run_detector(run, parameters, lambda: progress.advance(task))
-        if images is not None:
-            write_images(run, parameters, score, images)
-    except CornersError as error:
-        raise SourceError(str(error)) from error
+    frames = read_corners(labels)
+    lines = None if horizon is None else read_horizon(horizon, frames)
+    run = LabelledRun(labels.parent, frames, lines, gray, Tolerance(tolerance, tolerance_share))
+    with frame_progress() as progress:
+        task = progress.add_task('frames', total=len(frames))
+        score = run_detector(run, parameters, lambda: progress.advance(task))
+    if images is not None:
+        write_images(run, parameters, score, images)
     _report(score)
     if not score.counted:
         raise SourceError(f'{labels}: no frame counts, as the first {WARM_UP} do not')
@@ -134,7 +128,6 @@ def _report(score: CornersScore) -> None:
         say(f'failures {name} {count}')
 
 
-PAGE = 'index.html'
 Output = Annotated[Path, typer.Option('--output', '-o', help='Folder for the report.')]
 
 
@@ -176,7 +169,7 @@ def thesis(
     from mvuav_thesis.build import build_report, steps_of
     from mvuav_thesis.plan import Plan
 
-    take_folder(output, PAGE, force)
+    take_folder(output, force)
     plan = Plan.quick(seed, jobs) if quick else Plan(seed=seed, jobs=jobs)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=steps_of(plan))
@@ -210,7 +203,7 @@ def integrity(
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.vision.integrity import IntegrityBudget
 
-    take_folder(output, PAGE, force)
+    take_folder(output, force)
     budget, more = IntegrityBudget(), max(frames // 10, 1)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=flights_of(frames) + flights_of(more))
@@ -239,17 +232,13 @@ def bag(
     output: Output = Path('out/evaluation'),
     replayed: Annotated[
         bool,
-        typer.Option('--replay', help='Run the nodes even if the bag holds their results.'),
-    ] = False,
-    params_file: Annotated[
-        Optional[Path], typer.Option(help='A ROS 2 parameter file; implies --replay.')
-    ] = None,
-    param: Annotated[
-        Optional[list[str]],
         typer.Option(
-            help='node:name:=value; may be repeated; implies --replay.', show_default=False
+            '--replay',
+            help='Run the nodes even if the bag holds their results; parameters imply it.',
         ),
-    ] = None,
+    ] = False,
+    params_file: ParamsFile = None,
+    param: Param = None,
     image_topic: ImageTopic = None,
     force: Force = False,
 ) -> None:
@@ -264,7 +253,7 @@ def bag(
 
     if not (source.startswith('sim:') or Path(source).expanduser().exists()):
         raise RecordingError(f'{source} does not exist')
-    take_folder(output, PAGE, force)
+    take_folder(output, force)
     run = None
     again = replayed or param or params_file is not None
     if not again and not source.startswith('sim:'):
@@ -291,11 +280,7 @@ def _parameters(
 ) -> dict[str, dict[str, Any]]:
     """The nodes that the input's truth or the user asks for, with their parameters."""
     from mvuav_ros.offline.evaluation.evaluation_run import nodes_for
-    from mvuav_ros.parameters.parameter_file import (
-        node_names,
-        parse_assignment,
-        resolve_parameters,
-    )
+    from mvuav_ros.parameters.parameter_file import node_names, parse_assignment, resolve_parameters
 
     asked = [parse_assignment(assignment)[0] for assignment in assignments]
     nodes = node_names(','.join([*nodes_for(source), *asked]))

@@ -63,7 +63,10 @@ def info(
             summary = _summarise_images(source, open_source(name, cameras=False))
     summary.path = source
     if isinstance(summary, FrameSummary):
-        _print_images(summary)
+        rate = f'{summary.rate_hz:.2f} Hz' if summary.rate_hz else 'no rate'
+        formats = ', '.join(summary.formats) or 'nothing that decodes'
+        said = f'{summary.frames} frames, {rate}, {summary.duration_s:.2f} s, {formats}'
+        say(f'{source}: {said}')
     else:
         _print_recording(summary)
     return summary
@@ -128,21 +131,10 @@ def _notes(topic: TopicSummary) -> str:
     return '; '.join(warnings)
 
 
-def _print_images(summary: FrameSummary) -> None:
-    rate = f'{summary.rate_hz:.2f} Hz' if summary.rate_hz else 'no rate'
-    say(
-        f'{summary.path}: {summary.frames} frames, {rate}, {summary.duration_s:.2f} s, '
-        f'{", ".join(summary.formats) or "nothing that decodes"}'
-    )
-
-
 def repair(
     source: Annotated[str, typer.Argument(metavar='INPUT', help='A bag in any condition.')],
     output: Annotated[
-        str,
-        typer.Option(
-            '--output', '-o', help='OUT.mcap, or a new folder; or a URL.', show_default=False
-        ),
+        str, typer.Option('--output', '-o', help='OUT.mcap, or a new folder; or a URL.')
     ],
     storage: Format = Storage.MCAP,
     split_mb: SplitMb = 0,
@@ -180,14 +172,10 @@ class Form(StrEnum):
 
 def export(
     sources: Annotated[
-        list[str],
-        typer.Argument(metavar='RESULTS...', help='Bags of results, or folders of them.'),
+        list[str], typer.Argument(metavar='RESULTS...', help='Bags of results, or folders of them.')
     ],
     output: Annotated[
-        str,
-        typer.Option(
-            '--output', '-o', help='The folder for the files, or its URL.', show_default=False
-        ),
+        str, typer.Option('--output', '-o', help='The folder for the files, or its URL.')
     ],
     form: Annotated[
         Form,

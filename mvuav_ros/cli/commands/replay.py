@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
@@ -26,12 +25,13 @@ from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
+from mvuav_ros.recordings.account import SourceError
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.progress import TaskID
 
     from mvuav_ros.offline.replay.batch import Plan
-    from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome
+    from mvuav_ros.offline.replay.job import JobProgress, ReplayOutcome
 
 
 _MAX_REASONS = 5
@@ -46,7 +46,7 @@ def replay_all(
         RecordingError: the manifest cannot be read or written.
         SourceError: the cluster cannot be used.
     """
-    from mvuav_ros.offline.replay.batch import Manifest
+    from mvuav_ros.offline.replay.batch import Manifest, run_jobs
     from mvuav_ros.offline.replay.job import is_own_input, refuse_own_input
 
     jobs = planned.jobs
@@ -60,83 +60,40 @@ def replay_all(
         outcomes, jobs = manifest.begin(jobs)
         for outcome in outcomes:
             _report(outcome)
-    took = manifest.take if manifest else lambda _: None
-    if cluster is None and len(jobs) == 1:
-        outcomes.append(replay_one(jobs[0], processes, stop))
-        took(outcomes[-1])
-    elif jobs:
-        outcomes += replay_many(jobs, processes, cluster, stop, took)
+    # Without a thread of its own: this process forks.
+    with frame_progress(thread=False) as bars:
+        is_batch = len(jobs) > 1
+        overall = bars.add_task('recordings', total=len(jobs), visible=is_batch)
+        tasks: dict[int, TaskID] = {}
+        if not is_batch:
+            tasks = {
+                n: bars.add_task(visible(job.source), total=None) for n, job in enumerate(jobs)
+            }
+
+        def show(number: int, state: JobProgress) -> None:
+            if number not in tasks:
+                tasks[number] = bars.add_task(state.name)
+            name, done, total = state
+            bars.update(tasks[number], description=name, completed=done, total=total, refresh=True)
+
+        with closing(run_jobs(jobs, processes, cluster, stop, show)) as ended:
+            for count, (number, outcome) in enumerate(ended, 1):
+                outcomes.append(outcome)
+                if is_batch and number in tasks:
+                    bars.remove_task(tasks.pop(number))
+                bars.update(overall, completed=count, refresh=True)
+                if manifest is not None:
+                    manifest.take(outcome)
+                if count == len(jobs):
+                    bars.stop()
+                if outcome.frames or outcome.failure:
+                    _report(outcome)
     if manifest is not None:
         manifest.end()
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     if failed and len(planned.jobs) > 1:
         say(f'mvuav: {failed} of {len(planned.jobs)} recordings failed', err=True)
     return outcomes
-
-
-def replay_one(job: ReplayJob, processes: int, stop: Stop) -> ReplayOutcome:
-    """Replay one recording, and report it also when interrupted."""
-    import cv2
-
-    from mvuav_ros.offline.replay.job import attempt
-    from mvuav_ros.processing.process_tuning import keep_freed_memory
-
-    keep_freed_memory()
-    cv2.setNumThreads(1)
-    with frame_progress(thread=False) as progress:
-        task = progress.add_task(visible(job.source), total=None)
-
-        def show(state: JobProgress) -> None:
-            progress.update(
-                task, description=state.name, completed=state.done, total=state.total, refresh=True
-            )
-
-        outcome = attempt(job, show, stop, processes)
-    if outcome.frames or outcome.failure:
-        _report(outcome)
-    return outcome
-
-
-def replay_many(
-    jobs: Sequence[ReplayJob],
-    at_once: int,
-    cluster: str | None,
-    stop: Stop,
-    took: Callable[[ReplayOutcome], None],
-) -> list[ReplayOutcome]:
-    """Replay recordings in processes or on a Dask cluster; report and hand on each at its end.
-
-    Raises:
-        SourceError: the cluster cannot be used.
-    """
-    from mvuav_ros.offline.replay.batch import run_jobs, run_on_cluster
-    from mvuav_ros.offline.replay.job import JobProgress
-
-    events = run_on_cluster(jobs, cluster, stop) if cluster else run_jobs(jobs, at_once, stop)
-    outcomes: list[ReplayOutcome] = []
-    # Without a thread of its own: this process forks.
-    with closing(events), frame_progress(thread=False) as progress:
-        overall = progress.add_task('recordings', total=len(jobs))
-        tasks: dict[int, TaskID] = {}
-        for number, event in events:
-            if isinstance(event, JobProgress):
-                _show(progress, tasks, number, event)
-                continue
-            outcomes.append(event)
-            if event.failure and event.source not in event.failure:
-                event.failure = f'{event.source}: {event.failure}'
-            if number in tasks:
-                progress.remove_task(tasks.pop(number))
-            progress.update(overall, completed=len(outcomes), refresh=True)
-            took(event)
-            _report(event)
-    return outcomes
-
-
-def _show(progress: Progress, tasks: dict[int, TaskID], number: int, state: JobProgress) -> None:
-    if number not in tasks:
-        tasks[number] = progress.add_task(state.name, total=state.total)
-    progress.update(tasks[number], completed=state.done, total=state.total, refresh=True)
 
 
 def _report(outcome: ReplayOutcome) -> None:
@@ -175,7 +132,6 @@ def replay(
             '-o',
             help='The bag to write, OUT.mcap; with several inputs a folder for their bags; '
             'or a URL.',
-            show_default=False,
         ),
     ],
     nodes: Annotated[str, typer.Option(help='Nodes to run, separated by commas.')] = ','.join(
@@ -233,11 +189,7 @@ def replay(
     split_mb: SplitMb = 0,
     jobs: Annotated[
         Optional[int],
-        typer.Option(
-            help='Number of cores that share the work; default: all.',
-            min=1,
-            show_default=False,
-        ),
+        typer.Option(help='Number of cores that share the work; default: all.', min=1),
     ] = None,
     dask: Dask = None,
     strict: Strict = False,
@@ -254,7 +206,7 @@ def replay(
     from mvuav_ros.offline.replay.job import ReplaySettings
     from mvuav_ros.parameters.parameter_file import complete, node_names, resolve_parameters
     from mvuav_ros.sources.calibration import load_calibration
-    from mvuav_ros.sources.source import Selection, SourceError
+    from mvuav_ros.sources.source import Selection
 
     chosen = node_names(nodes)
     assignments = list(param or [])
@@ -271,13 +223,7 @@ def replay(
         camera=load_calibration(camera_info) if camera_info else None,
         split_bytes=storage.split_bytes(split_mb),
     )
-    planned = plan(
-        sources,
-        output,
-        settings,
-        overwrite=force,
-        absolute=dask is not None,
-    )
+    planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)
     jobs = jobs or len(os.sched_getaffinity(0))
     with stop_on_signals() as stop:
         outcomes = replay_all(planned, jobs, dask, stop)

@@ -7,13 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from mvuav_ros.cli.options import (
-    Dask,
-    Force,
-    ImageTopic,
-    ParamsFile,
-    take_folder,
-)
+from mvuav_ros.cli.options import Dask, Force, ImageTopic, ParamsFile, take_folder
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.offline.stopping import Interrupted
@@ -33,15 +27,13 @@ def sweep(
         ),
     ],
     param: Annotated[
-        Optional[list[str]],
-        typer.Option(help='node:name:=value,value,…; several make a grid.', show_default=False),
+        Optional[list[str]], typer.Option(help='node:name:=value,value,…; several make a grid.')
     ] = None,
     output: Annotated[
         Path, typer.Option('--output', '-o', help='Folder for table, trends and report.')
     ] = Path('out/sweep'),
     nodes: Annotated[
-        Optional[str],
-        typer.Option(help='Nodes to run; default: those of --param.', show_default=False),
+        Optional[str], typer.Option(help='Nodes to run; default: those of --param.')
     ] = None,
     params_file: ParamsFile = None,
     image_topic: ImageTopic = None,
@@ -64,7 +56,7 @@ def sweep(
         sweep_table,
     )
     from mvuav_ros.offline.parameter_sweep import sweep as run_sweep
-    from mvuav_ros.offline.report import PAGE, write_csv, write_report
+    from mvuav_ros.offline.report import write_csv, write_report
     from mvuav_ros.parameters.parameter_file import node_names, resolve_parameters
 
     axes = [parse_axis(text) for text in param or []]
@@ -72,8 +64,7 @@ def sweep(
     chosen = node_names(nodes, swept or DETECTORS)
     base = resolve_parameters(chosen, params_file)
     runs = plan_runs(sources, axes, base, image_topic)
-    for name in (CSV, PAGE):
-        take_folder(output, name, force)
+    take_folder(output, force, CSV)
     finished: list[RunResult] = []
     interruption = None
     with frame_progress() as progress:
@@ -96,20 +87,12 @@ def sweep(
     }
     write_csv(sweep_table(results, axes), output / CSV)
     page = write_report(sweep_report(results, axes, described), output)
-    is_good = _report(results, page, len(runs))
-    if interruption is not None:
-        raise interruption
-    if not is_good:
-        raise typer.Exit(1)
-
-
-def _report(results: list[RunResult], page: Path, runs: int) -> bool:
-    """Say what became of so many runs; whether none failed."""
     failed = [result for result in results if result.error]
     for result in failed:
-        say(
-            f'warning: run {result.run.number} ({result.run.source}) failed: {result.error}',
-            err=True,
-        )
-    say(f'{page}: {len(results) - len(failed)} of {runs} runs')
-    return not failed
+        run = f'run {result.run.number} ({result.run.source})'
+        say(f'warning: {run} failed: {result.error}', err=True)
+    say(f'{page}: {len(results) - len(failed)} of {len(runs)} runs')
+    if interruption is not None:
+        raise interruption
+    if failed:
+        raise typer.Exit(1)

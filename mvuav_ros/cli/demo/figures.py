@@ -6,38 +6,31 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import matplotlib as mpl
 import numpy as np
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3Stamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import Image
 
-from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import decode_image
 from mvuav_ros.messages.sensors import stamp_ns_of
+from mvuav_ros.offline.evaluation.bag_report import roll_figure
+from mvuav_ros.offline.evaluation.evaluation_run import read_bag
+from mvuav_ros.offline.evaluation.metrics import roll_errors
+from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
-from mvuav_ros.vision.runway.results import LineFlag, LineRole
 
-mpl.use('Agg')
-
-_GREEN, _YELLOW, _RED, _BLUE = '#50e66e', '#ffd800', '#ff5050', '#59c2ff'
+_GREEN, _YELLOW = '#50e66e', '#ffd800'
 _SHADOW = [withStroke(linewidth=3, foreground='black')]
-_EDGES = {
-    LineRole.LEFT_EDGE: ('left edge', _RED),
-    LineRole.RIGHT_EDGE: ('right edge', _GREEN),
-    LineRole.CENTRELINE: ('centreline', _BLUE),
-}
-
-Messages = dict[int, Any]
-"""One topic's messages by their stamps (ns)."""
 
 
-def _read(bag: Path, topic: str, kind: type) -> Messages:
+def _read(bag: Path, topic: str, kind: type) -> dict[int, Any]:
+    """One topic's messages by their stamps (ns)."""
     with open_recording(bag) as recording:
         messages = [
             deserialize_message(bytes(message.data), kind)
@@ -48,12 +41,9 @@ def _read(bag: Path, topic: str, kind: type) -> Messages:
 
 def save_tanker(bag: Path, target: Path) -> Path:
     """Two frames with the names of the lights: all in view, and one of them off."""
+    said = read_bag(bag).results
+    markers, rolls = said.markers, said.rpy
     images = _read(bag, '/tanker/image_raw', Image)
-    markers = {
-        stamp: view_points(points)
-        for stamp, points in _read(bag, '/marker_tracker/markers', PointCloud2).items()
-    }
-    rolls = _read(bag, '/marker_tracker/rpy', Vector3Stamped)
     poses = _read(bag, '/marker_tracker/pose', PoseWithCovarianceStamped)
     stamps = sorted(images.keys() & markers.keys() & rolls.keys() & poses.keys())
     off = [stamp for stamp in stamps if (markers[stamp]['state'] == MarkerState.PREDICTED).any()]
@@ -64,7 +54,7 @@ def save_tanker(bag: Path, target: Path) -> Path:
         _show(axis, images[stamp])
         _draw_names(axis, markers[stamp])
         distance = poses[stamp].pose.pose.position.z
-        roll = np.degrees(rolls[stamp].vector.x)
+        roll = np.degrees(rolls[stamp])
         down = 'right' if roll > 0 else 'left'
         axis.set_title(f'{title}\nroll {roll:+.1f}° ({down} wing down), {distance:.0f} m away')
     figure.savefig(target, dpi=100)
@@ -80,103 +70,47 @@ def _draw_names(axis: Axes, rows: NDArray[Any]) -> None:
         away = (place - middle) / max(1.0, float(np.hypot(*(place - middle))))
         axis.plot(*place, 'o', ms=14, mfc='none', mec=color, mew=2)
         name = TANKER_NAMES[row['label']].replace('_', ' ') + word
-        _write(axis, name, place + away * 38, color)
+        x, y = place + away * 38
+        style: Any = {'ha': 'center', 'va': 'center', 'path_effects': _SHADOW}
+        axis.text(x, y, name, color=color, clip_on=True, **style)
 
 
 def save_roll(bag: Path, sample: Path, target: Path) -> Path:
     """Roll against time with the truth beside it, and the error below."""
-    measured = _read(bag, '/marker_tracker/rpy', Vector3Stamped)
-    truth = _read(sample, '/truth/rpy', Vector3Stamped)
-    points = _read(bag, '/marker_tracker/markers', PointCloud2)
-    stamps = sorted(measured.keys() & truth.keys())
-    times = (np.array(stamps) - stamps[0]) * 1e-9
-    roll, true = (
-        np.degrees([messages[stamp].vector.x for stamp in stamps]) for messages in (measured, truth)
-    )
-    predicted = [
-        (stamp - stamps[0]) * 1e-9
-        for stamp in stamps
-        if stamp in points and (view_points(points[stamp])['state'] != 1).any()
-    ]
-    figure = Figure(figsize=(9, 6), layout='constrained')
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    above.plot(times, true, color='0.65', lw=5, label='truth of the simulated flight')
-    above.plot(times, roll, color='tab:blue', lw=1.5, label='measured by marker_tracker, live')
-    below.plot(times, roll - true, color='tab:blue', lw=1)
-    for axis in (above, below):
-        if predicted:
-            span = (predicted[0] - 0.03, predicted[-1] + 0.03)
-            axis.axvspan(*span, color='tab:orange', alpha=0.35, label='a light is off')
-        axis.grid(alpha=0.3)
-    above.legend(loc='best')
-    above.set(title="The tanker's roll, measured from the image", ylabel='roll [°]')
-    rms = float(np.sqrt(np.mean((roll - true) ** 2)))
-    below.set(title=f'error: {rms:.3f}° rms', xlabel='time [s]', ylabel='error [°]')
-    figure.savefig(target, dpi=100)
+    run = read_bag(bag)
+    run.truth = read_bag(sample).truth
+    errors = roll_errors(run)
+    if errors is None:
+        raise SourceError(f'{bag} holds no roll of a frame of {sample}')
+    write_whole(target, roll_figure(errors).png)
     return target
 
 
 def save_runway(bag: Path, sample: Path, target: Path) -> Path:
-    """One frame twice: mode approach with its guidance, and the thesis's scheme."""
-    images = _read(bag, '/runway/image_raw', Image)
-    approach = _read(bag, '/runway_detector/line_params', PointCloud2)
+    """One frame as two nodes draw it: mode approach with its guidance, and the thesis's scheme."""
+    approach = _read(bag, '/runway_detector/debug/overlay', Image)
     poses = _read(bag, '/runway_detector/pose', PoseWithCovarianceStamped)
-    thesis = _read(bag, '/runway_thesis/line_params', PointCloud2)
+    thesis = _read(bag, '/runway_thesis/debug/overlay', Image)
     truth = _read(sample, '/truth/pose', PoseStamped)
-    stamps = sorted(images.keys() & approach.keys() & poses.keys() & thesis.keys() & truth.keys())
+    stamps = sorted(approach.keys() & poses.keys() & thesis.keys() & truth.keys())
     stamp = stamps[len(stamps) // 3]
-    figure, axes = _side_by_side(2)
-    left, right = axes.flat
-    _show(left, images[stamp])
-    for row in view_points(approach[stamp]):
-        if row['role'] in _EDGES and np.isfinite(row['x']):
-            _draw_edge(left, row)
     here, there = poses[stamp].pose.pose.position, truth[stamp].pose.position
     side = 'left' if here.y > 0 else 'right'
+    figure, axes = _side_by_side(2)
+    left, right = axes.flat
+    _show(left, approach[stamp])
     left.set_title(
         'Mode approach finds the runway by itself\n'
         f'{abs(here.y):.1f} m {side} of the centreline, {here.z:.1f} m high '
         f'(truth: {abs(there.y):.1f} m, {there.z:.1f} m)'
     )
-    _show(right, images[stamp])
-    rows = [row for row in view_points(thesis[stamp]) if np.isfinite(row['x'])]
-    for row in rows:
-        _draw_checked(right, row)
-    held = sum(bool(row['flags'] & LineFlag.CORRECTED) for row in rows)
+    _show(right, thesis[stamp])
     right.set_title(
         "The thesis's scheme draws the strongest lines\n"
-        f'{len(rows) - held} agree with the last frame, {held} jumped and kept its old place'
+        'green agrees with the last frame; red has jumped, and kept its old place'
     )
-    right.legend(loc='lower right', fontsize=9)
     figure.savefig(target, dpi=100)
     return target
-
-
-def _draw_edge(axis: Axes, row: Any) -> None:
-    name, color = _EDGES[LineRole(row['role'])]
-    (x, y), (x2, y2) = (row['x'], row['y']), (row['x2'], row['y2'])
-    axis.plot((x, x2), (y, y2), color=color, lw=2.5, path_effects=_SHADOW)
-    beside = {LineRole.LEFT_EDGE: -30.0, LineRole.RIGHT_EDGE: 30.0}.get(LineRole(row['role']), 0.0)
-    place = np.array([x + 0.6 * (x2 - x) + beside, y + 0.6 * (y2 - y)])
-    _write(axis, name, place, color)
-
-
-def _draw_checked(axis: Axes, row: Any) -> None:
-    held = bool(row['flags'] & LineFlag.CORRECTED)
-    label = 'jumped: drawn at its old place' if held else 'agrees with the last frame'
-    known = axis.get_legend_handles_labels()[1]
-    axis.plot(
-        *((row['x'], row['x2']), (row['y'], row['y2'])),
-        color=_RED if held else _GREEN,
-        ls='--' if held else '-',
-        lw=2.5,
-        label=None if label in known else label,
-    )
-
-
-def _write(axis: Axes, word: str, place: NDArray[np.float64], color: str) -> None:
-    x, y = place
-    axis.text(x, y, word, color=color, clip_on=True, ha='center', va='center', path_effects=_SHADOW)
 
 
 def _side_by_side(count: int) -> tuple[Figure, Any]:

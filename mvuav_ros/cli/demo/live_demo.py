@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +18,13 @@ from rich.text import Text
 from sensor_msgs.msg import Image
 
 from mvuav_ros.cli.demo.figures import save_roll, save_runway, save_tanker
-from mvuav_ros.cli.demo.sample_flights import SampleFlight, demo_flights
+from mvuav_ros.cli.demo.sample_flights import SampleFlight, sample_flights
 from mvuav_ros.cli.node_processes import NodeProcesses
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.source import SourceError
 
-RATE_WINDOW = 2.0
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 MAX_DURATION = 50.0
 """s to start, and s to play; the demo ends by itself whatever happens."""
@@ -40,32 +37,20 @@ SILENCE = 0.5
 class DemoRecorder(Node):
     """Writes every message as it came over DDS.
 
-    Keeps the ``newest`` of each topic but images', their ``counts``, and ``latency_ms``: the median
-    of each processing node, from ``/diagnostics``.
+    Keeps the ``newest`` of each topic but images', their ``counts``, and the ``diagnostics`` of
+    each node while it has a latency: after the flight there is none any more.
     """
 
     def __init__(self, topics: dict[str, type], writer: RecordingWriter, context: Any) -> None:
         super().__init__('demo_recorder', context=context)
         self.newest: dict[str, Any] = {}
         self.counts = dict.fromkeys(topics, 0)
-        self.latency_ms: dict[str, str] = {}
+        self.diagnostics: dict[str, dict[str, str]] = {}
         self.changed_at = time.monotonic()
-        self._arrivals: dict[str, deque[float]] = {topic: deque() for topic in topics}
         self._writer = writer
         for topic, kind in topics.items():
             self.create_subscription(kind, topic, self._keeper(topic, kind), EVERYTHING, raw=True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-
-    def has_publishers(self, topics: Iterable[str]) -> bool:
-        """Whether each of the topics has a publisher."""
-        return all(self.count_publishers(topic) > 0 for topic in topics)
-
-    def rate(self, topic: str) -> float:
-        """Messages per second in the moments before the newest one."""
-        arrivals = self._arrivals[topic]
-        while arrivals and arrivals[0] < arrivals[-1] - RATE_WINDOW:
-            arrivals.popleft()
-        return len(arrivals) / RATE_WINDOW
 
     def _keeper(self, topic: str, kind: type) -> Any:
         name = type_name(kind)
@@ -74,7 +59,6 @@ class DemoRecorder(Node):
             self._writer.write(topic, name, time.time_ns(), data)
             self.counts[topic] += 1
             self.changed_at = time.monotonic()
-            self._arrivals[topic].append(self.changed_at)
             if kind is not Image:
                 self.newest[topic] = deserialize_message(data, kind)
 
@@ -83,10 +67,8 @@ class DemoRecorder(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
-            latency = values.get('latency_p50_ms', 'nan')
-            # After the flight there is none any more.
-            if latency != 'nan':
-                self.latency_ms[status.name] = latency
+            if values.get('latency_p50_ms', 'nan') != 'nan':
+                self.diagnostics[status.name] = values
 
 
 def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
@@ -95,7 +77,7 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
     Raises:
         SourceError: a bag is missing, or a node failed.
     """
-    flights = demo_flights(bags)
+    flights = sample_flights(bags, with_thesis=True)
     out.mkdir(parents=True, exist_ok=True)
     bag = out / 'demo.mcap'
     prepare_transport()
@@ -110,7 +92,13 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
             recorder.destroy_node()
         finally:
             rclpy.try_shutdown(context=context)
-    return [bag, *_make_figures(flights, bag, out)]
+    flown, made = {flight.name: flight.bag for flight in flights}, [bag]
+    if 'tanker' in flown:
+        made += [save_tanker(bag, out / 'tanker.png')]
+        made += [save_roll(bag, flown['tanker'], out / 'roll.png')]
+    if 'runway' in flown:
+        made += [save_runway(bag, flown['runway'], out / 'runway.png')]
+    return made
 
 
 def _topics(flights: list[SampleFlight]) -> dict[str, type]:
@@ -137,12 +125,15 @@ def _watch(
             if now - shown > 0.1:
                 live.update(_screen(flights, recorder), refresh=True)
                 shown = now
-            if ready_at is None and recorder.has_publishers(flight.main for flight in flights):
+            if ready_at is None and all(recorder.count_publishers(f.main) for f in flights):
                 ready_at = now
             if ready_at is not None and not playing and now - ready_at > SETTLING_TIME:
                 playing = True
                 end = now + MAX_DURATION
-                _start_sources(flights, nodes)
+                # Each bag once, however many nodes look at it beside the recorder.
+                for bag, flight in {flight.bag: flight for flight in flights}.items():
+                    listeners = 1 + sum(other.bag == bag for other in flights)
+                    flight.start_source(nodes, wait_for_subscribers=str(listeners))
             if reason := nodes.failure():
                 raise SourceError(reason)
             answered = all(recorder.counts[flight.main] >= flight.frames for flight in flights)
@@ -154,14 +145,6 @@ def _watch(
             raise SourceError(f'{flight.node_name} published nothing within {MAX_DURATION:.0f} s')
 
 
-def _start_sources(flights: list[SampleFlight], nodes: NodeProcesses) -> None:
-    """Play each bag once, however many nodes look at it."""
-    by_bag = {flight.bag: flight for flight in flights}
-    for bag, flight in by_bag.items():
-        listeners = sum(other.bag == bag for other in flights) + 1  # the recorder
-        flight.start_source(nodes, wait_for_subscribers=str(listeners))
-
-
 def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
     parts: list[Any] = []
     for flight in flights:
@@ -171,21 +154,11 @@ def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
             for topic, message in recorder.newest.items()
             if topic.startswith(start)
         }
+        said = recorder.diagnostics.get(flight.node, {})
         words = (
             f'{flight.node_name} ({flight.title})   frame {recorder.counts[flight.main]} of '
-            f'{recorder.counts[flight.image_topic]}   {recorder.rate(flight.main):.0f} Hz   '
-            f'latency {recorder.latency_ms.get(flight.node) or "-"} ms'
+            f'{recorder.counts[flight.image_topic]}   {said.get("output_rate_hz", "-")} Hz   '
+            f'latency {said.get("latency_p50_ms", "-")} ms'
         )
         parts += [Text(words, style='bold'), flight.make_table(newest), Text()]
     return Group(*parts)
-
-
-def _make_figures(flights: list[SampleFlight], bag: Path, out: Path) -> list[Path]:
-    flown = {flight.name: flight.bag for flight in flights}
-    made = []
-    if 'tanker' in flown:
-        made += [save_tanker(bag, out / 'tanker.png')]
-        made += [save_roll(bag, flown['tanker'], out / 'roll.png')]
-    if 'runway' in flown:
-        made += [save_runway(bag, flown['runway'], out / 'runway.png')]
-    return made

@@ -29,15 +29,10 @@ _SIDES = {LineRole.LEFT_EDGE: 'left edge', LineRole.RIGHT_EDGE: 'right edge'}
 
 @dataclass(frozen=True)
 class SampleFlight:
-    """A sample bag and the node that looks at it.
+    """A sample bag, whose name is the namespace of its images, and the node that looks at it.
 
-    Attributes:
-        bag: the file, whose name is the namespace of its images.
-        processor: what the node runs.
-        node_name: the node's name.
-        make_table: from the newest message of each topic below ``~/`` what the terminal shows.
-        parameters: of the node.
-        title: what the terminal shows behind the node's name.
+    ``make_table`` makes what the terminal shows, from the newest message of each topic below
+    ``~/``; ``title`` is shown behind the node's name.
     """
 
     bag: Path
@@ -171,8 +166,8 @@ def _number(value: float) -> str:
     return '-' if math.isnan(value) else f'{value:.1f}'
 
 
-def panel_flights(bags: Path) -> list[SampleFlight]:
-    """One node for each sample bag in a folder.
+def sample_flights(bags: Path, *, with_thesis: bool = False) -> list[SampleFlight]:
+    """One node for each sample bag in a folder, and perhaps the thesis's runway scheme beside.
 
     Raises:
         SourceError: there are none.
@@ -182,8 +177,7 @@ def panel_flights(bags: Path) -> list[SampleFlight]:
     approach = {'mode': 'approach', 'runway_width': '30.0'}
     flights = [
         SampleFlight(
-            *(tanker, MarkerTrackerProcessor, 'marker_tracker', marker_table),
-            title='five lights',
+            *(tanker, MarkerTrackerProcessor, 'marker_tracker', marker_table), title='five lights'
         ),
         SampleFlight(
             *(runway, RunwayDetectorProcessor, 'runway_detector', approach_table),
@@ -191,24 +185,9 @@ def panel_flights(bags: Path) -> list[SampleFlight]:
             title='approach',
         ),
     ]
-    return _present(flights, bags)
-
-
-def demo_flights(bags: Path) -> list[SampleFlight]:
-    """The same, and the thesis's runway scheme beside mode approach.
-
-    Raises:
-        SourceError: there are none.
-    """
-    thesis = SampleFlight(
-        *(bags / 'runway.mcap', RunwayDetectorProcessor, 'runway_thesis'),
-        make_table=thesis_table,
-        title='thesis',
-    )
-    return _present([*panel_flights(bags), thesis], bags)
-
-
-def _present(flights: list[SampleFlight], bags: Path) -> list[SampleFlight]:
+    if with_thesis:
+        thesis = (runway, RunwayDetectorProcessor, 'runway_thesis', thesis_table)
+        flights.append(SampleFlight(*thesis, title='thesis'))
     present = [flight for flight in flights if flight.bag.is_file()]
     if not present:
         raise SourceError(f'{bags}: no sample bags there')

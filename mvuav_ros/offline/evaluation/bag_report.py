@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-import mvuav_ros
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
 from mvuav_ros.offline.evaluation.metrics import (
     ALONG,
@@ -31,12 +30,19 @@ from mvuav_ros.vision.markers.marker_results import MarkerState
 
 def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     """Every error that results and truth allow; settings are shown besides version and input."""
-    sections = [_everything(run)]
+    numbers = Table.of(
+        'metrics',
+        'All numbers',
+        'what | value .4 | unit',
+        [(m.name, m.cell, m.unit) for m in metrics_of(run) if not math.isnan(m.value)],
+        'Statistics as the runway GUI has them, and errors where there is truth.',
+    )
+    sections = [Section('Overview', (), (numbers,))]
     markers, roll, lines = marker_errors(run), roll_errors(run), line_errors(run)
     if markers is not None:
         sections.append(Section('Markers', (), (_marker_table(markers), _marker_figure(markers))))
     if roll is not None:
-        sections.append(Section('Roll', (), (_roll_table(roll), _roll_figure(roll))))
+        sections.append(Section('Roll', (), (_roll_table(roll), roll_figure(roll))))
     elif run.results.rpy:
         sections.append(Section('Roll', ('The truth holds no roll for these frames.',)))
     if lines is not None:
@@ -44,20 +50,9 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     return Report(
         f'Results against truth: {run.name}',
         tuple(f'Not all is in it: {error}' for error in run.errors),
-        {'version': f'mvuav_ros {mvuav_ros.__version__}', 'input': run.name, **settings},
+        {'input': run.name, **settings},
         tuple(sections),
     )
-
-
-def _everything(run: EvaluationRun) -> Section:
-    table = Table.of(
-        'metrics',
-        'All numbers',
-        'what | value .4 | unit',
-        [(m.name, m.cell, m.unit) for m in metrics_of(run) if not math.isnan(m.value)],
-        'Statistics as the runway GUI has them, and errors where there is truth.',
-    )
-    return Section('Overview', (), (table,))
 
 
 def _marker_table(errors: MarkerErrors) -> Table:
@@ -100,12 +95,12 @@ def _marker_figure(errors: MarkerErrors) -> Figure:
     with drawing(9.6, 4.0) as canvas:
         axes = canvas.figure.subplots()
         for index, name in enumerate(errors.names):
-            detected = errors.state[:, index] == MarkerState.DETECTED
-            predicted = errors.state[:, index] == MarkerState.PREDICTED
-            values = distance[:, index]
-            axes.plot(errors.time, np.where(detected, values, np.nan), **line_of(index), label=name)
-            color = line_of(index)['color']
-            axes.plot(errors.time[predicted], values[predicted], 'x', color=color, ms=5)
+            state, values = errors.state[:, index], distance[:, index]
+            detected = np.where(state == MarkerState.DETECTED, values, np.nan)
+            predicted = state == MarkerState.PREDICTED
+            look = line_of(index)
+            axes.plot(errors.time, detected, **look, label=name)
+            axes.plot(errors.time[predicted], values[predicted], 'x', color=look['color'], ms=5)
         axes.plot([], [], 'x', color=TRUTH, label='predicted')
         axes.set_ylim(bottom=0)
         label(axes, '', 'time [s]', 'distance from truth [px]')
@@ -130,7 +125,8 @@ def _roll_table(errors: RollErrors) -> Table:
     )
 
 
-def _roll_figure(errors: RollErrors) -> Figure:
+def roll_figure(errors: RollErrors) -> Figure:
+    """Roll and true roll over time, and the error below."""
     with drawing(9.6, 4.6) as canvas:
         upper, lower = canvas.figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         upper.plot(errors.time, np.degrees(errors.true), color=TRUTH, lw=2.6, label='truth')

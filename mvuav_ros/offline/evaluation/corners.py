@@ -6,21 +6,22 @@ import csv
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
-from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
 
 
@@ -42,7 +43,7 @@ COLUMNS = ('file', *(f'{corner}_{axis}' for corner in _CORNERS for axis in 'xy')
 Point = tuple[float, float]
 
 
-class CornersError(ValueError):
+class CornersError(SourceError):
     """A file of corners that cannot be used, with the reason."""
 
 
@@ -63,15 +64,10 @@ class LabelledFrame:
 
 @dataclass(frozen=True)
 class FrameScore:
-    """How one frame's edges were found.
+    """How the edges of an image were found.
 
-    Attributes:
-        file: name of the image.
-        left: the larger horizontal error of the left edge's line at its two corners' rows, px;
-            infinite if no such line was reported.
-        right: of the right edge's line.
-        tolerance: px.
-        confidence: of the lines; NaN if there are none.
+    ``left`` and ``right`` are the larger horizontal error of the edge's line at its two corners'
+    rows, px; infinite if no such line was reported. The confidence is then NaN.
     """
 
     file: str
@@ -81,35 +77,29 @@ class FrameScore:
     confidence: float = math.nan
 
     @property
-    def reported(self) -> bool:
-        """Both edges have a line."""
-        return math.isfinite(self.error)
-
-    @property
-    def wrong(self) -> bool:
-        """Reported, and not where the edges are."""
-        return self.reported and not self.found
-
-    @property
-    def found(self) -> bool:
-        """Both edges."""
-        return max(self.left, self.right) <= self.tolerance
-
-    @property
     def error(self) -> float:
         """The worse edge's, in tolerances."""
         return max(self.left, self.right) / self.tolerance
 
     @property
+    def reported(self) -> bool:
+        """Both edges have a line."""
+        return math.isfinite(self.error)
+
+    @property
+    def found(self) -> bool:
+        """Both edges."""
+        return not self.failure
+
+    @property
     def failure(self) -> str:
         """Empty, or its class: ``missing``, ``left_off``, ``right_off`` or ``both_off``."""
-        if self.found:
-            return ''
-        if not math.isfinite(self.error):
+        if not self.reported:
             return 'missing'
-        if self.left > self.tolerance:
-            return 'both_off' if self.right > self.tolerance else 'left_off'
-        return 'right_off'
+        left_off, right_off = self.left > self.tolerance, self.right > self.tolerance
+        if left_off and right_off:
+            return 'both_off'
+        return 'left_off' if left_off else 'right_off' if right_off else ''
 
 
 @dataclass(frozen=True)
@@ -126,27 +116,31 @@ class CornersScore:
     @property
     def left(self) -> float:
         """Share of frames with the left edge found; NaN without frames."""
-        return _share(frame.left <= frame.tolerance for frame in self.counted)
+        return self._share(lambda frame: frame.left <= frame.tolerance)
 
     @property
     def right(self) -> float:
         """Share of frames with the right edge found."""
-        return _share(frame.right <= frame.tolerance for frame in self.counted)
+        return self._share(lambda frame: frame.right <= frame.tolerance)
 
     @property
     def both(self) -> float:
         """Share of frames with both edges found."""
-        return _share(frame.found for frame in self.counted)
+        return self._share(lambda frame: frame.found)
 
     @property
     def reported(self) -> float:
         """Share of frames with a line reported for both edges."""
-        return _share(frame.reported for frame in self.counted)
+        return self._share(lambda frame: frame.reported)
 
     @property
     def wrong(self) -> float:
         """Share of frames with both edges reported, and at least one of them wrong."""
-        return _share(frame.wrong for frame in self.counted)
+        return self._share(lambda frame: frame.reported and not frame.found)
+
+    def _share(self, is_so: Callable[[FrameScore], bool]) -> float:
+        counted = self.counted
+        return sum(map(is_so, counted)) / len(counted) if counted else math.nan
 
     @property
     def first_report(self) -> int | None:
@@ -218,13 +212,11 @@ def score_frame(
     }
     for line in lines:
         if line.found and line.role in errors:
-            form = NormalForm(line.rho, line.theta)
-            error = max(_horizontal_error(form, corner) for corner in corners[line.role])
+            error = max(_horizontal_error(line, corner) for corner in corners[line.role])
             errors[line.role] = min(errors[line.role], error)
             confidence = line.confidence
-    return FrameScore(
-        labels.file, errors[LineRole.LEFT_EDGE], errors[LineRole.RIGHT_EDGE], tolerance, confidence
-    )
+    left, right = errors.values()
+    return FrameScore(labels.file, left, right, tolerance, confidence)
 
 
 def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLine]:
@@ -256,8 +248,6 @@ def _read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, list[f
                 raise CornersError(f'{path}: no column {", ".join(missing)}')
             for row in reader:
                 yield row[columns[0]], [_number(row[name] or '') for name in columns[1:]]
-        except CornersError:
-            raise
         except UnicodeDecodeError:
             raise CornersError(f'{path}: its text is not UTF-8') from None
         except (ValueError, csv.Error) as error:
@@ -271,17 +261,12 @@ def _number(text: str) -> float:
     return number
 
 
-def _horizontal_error(line: NormalForm, point: Point) -> float:
+def _horizontal_error(line: RunwayLine, point: Point) -> float:
     """How far to the side of a point a line passes, px; infinite for a level line."""
     cos = math.cos(line.theta)
     if abs(cos) < 1e-6:
         return math.inf
     return abs((line.rho - point[1] * math.sin(line.theta)) / cos - point[0])
-
-
-def _share(values: Iterable[bool]) -> float:
-    found = list(values)
-    return sum(found) / len(found) if found else math.nan
 
 
 FRAME_RATE = 25
@@ -291,14 +276,9 @@ _PICTURE_WIDTH = 960
 
 @dataclass(frozen=True)
 class LabelledRun:
-    """Images of one flight with their labels.
+    """Images of one flight in a folder, with their labels.
 
-    Attributes:
-        folder: where the images lie.
-        frames: the labels, in order.
-        horizon: of each frame, as an attitude sensor would know it; None without one.
-        gray: the images are turned grey first.
-        allowed: how far edges may be from their labels.
+    ``horizon`` is that of each frame, as an attitude sensor would know it; None without one.
     """
 
     folder: Path
@@ -328,9 +308,8 @@ def write_images(
 ) -> list[Path]:
     """Draw overlays, with the labels in white, of the best, the median and the worst frame.
 
-    Returns:
-        The files ``best.png``, ``median.png``, ``worst.png`` and, of each class of failure that
-        there is, its worst frame as ``failure_CLASS.png``.
+    Those are ``best.png``, ``median.png`` and ``worst.png``; the worst frame of each class of
+    failure that there is becomes ``failure_CLASS.png``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     ranked = sorted(range(WARM_UP, len(run.frames)), key=lambda index: score.frames[index].error)
@@ -353,21 +332,16 @@ def write_images(
 def _results(
     run: LabelledRun, parameters: RunwayDetectorParameters
 ) -> Iterator[tuple[LabelledFrame, RunwayResult | ApproachResult]]:
-    thesis = RunwayDetector(replace(parameters, mode='thesis'))
-    approach = ApproachDetector(parameters)
+    approach = parameters.mode == 'approach'
+    detector: Any = ApproachDetector(parameters) if approach else RunwayDetector(parameters)
     flag = cv2.IMREAD_GRAYSCALE if run.gray else cv2.IMREAD_COLOR
     for index, frame in enumerate(run.frames):
         path = run.folder / frame.file
         image = cv2.imread(str(path), flag)
         if image is None:
             raise CornersError(f'{path}: no image that can be read')
-        pixels: NDArray[np.uint8] = np.asarray(image, np.uint8)
-        stamp_ns = round(index * 1e9 / FRAME_RATE)
-        if parameters.mode == 'approach':
-            attitude = None if run.horizon is None else run.horizon[index]
-            yield frame, approach.process(pixels, stamp_ns, attitude)
-        else:
-            yield frame, thesis.process(pixels, stamp_ns)
+        attitude = [run.horizon[index]] if approach and run.horizon is not None else []
+        yield frame, detector.process(image, round(index * 1e9 / FRAME_RATE), *attitude)
 
 
 def _image(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArray[np.uint8]:

@@ -91,27 +91,16 @@ def names_of(processors: Iterable[Processor]) -> dict[int, str]:
 
 @dataclass
 class EvaluationRun:
-    """One input's results and truth.
-
-    Attributes:
-        name: of the input.
-        results: of the nodes.
-        truth: empty where the input has none.
-        names: of the markers by their labels, where they are known.
-        frames: replayed, or with results in the bag.
-        rejected: frames without a result; None for results read from a bag.
-        milliseconds: median time of all nodes together for a frame; NaN without a replay.
-        errors: what could not be read, in words.
-    """
+    """One input's results and truth."""
 
     name: str
     results: Observations = field(default_factory=Observations)
-    truth: Observations = field(default_factory=Observations)
-    names: dict[int, str] = field(default_factory=dict)
-    frames: int = 0
-    rejected: int | None = None
-    milliseconds: float = float('nan')
-    errors: list[str] = field(default_factory=list)
+    truth: Observations = field(default_factory=Observations)  # empty where the input has none
+    names: dict[int, str] = field(default_factory=dict)  # of the markers by label, where known
+    frames: int = 0  # replayed, or with results in the bag
+    rejected: int | None = None  # without a result; None for results read from a bag
+    milliseconds: float = float('nan')  # of all nodes for a frame, median; NaN without a replay
+    errors: list[str] = field(default_factory=list)  # what could not be read, in words
 
 
 def read_bag(path: Path) -> EvaluationRun:
@@ -157,13 +146,13 @@ def replay(
     """
     processors = replay_job.make_processors(parameters)
     run = EvaluationRun(text, names=names_of(processors))
-    rejected = answers = 0
+    run.rejected = answers = 0
     reasons: Counter[str] = Counter()
     seconds: list[float] = []
     for step in replay_job.replay(_frames(text, topic, run), processors):
         if isinstance(step, replay_job.FrameResults) and step.is_frame:
             run.frames += 1
-            rejected += bool(step.reasons)
+            run.rejected += bool(step.reasons)
             reasons.update(step.reasons)
             seconds += [step.seconds] if step.seconds else []
             answers += len(step.messages)
@@ -172,10 +161,8 @@ def replay(
                     run.results.add(RESULT_TOPICS[name], data)
     if not answers:
         raise SourceError(f'{text}: not a single frame could be used')
-    run.errors += [
-        f'{count} frames: {why}' for why, count in reasons.items() if why.startswith('internal')
-    ]
-    run.rejected = rejected
+    defects = ((why, count) for why, count in reasons.items() if why.startswith(replay_job.DEFECT))
+    run.errors += [f'{count} frames: {why}' for why, count in defects]
     run.milliseconds = float(np.median(seconds)) * 1e3
     return run
 
@@ -183,7 +170,13 @@ def replay(
 def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame | BadFrame]:
     """The input's frames; its truth goes to ``run`` meanwhile."""
     if text.startswith(SIMULATED):
-        yield from _flown(text, run.truth)
+        flight = planned_flight(text)
+        camera = camera_model(flight.camera)
+        for flown in flight:
+            for name, _, data in truth_messages(flown):
+                if name in TRUTH_TOPICS:
+                    run.truth.add(TRUTH_TOPICS[name], data)
+            yield Frame(flown.stamp_ns, OPTICAL_FRAME, flown.image, camera)
         return
     if is_url(text):
         with local_copy(text) as copied:
@@ -200,16 +193,6 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
 def _bag(text: str) -> Path | None:
     path = Path(text).expanduser()
     return path if path.exists() and looks_like_bag(path) else None
-
-
-def _flown(text: str, truth: Observations) -> Iterator[Frame]:
-    flight = planned_flight(text)
-    camera = camera_model(flight.camera)
-    for frame in flight:
-        for topic, _, data in truth_messages(frame):
-            if topic in TRUTH_TOPICS:
-                truth.add(TRUTH_TOPICS[topic], data)
-        yield Frame(frame.stamp_ns, OPTICAL_FRAME, frame.image, camera)
 
 
 def nodes_for(text: str) -> list[str]:

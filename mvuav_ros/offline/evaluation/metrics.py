@@ -78,29 +78,13 @@ def match_lines(found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[L
     return matched
 
 
-def line_numbers(matches: Sequence[LineMatch], visible: int) -> tuple[float, float, float]:
-    """Percent of the frames that show a line in which it was found; RMS of its error, px and °."""
-    return (
-        100.0 * len(matches) / visible if visible else math.nan,
-        rms(np.array([match.distance for match in matches])),
-        math.degrees(rms(np.array([match.dtheta for match in matches]))),
-    )
-
-
 @dataclass(eq=False)
 class LineErrors:
-    """Lines found on some frames against the true ones of a runway.
+    """Lines found on some frames against the true ones of a runway."""
 
-    Attributes:
-        frames: seen.
-        found: lines found in all frames.
-        visible: frames in which each true line was.
-        matches: every pair of a found and a true line.
-    """
-
-    frames: int = 0
-    found: int = 0
-    visible: list[int] = field(default_factory=lambda: [0] * len(ALONG))
+    frames: int = 0  # seen
+    found: int = 0  # lines found in all frames
+    visible: list[int] = field(default_factory=lambda: [0] * len(ALONG))  # frames with each
     matches: list[LineMatch] = field(default_factory=list)
 
     def add(self, found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[LineMatch]:
@@ -113,10 +97,19 @@ class LineErrors:
         self.matches += matches
         return matches
 
-    def numbers(self, true: int) -> tuple[float, float, float]:
-        """`line_numbers` of one true line (its index in `ALONG`)."""
-        own = [match for match in self.matches if match.true == true]
-        return line_numbers(own, self.visible[true])
+    def numbers(self, *which: int) -> tuple[float, float, float]:
+        """Of true lines, by their indices in `ALONG`; of all without.
+
+        Percent of the frames that show a line in which it was found; RMS of its error, px and °.
+        """
+        which = which or tuple(range(len(ALONG)))
+        own = [match for match in self.matches if match.true in which]
+        visible = sum(self.visible[index] for index in which)
+        return (
+            100.0 * len(own) / visible if visible else math.nan,
+            rms(np.array([match.distance for match in own])),
+            math.degrees(rms(np.array([match.dtheta for match in own]))),
+        )
 
 
 NEAR = 5.0
@@ -125,23 +118,14 @@ NEAR = 5.0
 
 @dataclass(frozen=True, eq=False)
 class MarkerErrors:
-    """Of the frames that have results and truth.
-
-    Attributes:
-        names: of the k markers.
-        time: (n,) s since the first of them.
-        offset: (n, k, 2) px, place minus true place; NaN for a lost marker.
-        state: (n, k), `MarkerState`.
-        visible: (n, k), whether the light could be seen.
-        wrong: (n, k), whether a detected marker carries another's name.
-    """
+    """Of the n frames that have results and truth, and their k markers."""
 
     names: tuple[str, ...]
-    time: Array
-    offset: Array
-    state: Array
-    visible: Array
-    wrong: Array
+    time: Array  # (n,) s since the first of them
+    offset: Array  # (n, k, 2) px, place minus true place; NaN for a lost marker
+    state: Array  # (n, k), `MarkerState`
+    visible: Array  # (n, k), whether the light could be seen
+    wrong: Array  # (n, k), whether a detected marker carries another's name
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,7 +337,7 @@ def _errors(run: EvaluationRun) -> list[Metric]:
         metrics.append(Metric('error of roll', 'roll, RMS error', '°', error))
     lines = line_errors(run)
     if lines is not None:
-        share, distance, turned = line_numbers(lines.matches, sum(lines.visible))
+        share, distance, turned = lines.numbers()
         metrics += [
             Metric('true lines found', 'true lines found', '%', share),
             Metric('error of lines', 'lines, RMS distance', 'px', distance),

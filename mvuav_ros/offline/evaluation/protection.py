@@ -1,21 +1,15 @@
-"""Protection levels against the truth: flights of bare lights with faults, and what came of them.
-
-No image is drawn: the true places of the built-in tanker's lights with noise, faults and an error
-of the calibration go to the pose estimator, and its pose to the protection levels.
-"""
+"""Protection levels against the truth: flights of bare lights with faults."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import cv2
 import numpy as np
 from scipy.special import betaincinv
 
-import mvuav_ros
 from mvuav_ros.offline.evaluation.metrics import Array
 from mvuav_ros.offline.processes import all_of
 from mvuav_ros.offline.report import Figure, Report, Section, Table
@@ -65,30 +59,19 @@ class ProtectionTask:
 
 @dataclass
 class ProtectionCounts:
-    """What became of the frames.
-
-    Attributes:
-        frames: flown.
-        faulty: with at least one faulty light.
-        available: without a fault at `DISTANCE`, and levels within the alert limits.
-        at_distance: without a fault at `DISTANCE`.
-        alerts: with a level beyond its alert limit.
-        silent: without levels, or without a pose.
-        misleading: with levels of which at least one was exceeded by its error.
-        hazardous: misleading, and beyond the alert limit without an alert.
-        stanford: (6, bins, bins), of errors by levels, in units of `_SCALES`.
-        failures: of misleading frames: seed, frame, faulty lights, worst error over level.
-    """
+    """What became of the frames."""
 
     frames: int = 0
-    faulty: int = 0
-    available: int = 0
-    at_distance: int = 0
-    alerts: int = 0
-    silent: int = 0
-    misleading: int = 0
-    hazardous: int = 0
+    faulty: int = 0  # with at least one faulty light
+    available: int = 0  # without a fault at `DISTANCE`, and levels within the alert limits
+    at_distance: int = 0  # without a fault at `DISTANCE`
+    alerts: int = 0  # with a level beyond its alert limit
+    silent: int = 0  # without levels, or without a pose
+    misleading: int = 0  # with levels of which at least one was exceeded by its error
+    hazardous: int = 0  # misleading, and beyond the alert limit without an alert
+    # (6, bins, bins), of errors by levels, in units of `_SCALES`
     stanford: Array = field(default_factory=lambda: np.zeros((6, len(_BINS) - 1, len(_BINS) - 1)))
+    # of misleading frames: seed, frame, faulty lights, worst error over level
     failures: list[tuple[int, int, str, str]] = field(default_factory=list)
 
     def add(self, other: ProtectionCounts) -> None:
@@ -103,57 +86,58 @@ class ProtectionCounts:
         return float(betaincinv(self.misleading + 1, self.frames - self.misleading, 0.95))
 
 
+class _Fault:
+    """What is wrong with one of so many lights for some frames."""
+
+    def __init__(self, rng: np.random.Generator, light: int, lights: int) -> None:
+        self.left = int(rng.integers(1, _LONGEST_FAULT + 1))
+        self.kind = FAULTS[rng.integers(len(FAULTS))]
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        direction = np.array((math.cos(angle), math.sin(angle)))
+        pushes = {'stolen light': (2.0, 40.0), 'biased centroid': (0.1, 1.0)}
+        self.push = direction * rng.uniform(*pushes.get(self.kind, (0.0, 0.0)))
+        self.rate = direction * (rng.uniform(0, 0.3) if self.kind == 'drifting light' else 0.0)
+        self.other = (light + rng.integers(1, lights)) % lights
+        self.share = rng.uniform(0.0, 0.5)
+
+    def applied(self, light: int, true: Array) -> Array:
+        """Where the light seems to be; the true places are those of all lights (n, 2)."""
+        self.left -= 1
+        self.push += self.rate
+        place: Array = true[light] + self.push
+        if self.kind == 'joined lights':
+            place += self.share * (true[self.other] - true[light])
+        return place
+
+
 class _Faults:
     """Lights that are wrong for a while, each with a probability per frame of being so."""
 
-    def __init__(self, rng: np.random.Generator, prior: float, lights: int) -> None:
+    def __init__(self, rng: np.random.Generator, prior: float) -> None:
         self._rng = rng
         # A fault that lasts m frames on average begins with a probability of about p / m.
         mean = (1 + _LONGEST_FAULT) / 2
         self._begins = prior / (mean - prior * (mean - 1.0))
-        self._left = np.zeros(lights, int)
-        self._kind = np.zeros(lights, int)
-        self._push = np.zeros((lights, 2))
-        self._rate = np.zeros((lights, 2))
-        self._other = np.zeros(lights, int)
-        self._share = np.zeros(lights)
+        self._of: dict[int, _Fault] = {}
 
     def apply(self, pixels: Array) -> list[int]:
         """Spoil the pixels (n, 2) in place; the lights that are wrong."""
-        rng = self._rng
-        begun: list[int] = np.flatnonzero(rng.random(len(pixels)) < self._begins).tolist()
-        for light in begun:
-            if not self._left[light]:
-                self._begin(light, len(pixels))
-        bad: list[int] = np.flatnonzero(self._left).tolist()
-        true = pixels.copy() if bad else pixels
+        for light in np.flatnonzero(self._rng.random(len(pixels)) < self._begins).tolist():
+            if light not in self._of:
+                self._of[light] = _Fault(self._rng, light, len(pixels))
+        bad, true = sorted(self._of), pixels.copy()
         for light in bad:
-            self._left[light] -= 1
-            self._push[light] += self._rate[light]
-            pixels[light] += self._push[light]
-            if FAULTS[self._kind[light]] == 'joined lights':
-                other = true[self._other[light]]
-                pixels[light] += self._share[light] * (other - true[light])
+            pixels[light] = self._of[light].applied(light, true)
+        self._of = {light: fault for light, fault in self._of.items() if fault.left}
         return bad
-
-    def _begin(self, light: int, lights: int) -> None:
-        rng = self._rng
-        self._left[light] = rng.integers(1, _LONGEST_FAULT + 1)
-        self._kind[light] = rng.integers(len(FAULTS))
-        angle = rng.uniform(0.0, 2.0 * math.pi)
-        direction = np.array((math.cos(angle), math.sin(angle)))
-        kind = FAULTS[self._kind[light]]
-        lowest, highest = {'stolen light': (2.0, 40.0), 'biased centroid': (0.1, 1.0)}.get(
-            kind, (0.0, 0.0)
-        )
-        self._push[light] = direction * rng.uniform(lowest, highest)
-        self._rate[light] = direction * (rng.uniform(0, 0.3) if kind == 'drifting light' else 0.0)
-        self._other[light] = (light + rng.integers(1, lights)) % lights
-        self._share[light] = rng.uniform(0.0, 0.5)
 
 
 def fly(task: ProtectionTask) -> ProtectionCounts:
-    """Fly once, and hold every level against the error."""
+    """Fly once, and hold every level against the error.
+
+    No image is drawn: the true places of the lights with noise, faults and an error of the
+    calibration go to the pose estimator, and its pose to the protection levels.
+    """
     rng = np.random.default_rng((2011, task.seed))
     rig, dock, budget = TANKER_747, np.array(TANKER_747.dock), task.budget
     k = (_FOCAL, 0.0, _CENTER[0], 0.0, _FOCAL, _CENTER[1], 0.0, 0.0, 1.0)
@@ -163,7 +147,7 @@ def fly(task: ProtectionTask) -> ProtectionCounts:
     is_far = task.seed % 2 == 0
     distance = DISTANCE if is_far else rng.uniform(_NEAR, _FAR)
     phases, rates = rng.uniform(0.0, 2.0 * math.pi, 6), rng.uniform(0.1, 0.6, 6)
-    faults = _Faults(rng, min(task.factor * budget.light_prior, 0.5), len(rig.names))
+    faults = _Faults(rng, min(task.factor * budget.light_prior, 0.5))
     counts = ProtectionCounts(frames=task.frames)
     ratios: list[tuple[Array, Array]] = []
     for index in range(task.frames):
@@ -240,10 +224,8 @@ def run(
     advance: Callable[[], None],
 ) -> ProtectionCounts:
     """At least as many frames as asked for; ``advance`` is called after each flight."""
-    tasks = [
-        ProtectionTask(seed + number, factor, budget, min(_FRAMES, frames))
-        for number in range(flights_of(frames))
-    ]
+    seeds, each = range(seed, seed + flights_of(frames)), min(_FRAMES, frames)
+    tasks = [ProtectionTask(number, factor, budget, each) for number in seeds]
     total = ProtectionCounts()
     for counts in all_of(fly, tasks, jobs, advance):
         total.add(counts)
@@ -259,22 +241,21 @@ def protection_report(
     budget: IntegrityBudget, runs: Sequence[tuple[float, ProtectionCounts]], seed: int
 ) -> Report:
     """Counts beside the stated risk, and a Stanford diagram for each coordinate."""
-    rows: list[tuple[Any, ...]] = []
-    for factor, counts in runs:
-        rows.append(
-            (
-                factor,
-                counts.frames,
-                counts.faulty,
-                counts.misleading,
-                counts.hazardous,
-                f'{counts.misleading_bound():.2g}',
-                f'{factor * budget.risk:.2g}',
-                100.0 * counts.alerts / counts.frames,
-                100.0 * counts.silent / counts.frames,
-                100.0 * counts.available / counts.at_distance if counts.at_distance else None,
-            )
+    rows = [
+        (
+            factor,
+            counts.frames,
+            counts.faulty,
+            counts.misleading,
+            counts.hazardous,
+            f'{counts.misleading_bound():.2g}',
+            f'{factor * budget.risk:.2g}',
+            100.0 * counts.alerts / counts.frames,
+            100.0 * counts.silent / counts.frames,
+            100.0 * counts.available / counts.at_distance if counts.at_distance else None,
         )
+        for factor, counts in runs
+    ]
     table = Table.of(
         'protection',
         'Levels against errors',
@@ -289,30 +270,18 @@ def protection_report(
     failures = [
         (factor, *failure) for factor, counts in runs for failure in counts.failures[:_MAX_SHOWN]
     ]
-    items: list[Table | Figure] = [table]
-    items += [_stanford_figure(factor, counts) for factor, counts in runs]
+    items: list[Table | Figure] = [table, *(_stanford_figure(*each) for each in runs)]
     if failures:
-        items.append(
-            Table.of(
-                'misleading',
-                'Misleading frames',
-                'faults, times the prior .0 | seed | frame | faulty lights | worst',
-                failures,
-                f'The first {_MAX_SHOWN} of each row above.',
-            )
-        )
+        heading = 'faults, times the prior .0 | seed | frame | faulty lights | worst'
+        note = f'The first {_MAX_SHOWN} of each row above.'
+        items.append(Table.of('misleading', 'Misleading frames', heading, failures, note))
     return Report(
         'Protection levels of the pose',
         (
             'Bare lights of the built-in tanker, with noise, an error of the calibration in each '
             'flight, and faults: ' + ', '.join(FAULTS) + '.',
         ),
-        {
-            'version': f'mvuav_ros {mvuav_ros.__version__}',
-            'first seed': seed,
-            'noise [px]': _NOISE,
-            **vars(budget),
-        },
+        {'first seed': seed, 'noise [px]': _NOISE, **vars(budget)},
         (Section('Results', (), tuple(items)),),
     )
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import logging
 import time
-import uuid
 from collections import Counter
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from datetime import UTC, datetime
-from importlib import import_module
+from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any, NamedTuple
 
+import cv2
+
 import mvuav_ros
+from mvuav_ros.offline.cluster import run_on_cluster
 from mvuav_ros.offline.processes import Method, TaskProgress, quick_method, run_in_processes
 from mvuav_ros.offline.replay.job import (
     JobProgress,
@@ -32,7 +32,6 @@ from mvuav_ros.processing.process_tuning import keep_freed_memory
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import SIMULATED, by_flight, recordings_in
 from mvuav_ros.recordings.remote import inside, is_url, read_text, size_at, write_text
-from mvuav_ros.sources.source import SourceError
 
 
 class Plan(NamedTuple):
@@ -50,23 +49,18 @@ def plan(
     overwrite: bool = False,
     absolute: bool = False,
 ) -> Plan:
-    """Say where the results of each recording go.
+    """Say where the results of each recording go; of a folder of them each is one by itself.
 
-    Args:
-        sources: what the user names; of a folder of recordings each is a recording by itself.
-        output: a path or URL: a name that ends in .mcap or, needed for several recordings, a
-            folder. A single recording's results as a rosbag2 folder are that folder.
-        settings: what is done with each of them.
-        overwrite: whether outputs that exist are replaced.
-        absolute: whether the paths are to hold in other processes.
+    The output is a name that ends in .mcap or, needed for several recordings, a folder; either
+    may be a URL. A single recording's results as a rosbag2 folder are that folder. Absolute paths
+    hold in other processes.
 
     Raises:
         RecordingError: the output does not fit, or two recordings have the same name.
         OSError: the folder cannot be made.
     """
     if absolute:
-        output = output if is_url(output) else str(Path(output).absolute())
-        sources = [_absolute(source) for source in sources]
+        output, *sources = map(_absolute, (output, *sources))
     sources = [each for source in sources for each in recordings_in(source)]
     is_folder = settings.split_bytes is not None
     if len(sources) == 1 and (is_folder or output.endswith('.mcap')):
@@ -91,130 +85,49 @@ def _absolute(source: str) -> str:
     return str(Path(source).expanduser().absolute())
 
 
-Event = tuple[int, JobProgress | ReplayOutcome]
-"""The number of a job, and how far it is or what became of it."""
+def run_jobs(
+    jobs: Sequence[ReplayJob],
+    at_once: int,
+    cluster: str | None,
+    stop: Stop,
+    show: Callable[[int, JobProgress], None],
+) -> Generator[tuple[int, ReplayOutcome], None, None]:
+    """Do the jobs in so many processes or on a Dask cluster, whose address is given.
 
-
-def run_jobs(jobs: Sequence[ReplayJob], at_once: int, stop: Stop) -> Generator[Event, None, None]:
-    """Do the jobs, so many at a time; interrupted, those under way close their files.
-
-    A process that dies costs its own recording only.
+    A single one is done here by so many threads. Interrupted, those under way close their files.
+    A process that dies costs its own recording only. ``show`` gets a job's number and progress.
 
     Yields:
-        Each job's progress and, at its end, its outcome.
+        Each job's number and, at its end, its outcome.
+
+    Raises:
+        SourceError: the cluster cannot be used.
     """
-    # Forked if possible, as importing everything anew takes a second; fsspec may begin a thread.
-    remote = any(is_url(job.source) or is_url(job.output) for job in jobs)
-    method: Method = 'spawn' if remote else quick_method()
-    for message in run_in_processes(attempt, jobs, at_once, stop, method=method):
+    if not jobs:
+        return
+    if cluster:
+        messages = run_on_cluster(attempt, jobs, cluster, stop)
+    elif len(jobs) == 1:
+        keep_freed_memory()
+        cv2.setNumThreads(1)
+        yield 0, attempt(jobs[0], partial(show, 0), stop, at_once)
+        return
+    else:
+        # Forked if possible, as to import everything takes a second; fsspec may begin a thread.
+        remote = any(is_url(job.source) or is_url(job.output) for job in jobs)
+        method: Method = 'spawn' if remote else quick_method()
+        messages = run_in_processes(attempt, jobs, at_once, stop, method=method)
+    for message in messages:
         if isinstance(message, TaskProgress):
-            yield message.number, message.message
-        elif message.result is not None:
-            yield message.number, message.result
-        else:
-            job = jobs[message.number]
-            yield message.number, ReplayOutcome(job.source, job.output, failure=str(message.error))
-
-
-_POLL = 0.1
-_CONNECT_TIME = 10
-_CLOSING_TIME = 30
-"""Seconds that interrupted tasks have to close their files."""
-
-
-def connect(address: str) -> tuple[Any, Any]:
-    """A client of the scheduler at `address`, and the module `distributed`.
-
-    Raises:
-        SourceError: Dask is not installed, the address is none, or there is no scheduler.
-    """
-    try:
-        distributed: Any = import_module('distributed')
-    except ImportError as error:
-        raise SourceError(
-            f'--dask needs Dask: pip install "mvuav_ros[dask]", here and on the workers ({error})'
-        ) from error
-    # It would log attempt after attempt, with tracebacks.
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)
-    try:
-        # A client that was given no address would never end, and say so with a traceback.
-        import_module('distributed.comm').get_address_host_port(address)
-    except ValueError as error:
-        raise SourceError(f'--dask {address}: {error}; write tcp://HOST:8786') from error
-    try:
-        client = distributed.Client(address, timeout=_CONNECT_TIME, set_as_default=False)
-    except OSError as error:
-        raise SourceError(f'--dask {address}: no Dask scheduler answers there') from error
-    return client, distributed
-
-
-def run_on_cluster(
-    jobs: Sequence[ReplayJob], address: str, interrupted: Stop
-) -> Generator[Event, None, None]:
-    """Do the jobs on a cluster, as many at a time as its workers have threads.
-
-    Their paths are absolute, or URLs; a job whose worker dies is done again by another. The
-    scheduler's address is such as ``tcp://10.0.0.1:8786``.
-
-    Yields:
-        Each job's progress and, at its end, its outcome.
-
-    Raises:
-        SourceError: Dask is not installed, or there is no scheduler.
-    """
-    client, distributed = connect(address)
-    run = f'mvuav-{uuid.uuid4().hex}'
-    with client:
-        stop = distributed.Event(run, client=client)
-        progress: SimpleQueue[tuple[int, JobProgress]] = SimpleQueue()
-        client.subscribe_topic(
-            run, lambda event: progress.put((event[1][0], JobProgress(*event[1][1:])))
-        )
-        numbers = {
-            client.submit(_work, job, number, run, pure=False): number
-            for number, job in enumerate(jobs)
-        }
-        waiting = set(numbers)
-        asked = 0.0
-        while waiting and not (asked and time.monotonic() > asked + _CLOSING_TIME):
-            if interrupted and not asked:
-                asked = time.monotonic()
-                stop.set()
-            time.sleep(_POLL)
-            while not progress.empty():
-                yield progress.get()
-            for future in [future for future in waiting if future.done()]:
-                waiting.discard(future)
-                number = numbers[future]
-                yield number, _outcome(future, jobs[number])
-
-
-def _work(job: ReplayJob, number: int, run: str) -> ReplayOutcome:
-    """Runs on a worker."""
-    distributed: Any = import_module('distributed')
-    worker = distributed.get_worker()
-    asked_for = distributed.Event(run)
-    stop = Stop()
-    looked = time.monotonic()
-
-    def report(progress: JobProgress) -> None:
-        nonlocal looked
-        worker.log_event(run, [number, *progress])
-        if progress.done == 0 or time.monotonic() > looked + 0.5:
-            looked = time.monotonic()
-            if asked_for.is_set():
-                stop.request()
-
-    keep_freed_memory()
-    return attempt(job, report, stop)
-
-
-def _outcome(future: Any, job: ReplayJob) -> ReplayOutcome:
-    if future.status == 'finished':
-        outcome: ReplayOutcome = future.result()
-        return outcome
-    reason = future.exception() if future.status == 'error' else future.status
-    return ReplayOutcome(job.source, job.output, failure=f'Dask: {" ".join(str(reason).split())}')
+            show(message.number, JobProgress(*message.message))
+            continue
+        job, outcome = jobs[message.number], message.result
+        if outcome is None:
+            failure = ' '.join(str(message.error).split())
+            outcome = ReplayOutcome(job.source, job.output, failure=failure)
+        if outcome.failure and outcome.source not in outcome.failure:
+            outcome.failure = f'{outcome.source}: {outcome.failure}'
+        yield message.number, outcome
 
 
 MANIFEST = 'manifest.json'

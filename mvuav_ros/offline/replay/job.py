@@ -9,7 +9,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -72,27 +72,18 @@ PROGRESS_INTERVAL = 0.1
 class ReplaySettings:
     """What is done with every recording.
 
-    Attributes:
-        parameters: of each node to run, by its name.
-        image_topic: of bags that have several.
-        fps: frame rate of images without stamps, Hz.
-        selection: the part of the recording.
-        keep_inputs: whether the input's messages go along.
-        debug_images: whether debug images are made.
-        gamma: eq. 3.2 on every image before the nodes see it, as ``video_source`` has it; 1: off.
-        camera: the calibration of all images; None: what comes with them.
-        split_bytes: None for one mcap file; else a rosbag2 folder, and the size at which its next
-            part begins (0: never).
+    ``split_bytes`` is None for one mcap file; else a rosbag2 folder is written, and that is the
+    size at which its next part begins (0: never).
     """
 
-    parameters: Mapping[str, Mapping[str, Any]]
-    image_topic: str | None = None
-    fps: float | None = None
-    selection: Selection = EVERYTHING
-    keep_inputs: bool = False
-    debug_images: bool = False
-    gamma: float = 1.0
-    camera: CameraModel | None = None
+    parameters: Mapping[str, Mapping[str, Any]]  # of each node to run, by its name
+    image_topic: str | None = None  # of bags that have several
+    fps: float | None = None  # frame rate of images without stamps, Hz
+    selection: Selection = EVERYTHING  # the part of the recording
+    keep_inputs: bool = False  # whether the input's messages go along
+    debug_images: bool = False  # whether they are made
+    gamma: float = 1.0  # eq. 3.2 on every image before the nodes see it; 1: off
+    camera: CameraModel | None = None  # the calibration of all images; None: what comes with them
     split_bytes: int | None = None
 
 
@@ -108,33 +99,19 @@ class ReplayJob:
 
 @dataclass
 class ReplayOutcome:
-    """What became of a job.
-
-    Attributes:
-        source: the recording.
-        output: what was written.
-        frames: read, unusable ones included.
-        processed: by every node.
-        rejected: number of frames without a result, by reason.
-        errors: what of the recording could not be read, in words.
-        warnings: what is unusual without a loss.
-        account: of the recording; None if it was not read.
-        done_before: the output was finished before.
-        interrupted: the end was asked for; the file is complete up to there.
-        failure: why it came to nothing, in words; empty otherwise.
-    """
+    """What became of a job."""
 
     source: str
     output: str
-    frames: int = 0
-    processed: int = 0
-    rejected: Counter[str] = field(default_factory=Counter)
-    errors: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    account: Account | None = None
+    frames: int = 0  # read, unusable ones included
+    processed: int = 0  # by every node
+    rejected: Counter[str] = field(default_factory=Counter)  # frames without a result, by reason
+    errors: list[str] = field(default_factory=list)  # what could not be read, in words
+    warnings: list[str] = field(default_factory=list)  # what is unusual without a loss
+    account: Account | None = None  # of the recording; None if it was not read
     done_before: bool = False
-    interrupted: bool = False
-    failure: str = ''
+    interrupted: bool = False  # the end was asked for; the file is complete up to there
+    failure: str = ''  # why it came to nothing, in words
 
     @property
     def lossy(self) -> bool:
@@ -174,39 +151,26 @@ CAMERA_TOPIC = topic_beside(IMAGE_TOPIC, 'camera_info')
 class ReplayInput:
     """A bag, a video, or images, or the part of it that a selection names."""
 
-    def __init__(
-        self,
-        text: str,
-        topic: str | None,
-        fps: float | None,
-        selection: Selection,
-        camera: CameraModel | None = None,
-    ) -> None:
-        """Open it; ``camera`` holds for all of its images, whatever they bring along.
+    def __init__(self, text: str, given: ReplaySettings) -> None:
+        """Open it.
 
         Raises:
             SourceError: there is no such thing, nothing in it can be read, or the calibration is
                 not one of its images.
         """
-        self._source = open_source(text, topic=topic, rate=fps, cameras=False)
-        self._selection = selection
-        self._camera = camera
-        self.name = self._source.name
-        if camera is not None:
-            if self._source.is_rectified:
-                self._camera = camera.rectified()
-            self._check(self._camera or camera)
-
-    def _check(self, camera: CameraModel) -> None:
-        """Whether the calibration is one of the first image."""
-        first = next((each for each in self._source.frames() if isinstance(each, Frame)), None)
-        if first is None:
-            return
-        try:
-            camera.check(first.image.width, first.image.height)
-        except CalibrationError as error:
-            self.close()
-            raise SourceError(f'{self.name}: {error}') from error
+        source = open_source(text, topic=given.image_topic, rate=given.fps, cameras=False)
+        self._source, self._selection, self._camera = source, given.selection, given.camera
+        self.name, self.account, self.close = source.name, source.account, source.close
+        if self._camera is not None:
+            if source.is_rectified:
+                self._camera = self._camera.rectified()
+            first = next((each for each in source.frames() if isinstance(each, Frame)), None)
+            try:
+                if first is not None:
+                    self._camera.check(first.image.width, first.image.height)
+            except CalibrationError as error:
+                self.close()
+                raise SourceError(f'{self.name}: {error}') from error
 
     @property
     def count(self) -> int | None:
@@ -215,54 +179,43 @@ class ReplayInput:
             return self._source.count
         return self._selection.count(self._source.count, self._source.rate)
 
-    @property
-    def account(self) -> Account:
-        """What cannot be read."""
-        return self._source.account
-
     def items(self, *, keep: bool, camera: bool, attitude: bool) -> Generator[Item, None, None]:
         """Frames, and the messages to be copied (``keep``).
 
         Those of a bag have their calibrations and the body's attitude, if asked for. A calibration
         that was given is copied in place of those.
         """
-        given = self._camera
-        source = self._source
-        image_topic = source.topic if isinstance(source, BagImages) else IMAGE_TOPIC
-        beside = topic_beside(image_topic, 'camera_info')
-        for item in self._items(keep, camera and given is None, attitude):
+        source, given = self._source, self._camera
+        if not isinstance(source, BagImages):
+            yield from self._images(keep)
+            return
+        beside = topic_beside(source.topic, 'camera_info')
+        camera = camera and given is None
+        for item in source.items(self._selection, others=keep, camera=camera, attitude=attitude):
             if given is None or isinstance(item, BadFrame):
                 yield item
             elif not isinstance(item, RecordedMessage):
                 yield replace(item, camera=given)
             elif item.topic != beside:
-                if item.topic == image_topic:
+                if item.topic == source.topic:
                     yield from _calibration(item, given, beside)
                 yield item
 
-    def _items(self, keep: bool, camera: bool, attitude: bool) -> Iterator[Item]:
-        if isinstance(self._source, BagImages):
-            yield from self._source.items(
-                self._selection, others=keep, camera=camera, attitude=attitude
-            )
-            return
+    def _images(self, keep: bool) -> Iterator[Item]:
+        """Those of no bag, which have no messages: a frame's are made of it."""
         for index, frame in enumerate(self._selection.stretch(self._source.frames())):
-            if keep and isinstance(frame, Frame):
-                image = _message(frame)
-                if frame.camera is not None:
-                    yield from _calibration(image, frame.camera, CAMERA_TOPIC)
-                yield image
+            if isinstance(frame, Frame):
+                if self._camera is not None:
+                    frame = replace(frame, camera=self._camera)
+                if keep:
+                    stamp_ns = frame.stamp_ns
+                    data = serialize_image(frame.image, cdr_header(stamp_ns, frame.frame_id))
+                    image = RecordedMessage(IMAGE_TOPIC, IMAGE, stamp_ns, data, None, RELIABLE_QOS)
+                    if frame.camera is not None:
+                        yield from _calibration(image, frame.camera, CAMERA_TOPIC)
+                    yield image
             if index % self._selection.every == 0:
                 yield frame
-
-    def close(self) -> None:
-        """Let go of it."""
-        self._source.close()
-
-
-def _message(frame: Frame) -> RecordedMessage:
-    data = serialize_image(frame.image, cdr_header(frame.stamp_ns, frame.frame_id))
-    return RecordedMessage(IMAGE_TOPIC, IMAGE, frame.stamp_ns, data, None, RELIABLE_QOS)
 
 
 def _calibration(
@@ -295,26 +248,14 @@ class ResultMessage(NamedTuple):
 
 @dataclass(slots=True)
 class FrameResults:
-    """What the nodes made of one frame.
-
-    Attributes:
-        stamp_ns: the frame's, ns.
-        messages: the results, node after node.
-        reasons: why a node has none; empty where every node could use the frame.
-        statuses: what was missing, in the words of each node that could use the frame.
-        seconds: that the nodes took for it.
-        is_frame: False for what nodes say once, at the end.
-    """
+    """What the nodes made of one frame."""
 
     stamp_ns: int
-    messages: list[ResultMessage] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
-    statuses: dict[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
-    is_frame: bool = True
-
-
-_UnderWay = RecordedMessage | list[Future[FrameResults]]
+    messages: list[ResultMessage] = field(default_factory=list)  # node after node
+    reasons: list[str] = field(default_factory=list)  # why a node could not use the frame
+    statuses: dict[str, str] = field(default_factory=dict)  # of those that could: what was missing
+    seconds: float = 0.0  # that the nodes took for it
+    is_frame: bool = True  # False for what nodes say once, at the end
 
 
 def make_processors(parameters: Mapping[str, Mapping[str, Any]]) -> list[Processor]:
@@ -331,50 +272,54 @@ def make_processors(parameters: Mapping[str, Mapping[str, Any]]) -> list[Process
     return processors
 
 
+class _Finished:
+    """What was done at once, in the place of a future."""
+
+    def __init__(self, function: Callable[..., Any], *given: Any) -> None:
+        self._result = function(*given)
+
+    def done(self) -> bool:
+        return True
+
+    def result(self) -> Any:
+        return self._result
+
+
+_Part = Future[Any] | _Finished
+_UnderWay = RecordedMessage | list[_Part]
+
+
 def replay(
     items: Iterable[Item],
     processors: Sequence[Processor],
     *,
+    threads: int = 1,
     debug: bool = False,
+    gamma: float = 1.0,
 ) -> Generator[FrameResults | RecordedMessage, None, None]:
     """The nodes' results for every frame of an input, under the topics of the live nodes.
+
+    One thread does all of it itself. Of several, one reads and hands on, the others decode, and
+    each node has another one, as it depends on earlier frames; the results are the same. OpenCV
+    lets go of Python's lock for nearly all of the work.
 
     Yields:
         The frames' results in their order, messages as they are, and last what the nodes say at
         the end.
     """
-    last: Frame | None = None
-    for item in items:
-        if isinstance(item, EncodedFrame):
-            item = item.decoded()
-        if isinstance(item, RecordedMessage):
-            yield item
-        elif isinstance(item, BadFrame):
-            yield FrameResults(item.stamp_ns, reasons=[item.reason])
-        else:
-            last = item
-            yield merged(item.stamp_ns, [process(item, p, debug) for p in processors])
-    if last is not None:
-        yield merged(last.stamp_ns, [conclude(last, p) for p in processors], is_frame=False)
-
-
-def replay_in_threads(
-    items: Iterable[Item],
-    processors: Sequence[Processor],
-    threads: int,
-    *,
-    debug: bool = False,
-) -> Generator[FrameResults | RecordedMessage, None, None]:
-    """As `replay`, with the same results in the same order, while other frames are decoded.
-
-    What depends on earlier frames stays in order, in one thread for each node; what does not, the
-    decoding, is done by ``threads`` more. OpenCV lets go of Python's lock for nearly all of it.
-    """
-    lanes = [ThreadPoolExecutor(1, f'{processor.name} ') for processor in processors]
-    decoders = ThreadPoolExecutor(threads, 'decoding ')
     last: list[Frame] = []
+    pools: list[ThreadPoolExecutor] = []
 
-    def work(processor: Processor, decoded: Future[Frame | BadFrame]) -> FrameResults:
+    def lane(name: str, size: int = 1) -> Callable[..., _Part]:
+        if threads == 1:
+            return _Finished
+        pools.append(ThreadPoolExecutor(size, f'{name} '))
+        return pools[-1].submit
+
+    decoding = lane('decoding', threads - 1)
+    lanes = [(processor, lane(processor.name)) for processor in processors]
+
+    def work(processor: Processor, decoded: _Part) -> FrameResults:
         frame = decoded.result()
         if isinstance(frame, BadFrame):
             return FrameResults(frame.stamp_ns, reasons=[frame.reason])
@@ -384,11 +329,8 @@ def replay_in_threads(
     def begin(item: Item) -> _UnderWay:
         if isinstance(item, RecordedMessage):
             return item
-        decoded = decoders.submit(item.decoded if isinstance(item, EncodedFrame) else lambda: item)
-        return [
-            lane.submit(work, processor, decoded)
-            for lane, processor in zip(lanes, processors, strict=True)
-        ]
+        decoded = decoding(_decoded, item, gamma)
+        return [submit(work, processor, decoded) for processor, submit in lanes]
 
     def size(item: Item) -> int:
         """Bytes; of what is not decoded yet as many as the frame before had."""
@@ -415,11 +357,17 @@ def replay_in_threads(
         for entry, _ in under_way:
             yield _ended(entry)
         if last:
-            parts = [conclude(last[0], processor) for processor in processors]
-            yield merged(last[0].stamp_ns, parts, is_frame=False)
+            yield merged([conclude(last[0], processor) for processor in processors])
     finally:
-        for executor in (*lanes, decoders):
-            executor.shutdown(cancel_futures=True)
+        for pool in pools:
+            pool.shutdown(cancel_futures=True)
+
+
+def _decoded(item: Frame | BadFrame | EncodedFrame, gamma: float) -> Frame | BadFrame:
+    frame = item.decoded() if isinstance(item, EncodedFrame) else item
+    if gamma != 1.0 and isinstance(frame, Frame):
+        return replace(frame, image=frame.image.gamma_corrected(gamma))
+    return frame
 
 
 def _is_done(entry: _UnderWay) -> bool:
@@ -429,8 +377,7 @@ def _is_done(entry: _UnderWay) -> bool:
 def _ended(entry: _UnderWay) -> FrameResults | RecordedMessage:
     if isinstance(entry, RecordedMessage):
         return entry
-    parts = [part.result() for part in entry]
-    return merged(parts[0].stamp_ns, parts)
+    return merged([part.result() for part in entry])
 
 
 def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
@@ -458,18 +405,18 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
 def conclude(frame: Frame, processor: Processor) -> FrameResults:
     """What a node says at the end, in the name of the last frame that could be read."""
     outputs = processor.periodic(cdr_header(frame.stamp_ns, frame.frame_id))
-    return FrameResults(frame.stamp_ns, _messages(processor, outputs))
+    return FrameResults(frame.stamp_ns, _messages(processor, outputs), is_frame=False)
 
 
-def merged(stamp_ns: int, parts: Sequence[FrameResults], *, is_frame: bool = True) -> FrameResults:
+def merged(parts: Sequence[FrameResults]) -> FrameResults:
     """The results of all nodes, in their order."""
     return FrameResults(
-        stamp_ns,
+        parts[0].stamp_ns,
         [message for part in parts for message in part.messages],
         list(dict.fromkeys(reason for part in parts for reason in part.reasons)),
         {name: status for part in parts for name, status in part.statuses.items()},
         sum(part.seconds for part in parts),
-        is_frame,
+        parts[0].is_frame,
     )
 
 
@@ -479,18 +426,6 @@ def _messages(processor: Processor, outputs: Iterable[Output]) -> list[ResultMes
         ResultMessage(resolve(topic, node), type_name(types[topic]), make())
         for topic, make in outputs
     ]
-
-
-def gamma_corrected(items: Iterator[Item], gamma: float) -> Generator[Item, None, None]:
-    """The items with the image of every frame corrected; messages go through.
-
-    A gamma above 1 darkens.
-    """
-    for item in items:
-        frame = item.decoded() if isinstance(item, EncodedFrame) else item
-        if isinstance(frame, Frame):
-            frame = replace(frame, image=frame.image.gamma_corrected(gamma))
-        yield frame
 
 
 Writer = RecordingWriter | Rosbag2Writer
@@ -515,33 +450,41 @@ def run_job(
         raise RecordingError(f'{job.output} exists; --force overwrites it')
     settings = job.settings
     processors = make_processors(settings.parameters)
-    with _opened(job, stop) as source:
-        if source is None:
-            outcome.interrupted = True
-            return
+    source = stop.unless_requested(lambda: ReplayInput(job.source, settings))
+    if source is None:
+        outcome.interrupted = True
+        return
+    items = source.items(
+        keep=settings.keep_inputs,
+        camera=any(processor.uses_camera_info for processor in processors),
+        attitude=any(processor.awaits_attitude for processor in processors),
+    )
+    steps = replay(
+        items, processors, threads=threads, debug=settings.debug_images, gamma=settings.gamma
+    )
+    with closing(source), ExitStack() as outputs, closing(items), closing(steps):
+        output = _Output(job, outputs, outcome, source.account)
         progress(JobProgress(source.name, 0, source.count))
-        with ExitStack() as outputs:
-            items = source.items(
-                keep=settings.keep_inputs,
-                camera=any(processor.uses_camera_info for processor in processors),
-                attitude=any(processor.awaits_attitude for processor in processors),
-            )
-            with closing(items):
-                given: Iterator[Item] = items
-                if settings.gamma != 1.0:
-                    given = gamma_corrected(items, settings.gamma)
-                output = _Output(job, outputs, outcome, source.account)
-                if threads == 1:
-                    steps = replay(given, processors, debug=settings.debug_images)
-                else:
-                    steps = replay_in_threads(
-                        given, processors, threads - 1, debug=settings.debug_images
-                    )
-                with closing(steps):
-                    _write(steps, output, source, progress, stop)
-            if not outcome.interrupted and outcome.processed == 0:
-                what = 'could be used' if outcome.frames else 'is there'
-                raise SourceError(f'{job.source}: not a single frame {what}')
+        reported = time.monotonic()
+        try:
+            for step in steps:
+                output.take(step)
+                if stop:
+                    outcome.interrupted = True
+                    break
+                if time.monotonic() >= reported + PROGRESS_INTERVAL:
+                    progress(JobProgress(source.name, outcome.frames, source.count))
+                    reported = time.monotonic()
+            else:
+                output.note_statuses()
+        finally:
+            outcome.account = source.account
+            outcome.errors, outcome.warnings = source.account.errors, source.account.warnings
+            outcome.errors += [source.account.balance] if outcome.errors else []
+        progress(JobProgress(source.name, outcome.frames, outcome.frames))
+        if not outcome.interrupted and outcome.processed == 0:
+            what = 'could be used' if outcome.frames else 'is there'
+            raise SourceError(f'{job.source}: not a single frame {what}')
 
 
 def attempt(job: ReplayJob, progress: Progress, stop: Stop, threads: int = 1) -> ReplayOutcome:
@@ -555,58 +498,6 @@ def attempt(job: ReplayJob, progress: Progress, stop: Stop, threads: int = 1) ->
         # A defect of ours costs one recording and not all the others.
         outcome.failure = ' '.join(f'{job.source}: {type(error).__name__}: {error}'.split())
     return outcome
-
-
-@contextmanager
-def _writing(job: ReplayJob) -> Iterator[Writer]:
-    metadata = {DESCRIPTION: description(job.source, job.settings)}
-    with (
-        local_output(job.output) as path,
-        open_writer(path, job.settings.split_bytes, job.overwrite, metadata) as writer,
-    ):
-        yield writer
-
-
-@contextmanager
-def _opened(job: ReplayJob, stop: Stop) -> Iterator[ReplayInput | None]:
-    """The job's input, None where the end was asked for first."""
-    given = job.settings
-    source = stop.unless_requested(
-        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection, given.camera)
-    )
-    try:
-        yield source
-    finally:
-        if source is not None:
-            source.close()
-
-
-def _write(
-    steps: Iterator[FrameResults | RecordedMessage],
-    output: _Output,
-    source: ReplayInput,
-    progress: Progress,
-    stop: Stop,
-) -> None:
-    """Write what the nodes say, until the input or the user's patience ends."""
-    outcome = output.outcome
-    reported = time.monotonic()
-    try:
-        for step in steps:
-            output.take(step)
-            if stop.number:
-                outcome.interrupted = True
-                break
-            if time.monotonic() >= reported + PROGRESS_INTERVAL:
-                progress(JobProgress(source.name, outcome.frames, source.count))
-                reported = time.monotonic()
-        else:
-            output.note_statuses()
-    finally:
-        outcome.account = source.account
-        outcome.errors, outcome.warnings = source.account.errors, source.account.warnings
-        outcome.errors += [source.account.balance] if outcome.errors else []
-    progress(JobProgress(source.name, outcome.frames, outcome.frames))
 
 
 class _Output:
@@ -653,7 +544,12 @@ class _Output:
 
     @cached_property
     def _writer(self) -> Writer:
-        return self._outputs.enter_context(_writing(self._job))
+        job = self._job
+        metadata = {DESCRIPTION: description(job.source, job.settings)}
+        path = self._outputs.enter_context(local_output(job.output))
+        writer = open_writer(path, job.settings.split_bytes, job.overwrite, metadata)
+        self._outputs.enter_context(writer)
+        return writer
 
 
 def refuse_own_input(job: ReplayJob) -> None:

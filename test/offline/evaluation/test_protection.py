@@ -11,21 +11,18 @@ BUDGET = IntegrityBudget()
 
 
 def test_faults_are_as_frequent_as_asked_for_and_last():
-    faults = protection._Faults(np.random.default_rng(1), 0.1, 5)
+    faults = protection._Faults(np.random.default_rng(1), 0.1)
     bad = [faults.apply(np.zeros((5, 2))) for _ in range(20_000)]
     assert sum(map(len, bad)) / 100_000 == pytest.approx(0.1, rel=0.1)
     again = sum(light in later for now, later in pairwise(bad) for light in now)
     assert again / sum(map(len, bad)) == pytest.approx(0.9, abs=0.03)
 
 
-@pytest.mark.parametrize('kind', range(len(protection.FAULTS)))
+@pytest.mark.parametrize('kind', protection.FAULTS)
 def test_every_kind_of_fault_moves_its_light_alone(kind):
-    faults = protection._Faults(np.random.default_rng(kind), 0.0, 5)
-    faults._begin(2, 5)
-    faults._kind[2] = kind
-    if kind == 1:
-        faults._rate[2] = 0.2, 0.1
-    faults._left[2] = 3
+    begun = (protection._Fault(np.random.default_rng(seed), 2, 5) for seed in range(99))
+    faults = protection._Faults(np.random.default_rng(0), 0.0)
+    faults._of[2] = next(fault for fault in begun if fault.kind == kind)
     true = np.arange(10.0).reshape(5, 2) ** 2
     pixels = true.copy()
     assert faults.apply(pixels) == [2]

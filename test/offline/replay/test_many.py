@@ -7,7 +7,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -26,8 +26,8 @@ from support.commands import (
 from support.interrupting import FRAMES, SLOW
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
 
-from mvuav_ros.offline.replay.batch import Event, plan
-from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
+from mvuav_ros.offline.replay.batch import plan
+from mvuav_ros.offline.replay.job import ReplayJob, ReplayOutcome, ReplaySettings, attempt
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.recordings.stored_file import RecordedMessage
 
@@ -53,7 +53,9 @@ def content(path: Path) -> tuple[list[RecordedMessage], dict[str, dict[str, str]
 def without_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     """The jobs in this process: what is tested is not the pool, and starting takes a second."""
 
-    def run(jobs: Sequence[ReplayJob], _: int, stop: Stop) -> Generator[Event, None, None]:
+    def run(
+        jobs: Sequence[ReplayJob], _: int, __: None, stop: Stop, ___: object
+    ) -> Iterator[tuple[int, ReplayOutcome]]:
         for number, job in enumerate(jobs):
             yield number, attempt(job, lambda _: None, stop)
 
@@ -249,7 +251,7 @@ def test_dask_missing_or_away(
     address = 'tcp://127.0.0.1:1'
     if with_files:
         pytest.importorskip('distributed', reason='Dask is not installed')
-        monkeypatch.setattr('mvuav_ros.offline.replay.batch._CONNECT_TIME', 1)
+        monkeypatch.setattr('mvuav_ros.offline.cluster._CONNECT_TIME', 1)
         words = 'no Dask scheduler answers there'
     else:
         monkeypatch.setitem(__import__('sys').modules, 'distributed', None)

@@ -13,7 +13,7 @@ from support.commands import NO_LIGHT, mvuav_process, read, write_flight
 from support.recording_samples import START_NS, STEP_NS, STORE, Sample, cdr, image, write_mcap
 
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.offline.replay.job import make_processors, replay_in_threads
+from mvuav_ros.offline.replay.job import make_processors, replay
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.image import Image
 
@@ -103,10 +103,10 @@ def test_an_error_of_the_input_and_an_end_in_the_midst_leave_no_thread_behind() 
         yield from frames
         raise SourceError('no more')
 
-    steps = replay_in_threads(broken(), processors, 2)
+    steps = replay(broken(), processors, threads=3)
     with pytest.raises(SourceError, match='no more'):
         list(steps)
-    steps = replay_in_threads(frames, make_processors({'marker_tracker': {}}), 2)
+    steps = replay(frames, make_processors({'marker_tracker': {}}), threads=3)
     assert next(steps).stamp_ns == 0
     steps.close()
     assert not [thread for thread in threading.enumerate() if 'decoding' in thread.name]
