@@ -235,7 +235,7 @@ class McapFile(RecordingFile):
         )
         self._limit.spend(len(raw))
         if span.available < span.length:
-            yield from _records_in(raw)
+            yield from (record for record in _records_in(raw) if record[0] != 0)
             return
         if header.crc and header.crc == zlib.crc32(raw):
             problem = ''

@@ -271,6 +271,8 @@ class Ros1File(RecordingFile):
             left = header.get_uint32('conn_count') + header.get_uint32('chunk_count')
         except ReaderError:
             return False
+        if position > stream.seek(0, 2):
+            return False
         counts: Counter[int] = Counter()
         for _ in range(left):
             record = record_at(stream, position)
