@@ -47,7 +47,7 @@ class SqliteFile(RecordingFile):
         """Take in every topic of the database, none if the table of topics cannot be read."""
         missing = PageFile(self._path).missing_bytes
         if missing:
-            self._lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
+            self.lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
         try:
             with self._connect() as database:
                 for key, topic in _topics(database).items():
@@ -56,7 +56,7 @@ class SqliteFile(RecordingFile):
                     query = 'SELECT topic_id, count(*) FROM messages GROUP BY topic_id'
                     self._channels.take_counts(dict(database.execute(query)))
         except (*_ERRORS, KeyError, ValueError) as error:
-            self._lose('error', f'the database is damaged ({error})')
+            self.lose('error', f'the database is damaged ({error})')
 
     def _stored(
         self, _stream: BinaryIO, topics: Container[str] | None, first_ns: int, end_ns: int
@@ -76,7 +76,7 @@ class SqliteFile(RecordingFile):
             else:
                 yield key, None, stamp_ns, None, data
         for problem, count in odd.items():
-            self._lose(problem, f'{counted(count, "row")} {problem}: skipped', count)
+            self.lose(problem, f'{counted(count, "row")} {problem}: skipped', count)
 
     def _rows(self, wanted: Iterable[int], first: int, last: int) -> Iterator[tuple[Any, Any, Any]]:
         """Topic, stamp and data of every row; the data are 1 where nobody wants them."""
@@ -104,11 +104,11 @@ class SqliteFile(RecordingFile):
                         yield key, stamp_ns, data
                 return
             except _ERRORS as error:
-                self._lose('error', f'the database is damaged ({error})')
+                self.lose('error', f'the database is damaged ({error})')
         yield from pages.messages(position)
         if pages.incomplete_rows:
             incomplete = pages.incomplete_rows
-            self._lose('rows', f'{counted(incomplete, "message")} incomplete', incomplete)
+            self.lose('rows', f'{counted(incomplete, "message")} incomplete', incomplete)
 
     @contextmanager
     def _connect(self) -> Iterator[sqlite3.Connection]:
@@ -116,7 +116,7 @@ class SqliteFile(RecordingFile):
         logs = [log for log in _logs(self._path) if log.exists()]
         shared = Path(f'{self._path}-shm')
         if not all(log.is_file() for log in logs):
-            self._lose('log', 'the log beside it is no file')
+            self.lose('log', 'the log beside it is no file')
             logs = []
         if not logs:
             with closing(self._opened('mode=ro&immutable=1')) as database:
@@ -127,7 +127,7 @@ class SqliteFile(RecordingFile):
             database = self._opened('mode=ro')
             database.execute('SELECT count(*) FROM topics').fetchone()
         except sqlite3.OperationalError as error:
-            self._lose('log', f'the log beside it cannot be used ({error})')
+            self.lose('log', f'the log beside it cannot be used ({error})')
             database = self._opened('mode=ro&immutable=1')
         try:
             with closing(database):
