@@ -8,7 +8,7 @@ import struct
 import threading
 import time
 import zlib
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from itertools import count
@@ -33,13 +33,14 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
+from mcap.records import Chunk as ChunkRecord
 from mcap.records import Schema as SchemaRecord
 
 from mvuav_ros.messages.definitions import Schema, schema_of, type_hash
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import MCAP_START as MAGIC
-from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MESSAGE_HEADER
+from mvuav_ros.recordings.mcap_file import HEADER, MESSAGE_HEADER
 
 
 class OutputFile:
@@ -122,10 +123,13 @@ class OutputFile:
         return RecordingError(f'{reason}: {self.path} cannot be written{kept}')
 
 
-_COMPRESSION = b'zstd'
 _LEVEL = 1
 _INDEX_ENTRY = struct.Struct('<QQ')
 _INDEX_HEADER = struct.Struct('<HI')
+_SUMMARY = (
+    *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS),
+    *(Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
+)
 
 
 class Chunk:
@@ -178,84 +182,60 @@ class Chunk:
             self.end_ns = stamp_ns
         return len(self._records)
 
-    def takes(self, stamp_ns: int, span_ns: int) -> bool:
-        """Whether a message of that time keeps the chunk within the span of time."""
+    def takes(self, stamp_ns: int) -> bool:
+        """Whether a message of that time keeps the chunk within its span of time."""
         if self.message_count == 0:
             return True
-        return self.end_ns - span_ns < stamp_ns < self.start_ns + span_ns
+        return self.end_ns - _CHUNK_NS < stamp_ns < self.start_ns + _CHUNK_NS
 
-    def encode(self, offset: int) -> tuple[bytes, bytes]:
+    def encode(self, offset: int) -> tuple[bytes, ChunkIndex]:
         """What is to be written at ``offset`` of the file, and the index record for its end."""
         start_ns = self.start_ns if self._entries else 0
         data = zstandard.ZstdCompressor(level=_LEVEL).compress(self._records)
-        head = CHUNK_HEADER.pack(
-            start_ns, self.end_ns, self.size, zlib.crc32(self._records), len(_COMPRESSION)
-        )
-        head += _COMPRESSION + struct.pack('<Q', len(data))
-        pieces: list[bytes | bytearray] = [
-            HEADER.pack(Opcode.CHUNK, len(head) + len(data)),
-            head,
-            data,
-        ]
-        chunk_length = index_offset = sum(len(piece) for piece in pieces)
+        checksum = zlib.crc32(self._records)
+        chunk = ChunkRecord('zstd', data, self.end_ns, start_ns, checksum, self.size)
+        pieces = [record_bytes(chunk)]
+        chunk_length = length = len(pieces[0])
         offsets: dict[int, int] = {}
         for key, entries in self._entries.items():
-            offsets[key] = offset + index_offset
-            head = _INDEX_HEADER.pack(key, len(entries))
-            pieces += [HEADER.pack(Opcode.MESSAGE_INDEX, len(head) + len(entries)), head, entries]
-            index_offset += HEADER.size + len(head) + len(entries)
+            offsets[key] = offset + length
+            body = _INDEX_HEADER.pack(key, len(entries)) + entries
+            pieces += [HEADER.pack(Opcode.MESSAGE_INDEX, len(body)), body]
+            length += HEADER.size + len(body)
         index = ChunkIndex(
             chunk_length=chunk_length,
             chunk_start_offset=offset,
-            compression=_COMPRESSION.decode(),
+            compression=chunk.compression,
             compressed_size=len(data),
             message_end_time=self.end_ns,
-            message_index_length=index_offset - chunk_length,
+            message_index_length=length - chunk_length,
             message_index_offsets=offsets,
             message_start_time=start_ns,
             uncompressed_size=self.size,
         )
-        return b''.join(pieces), record_bytes(index)
+        return b''.join(pieces), index
 
 
 class Summary:
     """What stands at a file's end; kept as bytes, as there is a chunk for every half second.
 
-    ``statistics`` are of what was added by now.
+    ``statistics`` has the messages that were added by now.
     """
 
     def __init__(self) -> None:
-        self._schemas = bytearray()
-        self._channels = bytearray()
-        self._chunks = bytearray()
-        self._metadata = bytearray()
-        self._attachments = bytearray()
-        self.statistics = Statistics(
-            attachment_count=0,
-            channel_count=0,
-            channel_message_counts={},
-            chunk_count=0,
-            message_count=0,
-            metadata_count=0,
-            message_start_time=0,
-            message_end_time=0,
-            schema_count=0,
-        )
+        self._groups = {opcode: bytearray() for opcode in _SUMMARY}
+        self._counts: Counter[Opcode] = Counter()
+        self.statistics = Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
 
-    def define(self, record: SchemaRecord | Channel) -> None:
-        """Add a schema or channel."""
-        if isinstance(record, SchemaRecord):
-            self._schemas += record_bytes(record)
-            self.statistics.schema_count += 1
-        else:
-            self._channels += record_bytes(record)
-            self.statistics.channel_count += 1
+    def add(self, opcode: Opcode, record: McapRecord) -> None:
+        """Add a schema, a channel, or the index of something else."""
+        self._groups[opcode] += record_bytes(record)
+        self._counts[opcode] += 1
 
-    def add(self, chunk: Chunk, index: bytes) -> None:
+    def add_chunk(self, chunk: Chunk, index: ChunkIndex) -> None:
         """Add a chunk that was written."""
-        self._chunks += index
+        self.add(Opcode.CHUNK_INDEX, index)
         statistics = self.statistics
-        statistics.chunk_count += 1
         counts = statistics.channel_message_counts
         for key, added in chunk.counts.items():
             first = statistics.message_count == 0
@@ -270,36 +250,31 @@ class Summary:
         """An attachment or metadata as it is to be written at ``offset``."""
         data = record_bytes(record)
         if isinstance(record, Metadata):
-            index = MetadataIndex(offset=offset, length=len(data), name=record.name)
-            self._metadata += record_bytes(index)
-            self.statistics.metadata_count += 1
+            self.add(Opcode.METADATA_INDEX, MetadataIndex(offset, len(data), record.name))
             return data
         about = record.log_time, record.create_time, len(record.data), record.name
         attached = AttachmentIndex(offset, len(data), *about, record.media_type)
-        self._attachments += record_bytes(attached)
-        self.statistics.attachment_count += 1
+        self.add(Opcode.ATTACHMENT_INDEX, attached)
         return data
 
     def encode(self, offset: int) -> bytes:
         """Everything from the data's end to the file's end, to be written at ``offset``."""
+        counts = self._counts
+        self.statistics.schema_count = counts[Opcode.SCHEMA]
+        self.statistics.channel_count = counts[Opcode.CHANNEL]
+        self.statistics.chunk_count = counts[Opcode.CHUNK_INDEX]
+        self.statistics.attachment_count = counts[Opcode.ATTACHMENT_INDEX]
+        self.statistics.metadata_count = counts[Opcode.METADATA_INDEX]
+        self.add(Opcode.STATISTICS, self.statistics)
         data_end = record_bytes(DataEnd(0))
         start = offset + len(data_end)
-        groups = (
-            (Opcode.SCHEMA, bytes(self._schemas)),
-            (Opcode.CHANNEL, bytes(self._channels)),
-            (Opcode.STATISTICS, record_bytes(self.statistics)),
-            (Opcode.CHUNK_INDEX, bytes(self._chunks)),
-            (Opcode.ATTACHMENT_INDEX, bytes(self._attachments)),
-            (Opcode.METADATA_INDEX, bytes(self._metadata)),
-        )
-        summary = b''.join(group for _, group in groups)
-        offsets_start = start + len(summary)
-        group_start = start
-        for opcode, group in groups:
+        summary = offsets = b''
+        for opcode, group in self._groups.items():
             if group:
-                summary += record_bytes(SummaryOffset(opcode, group_start, len(group)))
-            group_start += len(group)
-        footer = record_bytes(Footer(start, offsets_start, 0))[:-4]
+                offsets += record_bytes(SummaryOffset(opcode, start + len(summary), len(group)))
+                summary += group
+        footer = record_bytes(Footer(start, start + len(summary), 0))[:-4]
+        summary += offsets
         crc = struct.pack('<I', zlib.crc32(footer, zlib.crc32(summary)))
         return data_end + summary + footer + crc + MAGIC
 
@@ -310,9 +285,6 @@ def record_bytes(record: McapRecord) -> bytes:
     record.write(builder)
     return bytes(builder.end())
 
-
-LIBRARY = 'mvuav_ros'
-"""What the files' headers name as their maker."""
 
 _CHUNK_BYTES = 1 << 20
 # Chunks end by the messages' own time, so that the same messages give the same file; only where
@@ -382,7 +354,7 @@ class RecordingWriter:
         self._changed = threading.Condition()
         self._closed = False
         self._error: Exception | None = None
-        start = MAGIC + record_bytes(Header('ros2', LIBRARY))
+        start = MAGIC + record_bytes(Header('ros2', 'mvuav_ros'))
         for name, values in metadata.items():
             start += self._summary.add_extra(Metadata(name, dict(values)), len(start))
         try:
@@ -452,9 +424,7 @@ class RecordingWriter:
             publish_ns = stamp_ns if publish_ns is None else publish_ns
             chunk = self._chunks[-1]
             # Of one stamp are all results of a frame.
-            if not chunk.start_ns == stamp_ns == chunk.end_ns and not chunk.takes(
-                stamp_ns, _CHUNK_NS
-            ):
+            if not (chunk.start_ns == stamp_ns == chunk.end_ns or chunk.takes(stamp_ns)):
                 self._hand_over()
                 chunk = self._chunks[-1]
             if chunk.message_count == 0:
@@ -519,7 +489,7 @@ class RecordingWriter:
                 name=kind,
             )
             self._chunks[-1].define(record)
-            self._summary.define(record)
+            self._summary.add(Opcode.SCHEMA, record)
         metadata = {'offered_qos_profiles': qos}
         if text == schema_of(kind) and type_hash(kind):
             metadata['topic_type_hash'] = type_hash(kind)
@@ -531,7 +501,7 @@ class RecordingWriter:
             schema_id=schema_id,
         )
         self._chunks[-1].define(channel)
-        self._summary.define(channel)
+        self._summary.add(Opcode.CHANNEL, channel)
         return self._channels.setdefault((topic, type, schema), (channel.id, count(1)))
 
     def _hand_over(self) -> None:
@@ -549,7 +519,7 @@ class RecordingWriter:
             try:
                 data, index = chunk.encode(self._file.size)
                 self._file.append(data)
-                self._summary.add(chunk, index)
+                self._summary.add_chunk(chunk, index)
             except Exception as error:
                 with self._changed:
                     self._error = error
