@@ -1,7 +1,6 @@
 """What became of a recording's messages: how many were kept, lost or altered, and why.
 
-Everything that opens a recording hands one of these out, whoever reads the recording fills it, and
-`collecting` finds all that were opened meanwhile: so every command reports its losses.
+Whoever reads a recording fills its account; `collecting` finds all of them for the user.
 """
 
 from __future__ import annotations
@@ -38,8 +37,6 @@ class _Entry(NamedTuple):
 class Account:
     """The account of one input; the same again (in a second pass) changes nothing.
 
-    Of very many reasons the first are reported.
-
     Attributes:
         name: of the input, for people.
         input: its name in full, which distinguishes it from others.
@@ -56,7 +53,7 @@ class Account:
         self.is_reported = False
         self._entries: dict[tuple[Hashable, Hashable], _Entry] = {}
         self._notes: dict[Hashable, str] = {}
-        self._written: dict[Hashable, tuple[int, int]] = {}
+        self._missing: dict[Hashable, int] = {}
         self._promised: dict[Hashable, int] = {}
         self._is_full = False
         if (accounts := _collected.get()) is not None:
@@ -65,11 +62,7 @@ class Account:
     def lose(self, file: Hashable, key: Hashable, text: str, count: int | None = None) -> None:
         """Say what could not be read, replacing what was said under the same file and key.
 
-        Args:
-            file: that it was in.
-            key: of this loss in the file.
-            text: what and why.
-            count: of the messages; None if nobody knows, 0 if there are none.
+        ``count`` is the number of messages: None if nobody knows, 0 if there are none.
         """
         self._enter((file, key), _Entry(words(text, MAX_LINE), count))
 
@@ -87,36 +80,32 @@ class Account:
         self._promised[file] = written
 
     def settle(self, file: Hashable, written: int | None, sound: int) -> None:
-        """Balance a file that was read to its end.
+        """Balance a file that was read to its end: what is missing without a reason is a loss, too.
 
-        What is missing without a reason is a loss, too; and what nobody could count is known now.
-
-        Args:
-            file: as given to `lose`.
-            written: messages that its index speaks of; None without an index.
-            sound: messages that were there and whole, wanted or not.
+        ``written`` are the messages that its index speaks of, None without an index; ``sound``
+        those that were there and whole, wanted or not.
         """
         written = self._promised.get(file) if written is None else written
-        self._written.pop(file, None)
+        self._missing.pop(file, None)
         if written is None:
             return
         missing = written - sound
-        if missing >= 0:
-            self._written[file] = written, sound
         if missing < 0:
             said = f'{file}: its index speaks of {written} messages, {sound} are there'
             self.note((file, 'more'), said)
-        elif missing > sum(e.messages or 0 for (of, _), e in self._entries.items() if of == file):
+            return
+        self._missing[file] = missing
+        if missing > sum(e.messages or 0 for (of, _), e in self._entries.items() if of == file):
             self.lose(file, 'rest', f'{file}: {missing} of {written} messages lost', 0)
 
     @property
     def lost(self) -> int:
         """Messages that are known to be lost."""
-        counts = {file: max(written - sound, 0) for file, (written, sound) in self._written.items()}
-        for (file, _), entry in self._entries.items():
-            if file not in self._written and not entry.is_alteration:
-                counts[file] = counts.get(file, 0) + (entry.messages or 0)
-        return sum(counts.values())
+        return sum(self._missing.values()) + sum(
+            entry.messages or 0
+            for (file, _), entry in self._entries.items()
+            if file not in self._missing and not entry.is_alteration
+        )
 
     @property
     def altered(self) -> int:
@@ -127,7 +116,7 @@ class Account:
     def is_exact(self) -> bool:
         """Whether no more can be lost than `lost` says, as far as the files say."""
         return not self._is_full and all(
-            entry.messages is not None or file in self._written
+            entry.messages is not None or file in self._missing
             for (file, _), entry in self._entries.items()
         )
 
