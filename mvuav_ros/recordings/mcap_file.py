@@ -1,9 +1,7 @@
 """One mcap file, or several that were joined, read in stored order, whole or damaged.
 
-The mcap library parses what schemas, channels, statistics, attachments and footers hold. Its
-readers end at the first damaged byte, take a record that is cut short for a whole one, and
-allocate what a chunk's header claims. So where records begin and end, and what may become of a
-chunk, is found out here; so are the 22 bytes before a message's data, for its speed.
+The mcap library parses what records hold. Its readers end at the first damaged byte, and allocate
+what a chunk claims: so where records begin and end, and what becomes of a chunk, is found here.
 """
 
 from __future__ import annotations
@@ -226,7 +224,7 @@ class McapFile(RecordingFile):
             size,
             max(size if size <= SIZE_LIMIT else 0, _CREDIBLE_SIZE),
         )
-        self._limit.spend(len(raw))
+        self._limit.left -= len(raw)
         is_cut = span.available < span.length
         if is_cut or (header.crc and header.crc == zlib.crc32(raw)):
             problem = ''

@@ -132,7 +132,6 @@ def write_text(text: str, content: str) -> None:
 
     Raises:
         RecordingError: it cannot be written.
-        OSError: likewise.
     """
     if is_url(text):
         with _reached(text, 'written') as (system, path):

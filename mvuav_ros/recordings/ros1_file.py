@@ -160,7 +160,7 @@ class Ros1File(RecordingFile):
         if size > SIZE_LIMIT:
             return Unpacked(memoryview(b''), f'it is larger than 1 GB ({size} bytes)')
         raw, problem = unpack(stream, record.size, compression, size, size)
-        self._limit.spend(len(raw))
+        self._limit.left -= len(raw)
         if not problem and len(raw) != size:
             problem = 'its size is wrong'
         if cut:

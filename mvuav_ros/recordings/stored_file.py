@@ -40,7 +40,7 @@ class TopicInfo:
 
 @dataclass(frozen=True)
 class SkippedChannel:
-    """A channel that is not read because its messages are not CDR."""
+    """A channel that is not read, as its messages are not CDR."""
 
     name: str
     encoding: str
@@ -82,21 +82,13 @@ StoredMessage = tuple[int, int | None, int, int | None, bytes | memoryview]
 
 @dataclass
 class ChunkTally:
-    """A chunk on the way: the messages that came out of it, and those that its indexes list.
+    """A chunk on the way: the messages that came out of it, and those that its indexes list."""
 
-    Attributes:
-        offset: where it begins, bytes; -1 is none.
-        reason: why it is not read, or not all of it.
-        got: messages that came out.
-        indexed: messages that the indexes behind it list; None if there are none.
-        is_index_whole: whether no record behind it may be a damaged index.
-    """
-
-    offset: int = -1
-    reason: str = ''
-    got: int = 0
-    indexed: int | None = None
-    is_index_whole: bool = True
+    offset: int = -1  # where it begins, bytes; -1 is none
+    reason: str = ''  # why it is not read, or not all of it
+    got: int = 0  # messages that came out
+    indexed: int | None = None  # messages that the indexes behind it list; None without any
+    is_index_whole: bool = True  # whether no record behind it may be a damaged index
 
 
 class Channels:
@@ -143,10 +135,9 @@ class Channels:
         self.counts = Counter({key: counts.get(key[0], 0) for key in self._found})
 
     def define(self, number: int, topic: TopicInfo) -> str:
-        """Take in a definition; a topic of encoding ``ros1`` has the schema that ROS 1 gives it.
+        """Take in a definition, and say how it contradicts the channel's last one; '' if not.
 
-        Returns:
-            In words, how it contradicts what was said of the channel before; '' if it does not.
+        A topic of encoding ``ros1`` has the schema that ROS 1 gives it.
         """
         converter = None
         if topic.serialization_format == 'ros1':

@@ -313,9 +313,7 @@ class RecordingWriter:
     A context manager: the file is completed at the end, also when the user interrupts
     (KeyboardInterrupt, SystemExit). After any other exception everything so far is in the file,
     but the end mark is left out, so that it does not look complete; a file without a message is
-    removed. A process that is killed
-    leaves what is older than a second. Messages are compressed and written by a thread of its
-    own.
+    removed. A process that is killed leaves what is older than a second.
 
     Attributes:
         path: of the file.
@@ -329,12 +327,7 @@ class RecordingWriter:
         overwrite: bool = False,
         metadata: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
     ) -> None:
-        """Create the file.
-
-        Args:
-            path: where to; ends in '.mcap'.
-            overwrite: whether a file that exists may be replaced.
-            metadata: records by name, written at once at the file's beginning.
+        """Create the file, whose name ends in '.mcap', with the records of ``metadata`` by name.
 
         Raises:
             RecordingError: the file exists or cannot be created.
