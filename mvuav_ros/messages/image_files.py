@@ -31,8 +31,7 @@ _TIFF_REDUCED, _TIFF_MASK = 1, 4
 def compressed_size(data: Any) -> tuple[int, int] | None:
     """Width and height of a JPEG, PNG, WebP or TIFF in pixels; None of anything else.
 
-    Args:
-        data: the file's bytes, as bytes, array.array or a flat uint8 array; not copied.
+    ``data`` are bytes, an array.array or a flat uint8 array; they are not copied.
     """
     view = memoryview(data).cast('B') if len(data) else memoryview(b'')
     if bytes(view[: len(_PNG_START)]) == _PNG_START:
@@ -41,8 +40,9 @@ def compressed_size(data: Any) -> tuple[int, int] | None:
         return _jpeg_size(view)
     if bytes(view[:4]) == b'RIFF' and bytes(view[8:12]) == b'WEBP':
         return _webp_size(view)
-    if bytes(view[:4]) in _TIFF_ORDERS:
-        return _tiff_size(view, _TIFF_ORDERS[bytes(view[:4])])
+    tags = next(_tiff_directories(view), {})
+    if {_TIFF_WIDTH, _TIFF_HEIGHT} <= tags.keys():
+        return tags[_TIFF_WIDTH], tags[_TIFF_HEIGHT]
     return None
 
 
@@ -65,23 +65,15 @@ def _webp_size(view: memoryview) -> tuple[int, int] | None:
 def tiff_images(data: Any) -> int:
     """The number of images in a TIFF, without reduced copies and masks; 0 of anything else."""
     view = memoryview(data).cast('B') if len(data) else memoryview(b'')
-    order = _TIFF_ORDERS.get(bytes(view[:4]))
-    if order is None:
-        return 0
-    kinds = [tags.get(_TIFF_KIND, 0) for tags in _tiff_directories(view, order)]
+    kinds = [tags.get(_TIFF_KIND, 0) for tags in _tiff_directories(view)]
     return sum(not kind & (_TIFF_REDUCED | _TIFF_MASK) for kind in kinds)
 
 
-def _tiff_size(view: memoryview, order: str) -> tuple[int, int] | None:
-    """By the first directory."""
-    found = next(_tiff_directories(view, order), {})
-    if not {_TIFF_WIDTH, _TIFF_HEIGHT} <= found.keys():
-        return None
-    return found[_TIFF_WIDTH], found[_TIFF_HEIGHT]
-
-
-def _tiff_directories(view: memoryview, order: str) -> Iterator[dict[int, int]]:
-    """Each image's whole numbers by their tags, as far as the directories can be read."""
+def _tiff_directories(view: memoryview) -> Iterator[dict[int, int]]:
+    """Each image's whole numbers by their tags, as far as they can be read; none of no TIFF."""
+    order = _TIFF_ORDERS.get(bytes(view[:4]))
+    if order is None:
+        return
     place = 4
     for _ in range(_MAX_SEGMENTS):
         found: dict[int, int] = {}

@@ -1,8 +1,6 @@
 """One image with its time, and how a message becomes one, live and in replay, without cv_bridge.
 
-rclpy copies an image twice more and builds Python objects for it when it makes a message of it.
-A raw subscription and the views below leave the pixels where rclpy put the bytes; everything else
-of the message is looked at before it is believed.
+The pixels stay where rclpy put a message's bytes; all else is looked at before it is believed.
 """
 
 from __future__ import annotations
@@ -159,7 +157,11 @@ def decode_image(message: ImageMessage) -> Image:
     height, width, step = int(message.height), int(message.width), int(message.step)
     layout = ENCODINGS.get(message.encoding)
     if layout is None:
-        raise ImageError(_unknown_encoding(message.encoding))
+        what = f'unknown encoding {message.encoding[:40]!r}'
+        if message.encoding.startswith(_MEASURED):
+            what = f'{message.encoding[:40]} holds measured values without a full scale, such as '
+            what += 'distances'
+        raise ImageError(what)
     check_size(width, height)
     if step < width * layout.pixel_bytes:
         raise ImageError(
@@ -205,10 +207,7 @@ def decode_compressed_image(message: CompressedImageMessage) -> Image:
 
 
 def check_compressed_image(message: CompressedImageMessage) -> tuple[int, int]:
-    """The width and height (px) that a compressed image claims to have.
-
-    They are read from the file's header before anything is decompressed: a few hundred bytes can
-    claim to be gigabytes of pixels.
+    """The width and height (px) in a compressed image's header, before it is decompressed.
 
     Raises:
         ImageError: it is no JPEG, PNG, WebP or TIFF, or too large.
@@ -226,12 +225,6 @@ def check_compressed_image(message: CompressedImageMessage) -> tuple[int, int]:
     return size
 
 
-def _unknown_encoding(name: str) -> str:
-    if name.startswith(_MEASURED):
-        return f'{name[:40]} holds measured values without a full scale, such as distances'
-    return f'unknown encoding {name[:40]!r}'
-
-
 def _bytes_of(data: Any) -> NDArray[np.uint8]:
     """``data`` (array.array, bytes or uint8 array) as a flat uint8 array, not copied."""
     return np.frombuffer(data, np.uint8) if len(data) else np.empty(0, np.uint8)
@@ -240,8 +233,7 @@ def _bytes_of(data: Any) -> NDArray[np.uint8]:
 def serialize_image(image: Image, header: bytes) -> bytes:
     """An image as a serialized sensor_msgs/Image behind a `cdr_header`, its pixels copied once.
 
-    rclpy publishes the bytes as they are; by way of a message object the pixels are copied three
-    times before they reach DDS. They are little endian and without row padding.
+    They are little endian and without row padding.
     """
     pixels = np.ascontiguousarray(image.pixels)
     data = pixels.data.cast('B')
@@ -305,10 +297,7 @@ class BadFrame:
 
 
 class _Layout(NamedTuple):
-    """What the Image messages of a camera have in common.
-
-    ``fields`` stand between the stamp and the pixels.
-    """
+    """What a camera's messages have in common; ``fields`` are between the stamp and the pixels."""
 
     size: int
     encapsulation: bytes
@@ -447,20 +436,19 @@ class VideoDecoder:
             return
         for frame in decoded:
             waiting = self._waiting.pop(frame.pts or 0, None)
-            if waiting is not None and waiting[1]:
-                yield _frame(waiting[0], frame)
+            if waiting is None or not waiting[1]:
+                continue
+            packet = waiting[0]
+            try:
+                yield Frame(packet.stamp_ns, packet.frame_id, upright(frame))
+            except (OSError, ValueError, MemoryError) as error:
+                reason = f'{frame.width} x {frame.height} pixels: {error}'
+                yield BadFrame(packet.stamp_ns, reason)
 
     def _unusable(self, number: int, reason: str = _NOT_DECODED) -> Iterator[BadFrame]:
         packet, wanted = self._waiting.pop(number)
         if wanted:
             yield BadFrame(packet.stamp_ns, reason)
-
-
-def _frame(packet: CodedImage, decoded: Any) -> Frame | BadFrame:
-    try:
-        return Frame(packet.stamp_ns, packet.frame_id, upright(decoded))
-    except (OSError, ValueError, MemoryError) as error:
-        return BadFrame(packet.stamp_ns, f'{decoded.width} x {decoded.height} pixels: {error}')
 
 
 def upright(frame: Any) -> Image:

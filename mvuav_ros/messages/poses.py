@@ -1,9 +1,6 @@
 """Where camera and target are to each other, and how wrong that may be.
 
-``/tf`` goes from the camera's optical frame to the target (a marker does so too), as the camera
-already has a parent on a robot that describes itself, or from the target to the vehicle.
-``~/vision_pose`` is the vehicle, or the camera's body axes (x forward, y left, z up, REP-103), in
-the target's frame. ``~/integrity`` has the protection levels.
+Body axes are x forward, y left, z up (REP-103).
 """
 
 from __future__ import annotations
@@ -85,11 +82,9 @@ class Placement:
 
 
 def vehicle_of(camera: Placement, mount: Placement) -> Placement:
-    """The vehicle that carries a camera, in the frame that the camera is given in.
+    """The vehicle that carries a camera, in the frame that the camera's body axes are given in.
 
-    Args:
-        camera: the camera's body axes in that frame.
-        mount: the same axes on the vehicle.
+    ``mount`` has these axes on the vehicle.
     """
     rotation = camera.rotation @ mount.rotation.T
     arm = rotation @ mount.translation

@@ -51,13 +51,15 @@ def encode_line_params(result: Result, header: bytes) -> bytes:
 
     Like all results it is in CDR and begins with a `cdr_header`.
     """
-    return _LINES.encode([_values(line) for line in result.lines], header)
-
-
-def _values(line: RunwayLine) -> tuple[float | int, ...]:
-    ends = (line.x, line.y, line.x * 0.0, line.x2, line.y2)
-    normal_form = (line.rho, line.theta, line.votes, line.rho_raw, line.theta_raw)
-    return (*ends, *normal_form, int(line.flags), int(line.role), line.confidence)
+    rows = [
+        (
+            *(line.x, line.y, line.x * 0.0, line.x2, line.y2),
+            *(line.rho, line.theta, line.votes, line.rho_raw, line.theta_raw),
+            *(int(line.flags), int(line.role), line.confidence),
+        )
+        for line in result.lines
+    ]
+    return _LINES.encode(rows, header)
 
 
 def encode_lines(result: Result, header: bytes, camera: CameraModel | None = None) -> bytes:
@@ -74,7 +76,9 @@ def encode_lines(result: Result, header: bytes, camera: CameraModel | None = Non
     depth = 0.0 if camera is None else PLANE
     colors: list[float] = []
     for line in drawn:
-        blue, green, red = (value / 255 for value in _color(line))
+        has_role = line.role is not LineRole.UNKNOWN
+        color = ROLE_COLORS[line.role] if has_role else line_color(line.flags)
+        blue, green, red = (value / 255 for value in color)
         colors += 2 * (red, green, blue, 1.0)
     number, action = 0, _ADD if points else _DELETE
     writer = CdrWriter(header)
@@ -120,12 +124,6 @@ def _nothing_more() -> bytes:
 
 
 _NO_TEXTURE_TEXT_AND_MESH = _nothing_more()
-
-
-def _color(line: RunwayLine) -> tuple[int, int, int]:
-    if line.role is LineRole.UNKNOWN:
-        return line_color(line.flags)
-    return ROLE_COLORS[line.role]
 
 
 def encode_vanishing_point(result: Result, header: bytes) -> bytes:
