@@ -7,6 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import yaml
+
 from mvuav_ros.recordings.account import Account, RecordingError, counted
 from mvuav_ros.recordings.remote import is_url
 
@@ -16,6 +18,10 @@ IMAGE_SUFFIXES = frozenset(
 
 _NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
 _MAX_METADATA = 1 << 24
+_METADATA_ERRORS = (
+    *(OSError, yaml.YAMLError, RecursionError),
+    *(LookupError, AttributeError, TypeError, ValueError),
+)
 _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
 
@@ -61,15 +67,10 @@ def named_recording(path: Path) -> Path:
 
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
-    # It takes a fifth of a second, and few who ask what a file is need it.
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
     try:
         if not path.is_file() or path.stat().st_size > _MAX_METADATA:
             raise ValueError('no file, or implausibly large')
-        content = YAML(typ='safe').load(path.read_text('utf-8'))
-        listed = content['rosbag2_bagfile_information']
+        listed = yaml.safe_load(path.read_text('utf-8'))['rosbag2_bagfile_information']
         names = listed['relative_file_paths']
         if names and all(isinstance(name, str) for name in names):
             files = listed.get('files')
@@ -79,7 +80,7 @@ def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
                 if isinstance(file.get('message_count'), int):
                     account.promise(_plain(Path(file['path']).name), file['message_count'])
             return [Path(name).name for name in names]
-    except (OSError, YAMLError, RecursionError, LookupError, AttributeError, TypeError, ValueError):
+    except _METADATA_ERRORS:
         pass
     account.note((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
     return None
