@@ -17,24 +17,10 @@ from types import MappingProxyType
 from typing import Any
 
 import zstandard
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Statistics,
-    SummaryOffset,
-)
-from mcap.records import Chunk as ChunkRecord
-from mcap.records import Schema as SchemaRecord
+from mcap.records import Attachment, McapRecord, Metadata
 
 from mvuav_ros.messages.definitions import Schema, schema_of, type_hash
 from mvuav_ros.messages.sensors import normalised_type
@@ -61,9 +47,8 @@ class OutputFile:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RecordingError(
-                f'{path.parent} cannot be made: {error.strerror or error}'
-            ) from None
+            said = f'{path.parent} cannot be made: {error.strerror or error}'
+            raise RecordingError(said) from None
         try:
             if overwrite:
                 # Not truncated in place: someone may be reading the old file.
@@ -71,9 +56,8 @@ class OutputFile:
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
             self._file = os.open(path, flags, 0o666)
         except FileExistsError:
-            raise RecordingError(
-                f'{path} exists; choose another name, or overwrite it (--force)'
-            ) from None
+            said = f'{path} exists; choose another name, or overwrite it (--force)'
+            raise RecordingError(said) from None
         except OSError as error:
             raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None
 
@@ -137,38 +121,32 @@ class Chunk:
 
     def __init__(self) -> None:
         self._records = bytearray()
-        self._entries: dict[int, bytearray] = {}
+        self.entries: dict[int, bytearray] = {}
         self.message_count = 0
         self.start_ns = (1 << 64) - 1
         self.end_ns = 0
 
     @property
     def size(self) -> int:
-        """The size before compression."""
+        """Bytes before compression."""
         return len(self._records)
-
-    @property
-    def counts(self) -> dict[int, int]:
-        """The number of messages of each channel."""
-        return {key: len(entries) // _INDEX_ENTRY.size for key, entries in self._entries.items()}
 
     def define(self, record: McapRecord) -> None:
         """Add a schema or channel."""
         self._records += record_bytes(record)
 
     def add(
-        self, channel: int, sequence: int, times_ns: tuple[int, int], data: bytes | memoryview
+        self, channel: int, number: int, stamp_ns: int, publish_ns: int, data: bytes | memoryview
     ) -> int:
         """Add a message, logged and published at these times; returns the size by now."""
-        stamp_ns = times_ns[0]
         offset = len(self._records)
-        entries = self._entries.get(channel)
+        entries = self.entries.get(channel)
         if entries is None:
-            entries = self._entries[channel] = bytearray()
+            entries = self.entries[channel] = bytearray()
         indexed = len(entries)
         try:
             self._records += HEADER.pack(Opcode.MESSAGE, MESSAGE_HEADER.size + len(data))
-            self._records += MESSAGE_HEADER.pack(channel, sequence, *times_ns)
+            self._records += MESSAGE_HEADER.pack(channel, number, stamp_ns, publish_ns)
             self._records += data
             entries += _INDEX_ENTRY.pack(stamp_ns, offset)
             self.message_count += 1
@@ -188,21 +166,21 @@ class Chunk:
             return True
         return self.end_ns - _CHUNK_NS < stamp_ns < self.start_ns + _CHUNK_NS
 
-    def encode(self, offset: int) -> tuple[bytes, ChunkIndex]:
+    def encode(self, offset: int) -> tuple[bytes, records.ChunkIndex]:
         """What is to be written at ``offset`` of the file, and the index record for its end."""
-        start_ns = self.start_ns if self._entries else 0
+        start_ns = self.start_ns if self.entries else 0
         data = zstandard.ZstdCompressor(level=_LEVEL).compress(self._records)
         checksum = zlib.crc32(self._records)
-        chunk = ChunkRecord('zstd', data, self.end_ns, start_ns, checksum, self.size)
+        chunk = records.Chunk('zstd', data, self.end_ns, start_ns, checksum, self.size)
         pieces = [record_bytes(chunk)]
         chunk_length = length = len(pieces[0])
         offsets: dict[int, int] = {}
-        for key, entries in self._entries.items():
+        for key, entries in self.entries.items():
             offsets[key] = offset + length
             body = _INDEX_HEADER.pack(key, len(entries)) + entries
             pieces += [HEADER.pack(Opcode.MESSAGE_INDEX, len(body)), body]
             length += HEADER.size + len(body)
-        index = ChunkIndex(
+        index = records.ChunkIndex(
             chunk_length=chunk_length,
             chunk_start_offset=offset,
             compression=chunk.compression,
@@ -216,7 +194,7 @@ class Chunk:
         return b''.join(pieces), index
 
 
-class Summary:
+class _Summary:
     """What stands at a file's end; kept as bytes, as there is a chunk for every half second.
 
     ``statistics`` has the messages that were added by now.
@@ -225,24 +203,23 @@ class Summary:
     def __init__(self) -> None:
         self._groups = {opcode: bytearray() for opcode in _SUMMARY}
         self._counts: Counter[Opcode] = Counter()
-        self.statistics = Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
+        self.statistics = records.Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
 
     def add(self, opcode: Opcode, record: McapRecord) -> None:
-        """Add a schema, a channel, or the index of something else."""
         self._groups[opcode] += record_bytes(record)
         self._counts[opcode] += 1
 
-    def add_chunk(self, chunk: Chunk, index: ChunkIndex) -> None:
-        """Add a chunk that was written."""
+    def add_chunk(self, chunk: Chunk, index: records.ChunkIndex) -> None:
         self.add(Opcode.CHUNK_INDEX, index)
+        if not chunk.entries:
+            return
         statistics = self.statistics
+        if statistics.message_count == 0 or chunk.start_ns < statistics.message_start_time:
+            statistics.message_start_time = chunk.start_ns
+        statistics.message_end_time = max(statistics.message_end_time, chunk.end_ns)
         counts = statistics.channel_message_counts
-        for key, added in chunk.counts.items():
-            first = statistics.message_count == 0
-            statistics.message_start_time = (
-                chunk.start_ns if first else min(statistics.message_start_time, chunk.start_ns)
-            )
-            statistics.message_end_time = max(statistics.message_end_time, chunk.end_ns)
+        for key, entries in chunk.entries.items():
+            added = len(entries) // _INDEX_ENTRY.size
             statistics.message_count += added
             counts[key] = counts.get(key, 0) + added
 
@@ -250,10 +227,10 @@ class Summary:
         """An attachment or metadata as it is to be written at ``offset``."""
         data = record_bytes(record)
         if isinstance(record, Metadata):
-            self.add(Opcode.METADATA_INDEX, MetadataIndex(offset, len(data), record.name))
+            self.add(Opcode.METADATA_INDEX, records.MetadataIndex(offset, len(data), record.name))
             return data
         about = record.log_time, record.create_time, len(record.data), record.name
-        attached = AttachmentIndex(offset, len(data), *about, record.media_type)
+        attached = records.AttachmentIndex(offset, len(data), *about, record.media_type)
         self.add(Opcode.ATTACHMENT_INDEX, attached)
         return data
 
@@ -266,14 +243,15 @@ class Summary:
         self.statistics.attachment_count = counts[Opcode.ATTACHMENT_INDEX]
         self.statistics.metadata_count = counts[Opcode.METADATA_INDEX]
         self.add(Opcode.STATISTICS, self.statistics)
-        data_end = record_bytes(DataEnd(0))
+        data_end = record_bytes(records.DataEnd(0))
         start = offset + len(data_end)
         summary = offsets = b''
         for opcode, group in self._groups.items():
             if group:
-                offsets += record_bytes(SummaryOffset(opcode, start + len(summary), len(group)))
+                group_start = start + len(summary)
+                offsets += record_bytes(records.SummaryOffset(opcode, group_start, len(group)))
                 summary += group
-        footer = record_bytes(Footer(start, start + len(summary), 0))[:-4]
+        footer = record_bytes(records.Footer(start, start + len(summary), 0))[:-4]
         summary += offsets
         crc = struct.pack('<I', zlib.crc32(footer, zlib.crc32(summary)))
         return data_end + summary + footer + crc + MAGIC
@@ -336,7 +314,7 @@ class RecordingWriter:
         self.moved = 0
         self.extras: Iterable[Attachment | Metadata] = ()
         self._file = OutputFile(self.path, overwrite)
-        self._summary = Summary()
+        self._summary = _Summary()
         self._schemas: dict[tuple[str, Schema | None], int] = {}
         # A channel's number, and those of its messages.
         self._channels: dict[tuple[str, str, Schema | None], tuple[int, Iterator[int]]] = {}
@@ -347,7 +325,7 @@ class RecordingWriter:
         self._changed = threading.Condition()
         self._closed = False
         self._error: Exception | None = None
-        start = MAGIC + record_bytes(Header('ros2', 'mvuav_ros'))
+        start = MAGIC + record_bytes(records.Header('ros2', 'mvuav_ros'))
         for name, values in metadata.items():
             start += self._summary.add_extra(Metadata(name, dict(values)), len(start))
         try:
@@ -374,7 +352,7 @@ class RecordingWriter:
         return self._file.size
 
     @property
-    def statistics(self) -> Statistics:
+    def statistics(self) -> records.Statistics:
         """Numbers and times of the messages in the file by now; of all once it is closed."""
         return self._summary.statistics
 
@@ -425,9 +403,8 @@ class RecordingWriter:
                 self._changed.notify_all()
             channel_id, numbers = channel
             number = next(numbers)
-            times_ns = stamp_ns, publish_ns
-            size = chunk.add(channel_id, number if sequence is None else sequence, times_ns, cdr)
-            if size >= _CHUNK_BYTES:
+            number = number if sequence is None else sequence
+            if chunk.add(channel_id, number, stamp_ns, publish_ns, cdr) >= _CHUNK_BYTES:
                 self._hand_over()
 
     def close(self) -> None:
@@ -475,24 +452,15 @@ class RecordingWriter:
         schema_id = self._schemas.get((kind, text))
         if schema_id is None:
             schema_id = self._schemas[kind, text] = len(self._schemas) + 1
-            record = SchemaRecord(
-                id=schema_id,
-                data=text.text.encode() if text else b'',
-                encoding=text.encoding if text else '',
-                name=kind,
-            )
+            encoding, definition = text or ('', '')
+            record = records.Schema(schema_id, definition.encode(), encoding, kind)
             self._chunks[-1].define(record)
             self._summary.add(Opcode.SCHEMA, record)
         metadata = {'offered_qos_profiles': qos}
         if text == schema_of(kind) and type_hash(kind):
             metadata['topic_type_hash'] = type_hash(kind)
-        channel = Channel(
-            id=len(self._channels) + 1,
-            topic=topic,
-            message_encoding='cdr',
-            metadata=metadata,
-            schema_id=schema_id,
-        )
+        number = len(self._channels) + 1
+        channel = records.Channel(number, topic, 'cdr', metadata, schema_id)
         self._chunks[-1].define(channel)
         self._summary.add(Opcode.CHANNEL, channel)
         return self._channels.setdefault((topic, type, schema), (channel.id, count(1)))
