@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import cv2
@@ -34,21 +35,24 @@ def compressed_size(data: Any) -> tuple[int, int] | None:
     ``data`` are bytes, an array.array or a flat uint8 array; they are not copied.
     """
     view = memoryview(data).cast('B') if len(data) else memoryview(b'')
-    if bytes(view[: len(_PNG_START)]) == _PNG_START:
-        return _unpack('>II', view, len(_PNG_START))
-    if bytes(view[:2]) == _JPEG_START:
-        return _jpeg_size(view)
-    if bytes(view[:4]) == b'RIFF' and bytes(view[8:12]) == b'WEBP':
-        return _webp_size(view)
+    head = bytes(view[:30])
+    with suppress(struct.error):  # it ends too early
+        if head.startswith(_PNG_START):
+            width, height = struct.unpack_from('>II', head, len(_PNG_START))
+            return width, height
+        if head.startswith(_JPEG_START):
+            return _jpeg_size(view)
+        if head[:4] == b'RIFF' and head[8:12] == b'WEBP':
+            return _webp_size(head)
     tags = next(_tiff_directories(view), {})
     if {_TIFF_WIDTH, _TIFF_HEIGHT} <= tags.keys():
         return tags[_TIFF_WIDTH], tags[_TIFF_HEIGHT]
     return None
 
 
-def _webp_size(view: memoryview) -> tuple[int, int] | None:
+def _webp_size(head: bytes) -> tuple[int, int] | None:
     """By the first chunk: lossy, lossless, or the canvas of the extended format."""
-    kind, body = bytes(view[12:16]), bytes(view[20:30])
+    kind, body = head[12:16], head[20:30]
     if len(body) < 10:
         return None
     if kind == b'VP8X':
@@ -107,17 +111,10 @@ def _jpeg_size(view: memoryview) -> tuple[int, int] | None:
         if marker in (_JPEG_SCAN, _JPEG_END):
             return None
         if marker in _JPEG_FRAMES:
-            size = _unpack('>HH', view, position + 5)
-            return None if size is None else (size[1], size[0])
+            height, width = struct.unpack_from('>HH', view, position + 5)
+            return width, height
         position += 2 + int.from_bytes(view[position + 2 : position + 4], 'big')
     return None
-
-
-def _unpack(layout: str, view: memoryview, offset: int) -> tuple[int, int] | None:
-    if offset + struct.calcsize(layout) > len(view):
-        return None
-    first, second = struct.unpack_from(layout, view, offset)
-    return first, second
 
 
 def decode_image_file(data: NDArray[np.uint8]) -> Image:

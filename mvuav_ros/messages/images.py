@@ -9,7 +9,7 @@ import struct
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,24 +37,6 @@ _TYPES = (IMAGE, COMPRESSED_IMAGE, FFMPEG_PACKET, COMPRESSED_VIDEO)
 _CODECS = ('h264', 'hevc', 'vp8', 'vp9', 'av1', 'mpeg4', 'mjpeg')
 _OTHER_NAMES = {'h265': 'hevc', 'libx264': 'h264', 'libx265': 'hevc', 'x264': 'h264'}
 _MEASURED = ('32FC', '64FC', '32SC', '16SC', '8SC')
-
-
-class ImageMessage(Protocol):
-    """The fields of sensor_msgs/Image that describe the pixels."""
-
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: Any
-    step: int
-    data: Any
-
-
-class CompressedImageMessage(Protocol):
-    """The fields of sensor_msgs/CompressedImage that describe the pixels."""
-
-    format: str
-    data: Any
 
 
 @dataclass(slots=True)
@@ -146,10 +128,11 @@ def view_coded_image(type_name: str, message: bytes | memoryview) -> CodedImage:
     return CodedImage(stamp_ns, frame_id, name, reader.octets(), bool(codec_of(name)))
 
 
-def decode_image(message: ImageMessage) -> Image:
-    """View the message's pixels; copied only where 16 bits are not as this machine has them.
+def decode_image(message: RawImage) -> Image:
+    """View a message's pixels; copied only where 16 bits are not as this machine has them.
 
-    The image shares memory with ``message.data`` and is not to be written to.
+    The message may as well be a sensor_msgs/Image. The image shares memory with ``message.data``
+    and is not to be written to.
 
     Raises:
         ImageError: the fields contradict each other, or the encoding is not known.
@@ -188,7 +171,7 @@ def decode_image(message: ImageMessage) -> Image:
     return Image(pixels, message.encoding)
 
 
-def decode_compressed_image(message: CompressedImageMessage) -> Image:
+def decode_compressed_image(message: CodedImage) -> Image:
     """Decompress a JPEG, PNG, WebP or TIFF message, whichever its ``format`` says that it is.
 
     Grey stays ``mono8`` or ``mono16``, unless ``format`` says as image_transport does that it is
@@ -206,7 +189,7 @@ def decode_compressed_image(message: CompressedImageMessage) -> Image:
     return image
 
 
-def check_compressed_image(message: CompressedImageMessage) -> tuple[int, int]:
+def check_compressed_image(message: CodedImage) -> tuple[int, int]:
     """The width and height (px) in a compressed image's header, before it is decompressed.
 
     Raises:

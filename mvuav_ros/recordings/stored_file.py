@@ -118,10 +118,11 @@ class Channels:
 
     def listed(self) -> tuple[TopicInfo, ...]:
         """Every definition with its number of messages."""
-        if self.counts is None:
-            return tuple(self._found.values())
         counts = self.counts
-        return tuple(replace(info, message_count=counts[key]) for key, info in self._found.items())
+        return tuple(
+            info if counts is None else replace(info, message_count=counts[key])
+            for key, info in self._found.items()
+        )
 
     def count(self, numbers: Iterable[int]) -> None:
         """Count messages by their channels' numbers, of those that are known."""
