@@ -87,25 +87,17 @@ def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
 
 
 def _chosen(present: list[Path], listed: Sequence[str], account: Account) -> list[Path]:
-    chosen: list[Path] = []
-    missing: list[str] = []
-    by_name = {entry.name: entry for entry in present}
-    for name in listed:
-        plain = _plain(name)
-        entry = next((by_name[n] for n in (name, plain, f'{plain}.zstd') if n in by_name), None)
-        if entry is None:
-            missing.append(name)
-        elif entry not in chosen:
-            chosen.append(entry)
-    if missing:
+    by_name = {_plain(entry.name): entry for entry in reversed(present)}
+    plain = dict.fromkeys(map(_plain, listed))
+    chosen = [by_name[name] for name in plain if name in by_name]
+    if missing := [name for name in listed if _plain(name) not in by_name]:
         names = ', '.join(missing[:3]) + (', …' if len(missing) > 3 else '')
         of = f'{len(missing)} of the {counted(len(listed), "file")} that {METADATA} lists'
         are = 'is' if len(missing) == 1 else 'are'
         account.lose(METADATA, 'missing', f'{of} {are} missing: {names}')
     series = {_series(name) for name in listed}
-    listed_plain = {_plain(name) for name in listed}
     for entry in present:
-        if entry in chosen or _plain(entry.name) in listed_plain:
+        if _plain(entry.name) in plain:
             continue
         # After a crash, metadata.yaml may not know the last files of a split recording.
         if _series(entry.name) in series:
