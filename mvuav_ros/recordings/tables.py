@@ -13,7 +13,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
@@ -248,7 +247,7 @@ class Table:
         self._columns = columns
         path.parent.mkdir(parents=True, exist_ok=True)
         self._part = path.with_name(f'.{path.name}.part')
-        self._file = self._part.open('wb')
+        self._file = self._part.open('w', encoding='utf-8', newline='')
 
     @classmethod
     def takes(cls, topic: str, kind: str) -> bool:
@@ -278,7 +277,7 @@ class Table:
 
     def _write(self, rows: list[Row]) -> int:
         lines = [line for line in map(self._line, rows) if line]
-        self._file.write(''.join(lines).encode())
+        self._file.writelines(lines)
         return len(lines)
 
     def _line(self, row: Row) -> str:
@@ -299,8 +298,7 @@ class Csv(Table):
 
     def __init__(self, path: Path, columns: Columns) -> None:
         super().__init__(path, columns)
-        self._text = TextIOWrapper(self._file, 'utf-8', newline='', write_through=True)
-        self._writer = csv.writer(self._text)
+        self._writer = csv.writer(self._file)
         self._writer.writerow(columns)
 
     def _write(self, rows: list[Row]) -> int:
@@ -341,7 +339,7 @@ class Parquet(Table):
         except (ValueError, TypeError, OverflowError) as error:
             raise RecordingError(f'{self.path}: its columns change: {error}') from None
         if self._writer is None:
-            self._writer = self._arrow.parquet.ParquetWriter(self._file, table.schema)
+            self._writer = self._arrow.parquet.ParquetWriter(self._file.buffer, table.schema)
         self._writer.write_table(table)
         self._rows.clear()
 
@@ -415,9 +413,6 @@ class Mot(Table):
 TABLES: dict[str, type[Table]] = {'csv': Csv, 'parquet': Parquet, 'tum': Tum, 'mot': Mot}
 """By the form's name."""
 
-
-ACCOUNT = 'account_{form}.json'
-"""Beside the tables of a form: what could not be read or exported."""
 
 _MAX_NAME = 200
 _MAX_REASON = 200
@@ -501,9 +496,8 @@ class _Files:
     def __init__(self, folder: Path, form: str, overwrite: bool, *, several: bool) -> None:
         self._folder, self._overwrite, self._several = folder, overwrite, several
         self.table_type = TABLES[form]
-        self.account = folder / ACCOUNT.format(form=form)
+        self.account = folder / f'account_{form}.json'
         self.tables: dict[tuple[str, Columns, str], Table] = {}
-        self._taken: set[Path] = set()
 
     def refuse_to_overwrite(self, topic: str, flight: str) -> None:
         """Raise RecordingError where the topic's file exists, before anything is written."""
@@ -524,15 +518,15 @@ class _Files:
             if len(self.tables) == _MAX_TABLES:
                 raise RecordingError(f'it would be more than {_MAX_TABLES} tables')
             path = self._free_path(topic, flight)
-            self._taken.add(path)
             self.tables[key] = stack.enter_context(self.table_type(path, columns))
         return self.tables[key]
 
     def _free_path(self, topic: str, flight: str) -> Path:
         name = re.sub(r'[^\w.-]', '_', topic.strip('/'))[:_MAX_NAME] or 'root'
         inner = f'/{flight}' if self.table_type.one_flight and self._several else ''
+        taken = {table.path for table in self.tables.values()}
         path, number = self._folder / f'{name}{inner}.{self.table_type.ending}', 1
-        while path in self._taken:
+        while path in taken:
             number += 1
             path = self._folder / f'{name}_{number}{inner}.{self.table_type.ending}'
         self._refuse(path)
