@@ -68,10 +68,6 @@ class CdrWriter:
         """All of it as it is, for more to come behind it."""
         return bytes(self._data)
 
-    def fields(self) -> bytes:
-        """What has been written, to become part of another message."""
-        return without_encapsulation(self.beginning())
-
 
 def cdr_header(stamp_ns: int, frame_id: str) -> bytes:
     """The beginning of a message whose first field is a std_msgs/Header."""
@@ -212,7 +208,7 @@ class PointLayout:
             row += f'{offset - end}x{member.char}'
             end = offset + member.itemsize
         self._row = struct.Struct(f'{row}{dtype.itemsize - end}x')
-        writer = CdrWriter()
+        writer = CdrWriter(b'')
         writer.numbers('I', len(members))
         for name, member, offset in members:
             writer.text(name)
@@ -220,7 +216,7 @@ class PointLayout:
             writer.numbers('B', _DATATYPES[member])
             writer.numbers('I', 1)  # count
         writer.numbers('B', False)  # is_bigendian
-        self._fields = writer.fields()
+        self._fields = writer.beginning()
         self._starts: dict[int, bytes] = {}
 
     def encode(self, rows: Sequence[Sequence[float]], header: bytes) -> bytes:

@@ -106,7 +106,7 @@ def _on_plane(pixels: list[Point], camera: CameraModel) -> tuple[list[Point], fl
 
 def _nothing_more() -> bytes:
     """A Marker's fields from ``texture_resource`` on, which begin 4-byte aligned."""
-    writer = CdrWriter()
+    writer = CdrWriter(b'')
     writer.text('')
     # texture: stamp, frame, format and data.
     writer.numbers('2i', 0, 0)
@@ -120,7 +120,7 @@ def _nothing_more() -> bytes:
     writer.octets(b'')
     mesh_use_embedded_materials = False
     writer.numbers('B', mesh_use_embedded_materials)
-    return writer.fields()
+    return writer.beginning()
 
 
 _NO_TEXTURE_TEXT_AND_MESH = _nothing_more()

@@ -29,10 +29,7 @@ class Rosbag2Writer:
     """
 
     def __init__(
-        self,
-        folder: Path,
-        split_bytes: int = 0,
-        metadata: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+        self, folder: Path, split_bytes: int, metadata: Mapping[str, Mapping[str, str]]
     ) -> None:
         """Create the folder, unless it is there and empty.
 
