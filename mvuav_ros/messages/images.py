@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -285,12 +285,7 @@ class _Layout(NamedTuple):
     size: int
     encapsulation: bytes
     fields: bytes
-    frame_id: str
-    encoding: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    start: int
-    strides: tuple[int, ...]
+    frame: Callable[[int, bytes | memoryview], Frame]
 
 
 class ImageDecoder:
@@ -317,15 +312,11 @@ class ImageDecoder:
             known is not None
             and len(message) == known.size
             and message[:_STAMP_START] == known.encapsulation
-            and message[_STAMP_END : known.start] == known.fields
+            and message[_STAMP_END : _STAMP_END + len(known.fields)] == known.fields
         ):
             seconds, nanoseconds = _STAMP.unpack_from(message, _STAMP_START)
             if nanoseconds < _NS:
-                pixels: Any = np.ndarray(
-                    known.shape, known.dtype, message, known.start, known.strides
-                )
-                image = Image(pixels, known.encoding)
-                return Frame(seconds * _NS + nanoseconds, known.frame_id, image)
+                return known.frame(seconds * _NS + nanoseconds, message)
         return self._read(message)
 
     def _read(self, message: bytes | memoryview) -> Frame:
@@ -334,18 +325,16 @@ class ImageDecoder:
         octets, pixels = np.frombuffer(message, np.uint8), image.pixels
         is_little_endian = message[1] & 1
         if is_little_endian and np.may_share_memory(octets, pixels):
+            shape, dtype, strides = pixels.shape, pixels.dtype, pixels.strides
             start = pixels.ctypes.data - octets.ctypes.data
-            self._layout = _Layout(
-                size=len(message),
-                encapsulation=bytes(message[:_STAMP_START]),
-                fields=bytes(message[_STAMP_END:start]),
-                frame_id=view.frame_id,
-                encoding=image.encoding,
-                shape=pixels.shape,
-                dtype=pixels.dtype,
-                start=start,
-                strides=pixels.strides,
-            )
+            frame_id, encoding = view.frame_id, image.encoding
+
+            def frame(stamp_ns: int, message: bytes | memoryview) -> Frame:
+                pixels: Any = np.ndarray(shape, dtype, message, start, strides)
+                return Frame(stamp_ns, frame_id, Image(pixels, encoding))
+
+            head = bytes(message[:start])
+            self._layout = _Layout(len(message), head[:_STAMP_START], head[_STAMP_END:], frame)
         return Frame(view.stamp_ns, view.frame_id, image)
 
 
