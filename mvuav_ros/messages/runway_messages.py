@@ -16,7 +16,7 @@ from mvuav_ros.messages.cdr import (
     stamped_doubles,
     texts,
 )
-from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance, Point
+from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.runway.debug_images import line_color
@@ -72,8 +72,11 @@ def encode_lines(result: Result, header: bytes, camera: CameraModel | None = Non
     # A line may be known and yet miss the frame.
     drawn = [line for line in result.lines if not math.isnan(line.x)]
     ends = [point for line in drawn for point in ((line.x, line.y), (line.x2, line.y2))]
-    points, width = (ends, LINE_WIDTH) if camera is None else _on_plane(ends, camera)
-    depth = 0.0 if camera is None else PLANE
+    points, width, depth = ends, LINE_WIDTH, 0.0
+    if camera is not None:
+        flat = camera.undistort(ends).tolist() if ends else []
+        points = [(x * PLANE, y * PLANE) for x, y in flat]
+        width, depth = LINE_WIDTH / camera.matrix[0, 0] * PLANE, PLANE
     colors: list[float] = []
     for line in drawn:
         has_role = line.role is not LineRole.UNKNOWN
@@ -93,15 +96,6 @@ def encode_lines(result: Result, header: bytes, camera: CameraModel | None = Non
     writer.numbers(f'{len(colors)}f', *colors)
     writer.written(_NO_TEXTURE_TEXT_AND_MESH)
     return writer.message()
-
-
-def _on_plane(pixels: list[Point], camera: CameraModel) -> tuple[list[Point], float]:
-    """Px of the image to m on the plane, and the width of a line there."""
-    width = LINE_WIDTH / camera.matrix[0, 0] * PLANE
-    if not pixels:
-        return [], width
-    flat = camera.undistort(pixels)
-    return [(x * PLANE, y * PLANE) for x, y in flat.tolist()], width
 
 
 def _nothing_more() -> bytes:
