@@ -80,12 +80,10 @@ class OutputFile:
     @property
     def is_there(self) -> bool:
         """Whether the file is still the one of that name."""
-        ours = os.fstat(self._file)
         try:
-            there = self.path.lstat()
+            return os.path.samestat(os.fstat(self._file), self.path.lstat())
         except OSError:
             return False
-        return (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
 
     def close(self) -> None:
         """Let go of the file.
@@ -413,8 +411,7 @@ class RecordingWriter:
         Raises:
             RecordingError: the file cannot be written; it then ends after the last whole chunk.
         """
-        if not self._closed:
-            self._finish(complete=True)
+        self._finish(complete=True)
 
     def _finish(self, complete: bool) -> None:
         with self._changed:
