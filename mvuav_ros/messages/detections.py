@@ -5,10 +5,9 @@ What stands in the PointCloud2 rows and in ``~/pose``, for viewers and trackers 
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from mvuav_ros.messages.cdr import CdrWriter, without_encapsulation
@@ -20,12 +19,10 @@ from mvuav_ros.vision.rig import MarkerRig
 
 TYPES: dict[str, Any] = {}
 """Topics and their messages; none where vision_msgs is not installed."""
-if importlib.util.find_spec('vision_msgs') is not None:
-    _messages = importlib.import_module('vision_msgs.msg')
-    TYPES = {
-        'detections': _messages.Detection2DArray,
-        'detections_3d': _messages.Detection3DArray,
-    }
+with suppress(ImportError):
+    from vision_msgs.msg import Detection2DArray, Detection3DArray
+
+    TYPES = {'detections': Detection2DArray, 'detections_3d': Detection3DArray}
 _NO_POSE = (math.nan,) * 43
 
 

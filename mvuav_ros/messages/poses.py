@@ -5,10 +5,9 @@ Body axes are x forward, y left, z up (REP-103).
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -49,8 +48,10 @@ Array = NDArray[np.float64]
 TF_TOPIC = '/tf'
 TF_TYPE: Any = None
 """The message of ``/tf``; None where tf2_msgs is not installed."""
-if importlib.util.find_spec('tf2_msgs') is not None:
-    TF_TYPE = importlib.import_module('tf2_msgs.msg').TFMessage
+with suppress(ImportError):
+    from tf2_msgs.msg import TFMessage
+
+    TF_TYPE = TFMessage
 
 _UNKNOWN = np.full((6, 6), math.nan)
 

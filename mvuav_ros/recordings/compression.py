@@ -64,6 +64,8 @@ def allowing(megabytes: int | None) -> Iterator[None]:
             os.environ[VARIABLE] = before
 
 
+PLAIN = ('', 'none')
+"""What recordings call no compression."""
 _AT_ONCE = 1 << 26
 _TOO_LARGE = 'it is larger than it says'
 # A zstd block of 4 bytes can become 128 KiB: 1 KiB in makes 32 MiB out at most.
@@ -91,7 +93,7 @@ def unpack(stream: BinaryIO, length: int, compression: str, size: int, limit: in
         size: what the recording says that the block becomes, bytes; -1 if it does not say.
         limit: the largest size that is accepted, bytes.
     """
-    if compression in ('', 'none'):
+    if compression in PLAIN:
         data = stream.read(min(length, limit + 1))
         return Unpacked(memoryview(data), _TOO_LARGE if len(data) > limit else '')
     if compression not in _DECODERS:

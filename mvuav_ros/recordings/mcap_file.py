@@ -24,7 +24,7 @@ from mcap.records import Schema as SchemaRecord
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, unpack
+from mvuav_ros.recordings.compression import PLAIN, SIZE_LIMIT, Limit, unpack
 from mvuav_ros.recordings.layout import MCAP_START as MAGIC
 from mvuav_ros.recordings.stored_file import (
     ChunkTally,
@@ -229,7 +229,7 @@ class McapFile(RecordingFile):
         if is_cut or (header.crc and header.crc == zlib.crc32(raw)):
             problem = ''
         # The length of a plain one stands twice in the record.
-        elif not problem and len(raw) != size and (header.crc or not header.is_plain):
+        elif not problem and len(raw) != size and (header.crc or header.compression not in PLAIN):
             problem = 'its size is wrong'
         elif not problem and header.crc:
             problem = 'its checksum is wrong'
@@ -313,10 +313,6 @@ class _ChunkHeader(NamedTuple):
     data_offset: int
     data_size: int
 
-    @property
-    def is_plain(self) -> bool:
-        return self.compression in ('', 'none')
-
 
 class _Span(NamedTuple):
     """Where a record lies; of a chunk that is cut fewer bytes are ``available``."""
@@ -344,12 +340,12 @@ class _Records:
             span = self._span_at(offset)
             if span is None:
                 found = self._next_record(search_from)
-                if found is None and is_closed:
-                    left = self._size - offset
-                    self._file.note('end', f'the {left} bytes behind its end are no records')
-                    return
                 if found is None:
-                    self._file.lose_end(self._size - offset)
+                    left = self._size - offset
+                    if is_closed:
+                        self._file.note('end', f'the {left} bytes behind its end are no records')
+                    else:
+                        self._file.lose_end(left)
                     return
                 said = f'damaged at byte {offset}, reading continues at byte {found}'
                 self._file.lose(offset, said)
@@ -437,17 +433,16 @@ class _Records:
         (data_size,) = struct.unpack_from('<Q', head, end - 8)
         compression = head[fixed : end - 8].decode('ascii', 'replace')
         # The records of one that is too large, and plain, can be found one by one.
-        if end + data_size != length or (size > SIZE_LIMIT and compression in ('', 'none')):
+        if end + data_size != length or (size > SIZE_LIMIT and compression in PLAIN):
             return None
         return _ChunkHeader(start_ns, end_ns, size, crc, compression, body + end, data_size)
 
     def _next_record(self, start: int) -> int | None:
-        while start < self._size:
+        for block in range(start, self._size, _BLOCK):
             # 8 bytes more, so that no candidate is split between two blocks.
-            for match in _CANDIDATE.finditer(self.read(start, _BLOCK + 8)):
-                if self._convinces(start + match.start()):
-                    return start + match.start()
-            start += _BLOCK
+            for match in _CANDIDATE.finditer(self.read(block, _BLOCK + 8)):
+                if self._convinces(block + match.start()):
+                    return block + match.start()
         return None
 
     def _convinces(self, offset: int) -> bool:
