@@ -5,15 +5,17 @@ Whoever reads a recording fills its account; `collecting` finds all of them for 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, NamedTuple
+from typing import Any
 
 from mvuav_ros.messages.untrusted import MAX_LINE, words
 
 _MAX_TEXTS = 200
 _MAX_ENTRIES = 10_000
+_ALTERED = ('altered',)
+"""In place of a file."""
 _collected: ContextVar[list[Account] | None] = ContextVar('accounts', default=None)
 
 
@@ -26,12 +28,6 @@ class SourceError(Exception):
 
 class RecordingError(SourceError):
     """A recording that cannot be read or written."""
-
-
-class _Entry(NamedTuple):
-    text: str
-    messages: int | None
-    is_alteration: bool = False
 
 
 class Account:
@@ -51,7 +47,8 @@ class Account:
         self.kept = 0
         self.skipped = 0
         self.is_reported = False
-        self._entries: dict[tuple[Hashable, Hashable], _Entry] = {}
+        # What was said under a file and a key, and of how many messages.
+        self._entries: dict[tuple[Hashable, Hashable], tuple[str, int | None]] = {}
         self._notes: dict[Hashable, str] = {}
         self._missing: dict[Hashable, int] = {}
         self._promised: dict[Hashable, int] = {}
@@ -64,11 +61,14 @@ class Account:
 
         ``count`` is the number of messages: None if nobody knows, 0 if there are none.
         """
-        self._enter((file, key), _Entry(words(text, MAX_LINE), count))
+        if (file, key) in self._entries or len(self._entries) < _MAX_ENTRIES:
+            self._entries[file, key] = words(text, MAX_LINE), count
+        else:
+            self._is_full = True
 
     def alter(self, key: Hashable, text: str, count: int) -> None:
         """Say what was written otherwise than it was read."""
-        self._enter(('altered', key), _Entry(words(text, MAX_LINE), count, True))
+        self.lose(_ALTERED, key, text, count)
 
     def note(self, key: Hashable, text: str) -> None:
         """Say what is unusual, though nothing is lost by it."""
@@ -95,29 +95,26 @@ class Account:
             self.note((file, 'more'), said)
             return
         self._missing[file] = missing
-        if missing > sum(e.messages or 0 for (of, _), e in self._entries.items() if of == file):
+        if missing > self._messages(lambda of: of == file):
             self.lose(file, 'rest', f'{file}: {missing} of {written} messages lost', 0)
 
     @property
     def lost(self) -> int:
         """Messages that are known to be lost."""
-        return sum(self._missing.values()) + sum(
-            entry.messages or 0
-            for (file, _), entry in self._entries.items()
-            if file not in self._missing and not entry.is_alteration
-        )
+        known = self._messages(lambda file: file != _ALTERED and file not in self._missing)
+        return known + sum(self._missing.values())
 
     @property
     def altered(self) -> int:
         """Messages that were written otherwise than they were read."""
-        return sum(entry.messages or 0 for entry in self._entries.values() if entry.is_alteration)
+        return self._messages(lambda file: file == _ALTERED)
 
     @property
     def is_exact(self) -> bool:
         """Whether no more can be lost than `lost` says, as far as the files say."""
         return not self._is_full and all(
-            entry.messages is not None or file in self._missing
-            for (file, _), entry in self._entries.items()
+            count is not None or file in self._missing
+            for (file, _), (_, count) in self._entries.items()
         )
 
     @property
@@ -128,7 +125,7 @@ class Account:
     @property
     def errors(self) -> list[str]:
         """What was lost or altered, in order of discovery."""
-        texts = [entry.text for entry in self._entries.values()]
+        texts = [text for text, _ in self._entries.values()]
         more = len(texts) - _MAX_TEXTS
         return [*texts[:_MAX_TEXTS], f'and {more} more'] if more > 0 else texts
 
@@ -156,11 +153,8 @@ class Account:
             'warnings': self.warnings,
         }
 
-    def _enter(self, key: tuple[Hashable, Hashable], entry: _Entry) -> None:
-        if key in self._entries or len(self._entries) < _MAX_ENTRIES:
-            self._entries[key] = entry
-        else:
-            self._is_full = True
+    def _messages(self, of: Callable[[Hashable], bool]) -> int:
+        return sum(count or 0 for (file, _), (_, count) in self._entries.items() if of(file))
 
 
 @contextmanager

@@ -367,15 +367,9 @@ class RecordingWriter:
     ) -> None:
         """Write one message; that of another recording as ``write(*message)``.
 
-        Args:
-            topic: the topic's full name.
-            type: 'pkg/msg/Type'.
-            stamp_ns: the log time in ns since the epoch.
-            cdr: the message with its four-byte CDR header.
-            schema: the type's definition; Jazzy's if None.
-            qos: the publisher's profiles as rosbag2 writes them.
-            publish_ns: the publishing time; the log time if None.
-            sequence: the publisher's number of the message; counted here if None.
+        ``type`` is 'pkg/msg/Type', times are ns since the epoch, ``cdr`` has its four-byte header,
+        and ``qos`` is as rosbag2 writes it. Left out, the definition is Jazzy's, the publishing
+        time the log time, and the number counted here.
 
         Raises:
             RecordingError: the file cannot be written, such as when the disk is full.
