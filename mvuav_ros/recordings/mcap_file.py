@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Metadata, Statistics
+from mcap.records import Attachment, Channel, Footer, Metadata, Statistics
 from mcap.records import Schema as SchemaRecord
 
 from mvuav_ros.messages.definitions import Schema
@@ -63,6 +63,7 @@ _PARSERS: dict[int, Any] = {
     Opcode.STATISTICS: Statistics,
     Opcode.ATTACHMENT: Attachment,
     Opcode.METADATA: Metadata,
+    Opcode.FOOTER: Footer,
 }
 _IN_CHUNK = {Opcode.SCHEMA: 8, Opcode.CHANNEL: 12, Opcode.MESSAGE: MESSAGE_HEADER.size}
 """The records of a chunk that count, and how long they are at least."""
@@ -74,9 +75,8 @@ _IN_SUMMARY = (
 _PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
 _CANDIDATE = re.compile(rb'[\x01-\x0f](?=.{4}\0{4})', re.DOTALL)
 _BLOCK = 1 << 20
-_FOOTER = struct.Struct('<QQI')
-_FOOTER_HEAD = HEADER.pack(Opcode.FOOTER, _FOOTER.size)
-_FOOTER_SIZE = HEADER.size + _FOOTER.size + len(MAGIC)
+_FOOTER_HEAD = HEADER.pack(Opcode.FOOTER, 20)
+_FOOTER_SIZE = len(_FOOTER_HEAD) + 20 + len(MAGIC)
 _FIRST_BODY = len(MAGIC) + HEADER.size
 _INDEX_ENTRY_SIZE = 16
 _MAX_COMPRESSION_NAME = 16
@@ -393,16 +393,16 @@ class _Records:
         tail = self.read(footer_offset, _FOOTER_SIZE)
         if tail[-len(MAGIC) :] != MAGIC or tail[: HEADER.size] != _FOOTER_HEAD:
             return None
-        summary_start, _, summary_crc = _FOOTER.unpack_from(tail, HEADER.size)
-        start: int = base + summary_start if summary_start else footer_offset
+        said = _parsed(Opcode.FOOTER, tail[HEADER.size :])
+        start: int = base + said.summary_start if said.summary_start else footer_offset
         if start > footer_offset:
             return None
         stream, checksum, left = self.stream_at(start), 0, end - len(MAGIC) - 4 - start
-        while summary_crc and left > 0:
+        while said.summary_crc and left > 0:
             block = stream.read(min(left, _BLOCK))
             checksum = zlib.crc32(block, checksum)
             left -= len(block)
-        return start, bool(checksum == summary_crc)
+        return start, bool(checksum == said.summary_crc)
 
     def _span_at(self, offset: int) -> _Span | None:
         """The record there, if its length may be true: a chunk repeats it, others must fit."""
