@@ -1,8 +1,7 @@
 """CDR, the bytes in which DDS carries and bags keep a message; rows of points, and statuses, in it.
 
 By way of rclpy's objects a frame's results take longer than finding the markers, and the padding
-holds chance bytes of memory. Written field by field they take a quarter of that, and the same
-frame gives the same bytes, live and in a file.
+holds chance bytes of memory.
 """
 
 from __future__ import annotations
@@ -68,10 +67,6 @@ class CdrWriter:
     def beginning(self) -> bytes:
         """All of it as it is, for more to come behind it."""
         return bytes(self._data)
-
-    def fields(self) -> bytes:
-        """What has been written, to become part of another message."""
-        return without_encapsulation(self.beginning())
 
 
 def cdr_header(stamp_ns: int, frame_id: str) -> bytes:
@@ -197,7 +192,6 @@ def view_points(message: Any) -> NDArray[np.void]:
     return np.frombuffer(message.data, dtype, count=count)
 
 
-_DENSE = {False: b'\0', True: b'\1'}
 _DATATYPES = {np.dtype(np.float32): 7, np.dtype(np.uint8): 2}
 """FLOAT32 and UINT8 of sensor_msgs/PointField."""
 
@@ -214,17 +208,15 @@ class PointLayout:
             row += f'{offset - end}x{member.char}'
             end = offset + member.itemsize
         self._row = struct.Struct(f'{row}{dtype.itemsize - end}x')
-        writer = CdrWriter()
+        writer = CdrWriter(b'')
         writer.numbers('I', len(members))
         for name, member, offset in members:
             writer.text(name)
             writer.numbers('I', offset)
             writer.numbers('B', _DATATYPES[member])
-            count = 1
-            writer.numbers('I', count)
-        is_bigendian = False
-        writer.numbers('B', is_bigendian)
-        self._fields = writer.fields()
+            writer.numbers('I', 1)  # count
+        writer.numbers('B', False)  # is_bigendian
+        self._fields = writer.beginning()
         self._starts: dict[int, bytes] = {}
 
     def encode(self, rows: Sequence[Sequence[float]], header: bytes) -> bytes:
@@ -236,7 +228,7 @@ class PointLayout:
         is_dense = all(finite(x) and finite(y) and finite(z) for x, y, z, *_ in rows)
         start = self._starts.get(len(rows)) or self._start(len(rows))
         points = [pack(*row) for row in rows]
-        return behind_header(header, b''.join((start, *points, _DENSE[is_dense])))
+        return behind_header(header, b''.join((start, *points, bytes([is_dense]))))
 
     def _start(self, rows: int) -> bytes:
         """All between the header and as many rows: the same from message to message."""
@@ -277,9 +269,8 @@ def status_fields(statuses: Sequence[Status]) -> bytes:
     """A DiagnosticArray without its header."""
     data = bytearray(_LENGTH.pack(len(statuses)))
     for level, name, message, values in statuses:
-        hardware_id = ''
         data.append(level)
-        for text in (name, message, hardware_id):
+        for text in (name, message, ''):  # no hardware_id
             data += bytes(-len(data) % 4)
             data += _text(text)
         data += bytes(-len(data) % 4)

@@ -5,11 +5,10 @@ What stands in the PointCloud2 rows and in ``~/pose``, for viewers and trackers 
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from contextlib import suppress
+from typing import Any
 
 from mvuav_ros.messages.cdr import CdrWriter, without_encapsulation
 from mvuav_ros.vision.approach.approach_results import ApproachResult
@@ -20,24 +19,15 @@ from mvuav_ros.vision.rig import MarkerRig
 
 TYPES: dict[str, Any] = {}
 """Topics and their messages; none where vision_msgs is not installed."""
-if importlib.util.find_spec('vision_msgs') is not None:
-    _messages = importlib.import_module('vision_msgs.msg')
-    TYPES = {
-        'detections': _messages.Detection2DArray,
-        'detections_3d': _messages.Detection3DArray,
-    }
+with suppress(ImportError):
+    from vision_msgs.msg import Detection2DArray, Detection3DArray
+
+    TYPES = {'detections': Detection2DArray, 'detections_3d': Detection3DArray}
 _NO_POSE = (math.nan,) * 43
 
 
-class _Detection(NamedTuple):
-    """What was found in an image: its name, its probability, and its box (px)."""
-
-    name: str
-    score: float
-    x: float
-    y: float
-    width: float
-    height: float
+_Found = list[tuple[str, float, tuple[float, float, float, float]]]
+"""What was found in an image: its name, its probability, and its box (x, y, width, height; px)."""
 
 
 def encode_markers(result: MarkerResult, names: Sequence[str], header: bytes) -> bytes:
@@ -46,13 +36,13 @@ def encode_markers(result: MarkerResult, names: Sequence[str], header: bytes) ->
     A name is given only where it is not in doubt: its score is 1. A light without a name is
     called ``light``, with its number in ``track_any``.
     """
-    found = []
+    found: _Found = []
     for index, marker in enumerate(result.markers):
         if marker.state is MarkerState.DETECTED:
             name = f'light_{result.ids[index]}' if result.ids else 'light'
             name = names[marker.label] if marker.label < len(names) else name
             side = math.sqrt(marker.area)
-            found.append(_Detection(name, 1.0, marker.x, marker.y, side, side))
+            found.append((name, 1.0, (marker.x, marker.y, side, side)))
     return _encode(found, header)
 
 
@@ -62,9 +52,8 @@ def encode_runway(result: Any, target: str, header: bytes) -> bytes:
         return _encode([], header)
     xs, ys = zip(*result.corners, strict=True)
     left, right, top, bottom = min(xs), max(xs), min(ys), max(ys)
-    middle = (left + right) / 2, (top + bottom) / 2
-    found = _Detection(target, result.confidence, *middle, right - left, bottom - top)
-    return _encode([found], header)
+    box = (left + right) / 2, (top + bottom) / 2, right - left, bottom - top
+    return _encode([(target, result.confidence, box)], header)
 
 
 def encode_body(rig: MarkerRig, pose: Pose | None, header: bytes) -> bytes:
@@ -85,15 +74,15 @@ def encode_body(rig: MarkerRig, pose: Pose | None, header: bytes) -> bytes:
     return writer.message()
 
 
-def _encode(found: Sequence[_Detection], header: bytes) -> bytes:
+def _encode(found: _Found, header: bytes) -> bytes:
     """A Detection2DArray: one hypothesis each, whose pose is not known (NaN)."""
     writer = CdrWriter(header)
     writer.numbers('I', len(found))
-    for each in found:
-        _begin(writer, header, each.name, each.score, _NO_POSE)
+    for name, score, (x, y, width, height) in found:
+        _begin(writer, header, name, score, _NO_POSE)
         theta = 0.0
-        writer.numbers('5d', each.x, each.y, theta, each.width, each.height)
-        writer.text(each.name)
+        writer.numbers('5d', x, y, theta, width, height)
+        writer.text(name)
     return writer.message()
 
 

@@ -6,6 +6,7 @@ By ITU-T H.264, clauses 7.3 and 7.4.3: reference pictures are numbered (``frame_
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 _START = b'\0\0\1'
 _SLICE, _KEY_SLICE, _PARAMETERS = 1, 5, 7
@@ -23,29 +24,25 @@ class PictureNumbers:
 
     def follows_loss(self, packet: bytes) -> bool:
         """Whether a picture is missing before this one, the next of the stream."""
-        try:
-            return self._follows_loss(packet)
-        except (ValueError, IndexError):  # it ends too early, and is left to the decoder
-            return False
-
-    def _follows_loss(self, packet: bytes) -> bool:
-        for unit in _units(packet):
-            kind = unit[0] & 0x1F
-            if kind == _PARAMETERS:
-                self._digits = _digits(_Bits(unit[1:_MAX_PARAMETER_BYTES]))
-            elif kind in (_SLICE, _KEY_SLICE):
-                if not self._digits:
-                    return False
-                bits = _Bits(unit[1:_SLICE_HEADER_BYTES])
-                for _ in ('first_mb_in_slice', 'slice_type', 'pic_parameter_set_id'):
-                    bits.exponential()
-                number, last = bits.number(self._digits), self._last
-                if unit[0] & 0x60 or last is None:  # a reference; others repeat the next number
-                    self._last = number
-                if kind == _KEY_SLICE or last is None:
-                    return False
-                return number not in (last, (last + 1) % (1 << self._digits))
+        with suppress(ValueError, IndexError):  # it ends too early, and is left to the decoder
+            for unit in _units(packet):
+                kind = unit[0] & 0x1F
+                if kind == _PARAMETERS:
+                    self._digits = _digits(_Bits(unit[1:_MAX_PARAMETER_BYTES]))
+                elif kind in (_SLICE, _KEY_SLICE):
+                    return self._digits > 0 and self._slice_follows_loss(unit)
         return False
+
+    def _slice_follows_loss(self, unit: bytes) -> bool:
+        bits = _Bits(unit[1:_SLICE_HEADER_BYTES])
+        for _ in ('first_mb_in_slice', 'slice_type', 'pic_parameter_set_id'):
+            bits.exponential()
+        number, last = bits.number(self._digits), self._last
+        if unit[0] & 0x60 or last is None:  # a reference; others repeat the next number
+            self._last = number
+        if unit[0] & 0x1F == _KEY_SLICE or last is None:
+            return False
+        return number not in (last, (last + 1) % (1 << self._digits))
 
 
 def _units(packet: bytes) -> Iterator[bytes]:

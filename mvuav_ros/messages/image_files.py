@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import cv2
@@ -31,24 +32,27 @@ _TIFF_REDUCED, _TIFF_MASK = 1, 4
 def compressed_size(data: Any) -> tuple[int, int] | None:
     """Width and height of a JPEG, PNG, WebP or TIFF in pixels; None of anything else.
 
-    Args:
-        data: the file's bytes, as bytes, array.array or a flat uint8 array; not copied.
+    ``data`` are bytes, an array.array or a flat uint8 array; they are not copied.
     """
     view = memoryview(data).cast('B') if len(data) else memoryview(b'')
-    if bytes(view[: len(_PNG_START)]) == _PNG_START:
-        return _unpack('>II', view, len(_PNG_START))
-    if bytes(view[:2]) == _JPEG_START:
-        return _jpeg_size(view)
-    if bytes(view[:4]) == b'RIFF' and bytes(view[8:12]) == b'WEBP':
-        return _webp_size(view)
-    if bytes(view[:4]) in _TIFF_ORDERS:
-        return _tiff_size(view, _TIFF_ORDERS[bytes(view[:4])])
+    head = bytes(view[:30])
+    with suppress(struct.error):  # it ends too early
+        if head.startswith(_PNG_START):
+            width, height = struct.unpack_from('>II', head, len(_PNG_START))
+            return width, height
+        if head.startswith(_JPEG_START):
+            return _jpeg_size(view)
+        if head[:4] == b'RIFF' and head[8:12] == b'WEBP':
+            return _webp_size(head)
+    tags = next(_tiff_directories(view), {})
+    if {_TIFF_WIDTH, _TIFF_HEIGHT} <= tags.keys():
+        return tags[_TIFF_WIDTH], tags[_TIFF_HEIGHT]
     return None
 
 
-def _webp_size(view: memoryview) -> tuple[int, int] | None:
+def _webp_size(head: bytes) -> tuple[int, int] | None:
     """By the first chunk: lossy, lossless, or the canvas of the extended format."""
-    kind, body = bytes(view[12:16]), bytes(view[20:30])
+    kind, body = head[12:16], head[20:30]
     if len(body) < 10:
         return None
     if kind == b'VP8X':
@@ -65,23 +69,15 @@ def _webp_size(view: memoryview) -> tuple[int, int] | None:
 def tiff_images(data: Any) -> int:
     """The number of images in a TIFF, without reduced copies and masks; 0 of anything else."""
     view = memoryview(data).cast('B') if len(data) else memoryview(b'')
-    order = _TIFF_ORDERS.get(bytes(view[:4]))
-    if order is None:
-        return 0
-    kinds = [tags.get(_TIFF_KIND, 0) for tags in _tiff_directories(view, order)]
+    kinds = [tags.get(_TIFF_KIND, 0) for tags in _tiff_directories(view)]
     return sum(not kind & (_TIFF_REDUCED | _TIFF_MASK) for kind in kinds)
 
 
-def _tiff_size(view: memoryview, order: str) -> tuple[int, int] | None:
-    """By the first directory."""
-    found = next(_tiff_directories(view, order), {})
-    if not {_TIFF_WIDTH, _TIFF_HEIGHT} <= found.keys():
-        return None
-    return found[_TIFF_WIDTH], found[_TIFF_HEIGHT]
-
-
-def _tiff_directories(view: memoryview, order: str) -> Iterator[dict[int, int]]:
-    """Each image's whole numbers by their tags, as far as the directories can be read."""
+def _tiff_directories(view: memoryview) -> Iterator[dict[int, int]]:
+    """Each image's whole numbers by their tags, as far as they can be read; none of no TIFF."""
+    order = _TIFF_ORDERS.get(bytes(view[:4]))
+    if order is None:
+        return
     place = 4
     for _ in range(_MAX_SEGMENTS):
         found: dict[int, int] = {}
@@ -115,17 +111,10 @@ def _jpeg_size(view: memoryview) -> tuple[int, int] | None:
         if marker in (_JPEG_SCAN, _JPEG_END):
             return None
         if marker in _JPEG_FRAMES:
-            size = _unpack('>HH', view, position + 5)
-            return None if size is None else (size[1], size[0])
+            height, width = struct.unpack_from('>HH', view, position + 5)
+            return width, height
         position += 2 + int.from_bytes(view[position + 2 : position + 4], 'big')
     return None
-
-
-def _unpack(layout: str, view: memoryview, offset: int) -> tuple[int, int] | None:
-    if offset + struct.calcsize(layout) > len(view):
-        return None
-    first, second = struct.unpack_from(layout, view, offset)
-    return first, second
 
 
 def decode_image_file(data: NDArray[np.uint8]) -> Image:

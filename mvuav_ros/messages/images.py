@@ -1,17 +1,15 @@
 """One image with its time, and how a message becomes one, live and in replay, without cv_bridge.
 
-rclpy copies an image twice more and builds Python objects for it when it makes a message of it.
-A raw subscription and the views below leave the pixels where rclpy put the bytes; everything else
-of the message is looked at before it is believed.
+The pixels stay where rclpy put a message's bytes; all else is looked at before it is believed.
 """
 
 from __future__ import annotations
 
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,24 +37,6 @@ _TYPES = (IMAGE, COMPRESSED_IMAGE, FFMPEG_PACKET, COMPRESSED_VIDEO)
 _CODECS = ('h264', 'hevc', 'vp8', 'vp9', 'av1', 'mpeg4', 'mjpeg')
 _OTHER_NAMES = {'h265': 'hevc', 'libx264': 'h264', 'libx265': 'hevc', 'x264': 'h264'}
 _MEASURED = ('32FC', '64FC', '32SC', '16SC', '8SC')
-
-
-class ImageMessage(Protocol):
-    """The fields of sensor_msgs/Image that describe the pixels."""
-
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: Any
-    step: int
-    data: Any
-
-
-class CompressedImageMessage(Protocol):
-    """The fields of sensor_msgs/CompressedImage that describe the pixels."""
-
-    format: str
-    data: Any
 
 
 @dataclass(slots=True)
@@ -148,10 +128,11 @@ def view_coded_image(type_name: str, message: bytes | memoryview) -> CodedImage:
     return CodedImage(stamp_ns, frame_id, name, reader.octets(), bool(codec_of(name)))
 
 
-def decode_image(message: ImageMessage) -> Image:
-    """View the message's pixels; copied only where 16 bits are not as this machine has them.
+def decode_image(message: RawImage) -> Image:
+    """View a message's pixels; copied only where 16 bits are not as this machine has them.
 
-    The image shares memory with ``message.data`` and is not to be written to.
+    The message may as well be a sensor_msgs/Image. The image shares memory with ``message.data``
+    and is not to be written to.
 
     Raises:
         ImageError: the fields contradict each other, or the encoding is not known.
@@ -159,7 +140,11 @@ def decode_image(message: ImageMessage) -> Image:
     height, width, step = int(message.height), int(message.width), int(message.step)
     layout = ENCODINGS.get(message.encoding)
     if layout is None:
-        raise ImageError(_unknown_encoding(message.encoding))
+        what = f'unknown encoding {message.encoding[:40]!r}'
+        if message.encoding.startswith(_MEASURED):
+            what = f'{message.encoding[:40]} holds measured values without a full scale, such as '
+            what += 'distances'
+        raise ImageError(what)
     check_size(width, height)
     if step < width * layout.pixel_bytes:
         raise ImageError(
@@ -186,7 +171,7 @@ def decode_image(message: ImageMessage) -> Image:
     return Image(pixels, message.encoding)
 
 
-def decode_compressed_image(message: CompressedImageMessage) -> Image:
+def decode_compressed_image(message: CodedImage) -> Image:
     """Decompress a JPEG, PNG, WebP or TIFF message, whichever its ``format`` says that it is.
 
     Grey stays ``mono8`` or ``mono16``, unless ``format`` says as image_transport does that it is
@@ -204,11 +189,8 @@ def decode_compressed_image(message: CompressedImageMessage) -> Image:
     return image
 
 
-def check_compressed_image(message: CompressedImageMessage) -> tuple[int, int]:
-    """The width and height (px) that a compressed image claims to have.
-
-    They are read from the file's header before anything is decompressed: a few hundred bytes can
-    claim to be gigabytes of pixels.
+def check_compressed_image(message: CodedImage) -> tuple[int, int]:
+    """The width and height (px) in a compressed image's header, before it is decompressed.
 
     Raises:
         ImageError: it is no JPEG, PNG, WebP or TIFF, or too large.
@@ -226,12 +208,6 @@ def check_compressed_image(message: CompressedImageMessage) -> tuple[int, int]:
     return size
 
 
-def _unknown_encoding(name: str) -> str:
-    if name.startswith(_MEASURED):
-        return f'{name[:40]} holds measured values without a full scale, such as distances'
-    return f'unknown encoding {name[:40]!r}'
-
-
 def _bytes_of(data: Any) -> NDArray[np.uint8]:
     """``data`` (array.array, bytes or uint8 array) as a flat uint8 array, not copied."""
     return np.frombuffer(data, np.uint8) if len(data) else np.empty(0, np.uint8)
@@ -240,8 +216,7 @@ def _bytes_of(data: Any) -> NDArray[np.uint8]:
 def serialize_image(image: Image, header: bytes) -> bytes:
     """An image as a serialized sensor_msgs/Image behind a `cdr_header`, its pixels copied once.
 
-    rclpy publishes the bytes as they are; by way of a message object the pixels are copied three
-    times before they reach DDS. They are little endian and without row padding.
+    They are little endian and without row padding.
     """
     pixels = np.ascontiguousarray(image.pixels)
     data = pixels.data.cast('B')
@@ -305,20 +280,12 @@ class BadFrame:
 
 
 class _Layout(NamedTuple):
-    """What the Image messages of a camera have in common.
-
-    ``fields`` stand between the stamp and the pixels.
-    """
+    """What a camera's messages have in common; ``fields`` are between the stamp and the pixels."""
 
     size: int
     encapsulation: bytes
     fields: bytes
-    frame_id: str
-    encoding: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    start: int
-    strides: tuple[int, ...]
+    frame: Callable[[int, bytes | memoryview], Frame]
 
 
 class ImageDecoder:
@@ -345,15 +312,11 @@ class ImageDecoder:
             known is not None
             and len(message) == known.size
             and message[:_STAMP_START] == known.encapsulation
-            and message[_STAMP_END : known.start] == known.fields
+            and message[_STAMP_END : _STAMP_END + len(known.fields)] == known.fields
         ):
             seconds, nanoseconds = _STAMP.unpack_from(message, _STAMP_START)
             if nanoseconds < _NS:
-                pixels: Any = np.ndarray(
-                    known.shape, known.dtype, message, known.start, known.strides
-                )
-                image = Image(pixels, known.encoding)
-                return Frame(seconds * _NS + nanoseconds, known.frame_id, image)
+                return known.frame(seconds * _NS + nanoseconds, message)
         return self._read(message)
 
     def _read(self, message: bytes | memoryview) -> Frame:
@@ -362,18 +325,16 @@ class ImageDecoder:
         octets, pixels = np.frombuffer(message, np.uint8), image.pixels
         is_little_endian = message[1] & 1
         if is_little_endian and np.may_share_memory(octets, pixels):
+            shape, dtype, strides = pixels.shape, pixels.dtype, pixels.strides
             start = pixels.ctypes.data - octets.ctypes.data
-            self._layout = _Layout(
-                size=len(message),
-                encapsulation=bytes(message[:_STAMP_START]),
-                fields=bytes(message[_STAMP_END:start]),
-                frame_id=view.frame_id,
-                encoding=image.encoding,
-                shape=pixels.shape,
-                dtype=pixels.dtype,
-                start=start,
-                strides=pixels.strides,
-            )
+            frame_id, encoding = view.frame_id, image.encoding
+
+            def frame(stamp_ns: int, message: bytes | memoryview) -> Frame:
+                pixels: Any = np.ndarray(shape, dtype, message, start, strides)
+                return Frame(stamp_ns, frame_id, Image(pixels, encoding))
+
+            head = bytes(message[:start])
+            self._layout = _Layout(len(message), head[:_STAMP_START], head[_STAMP_END:], frame)
         return Frame(view.stamp_ns, view.frame_id, image)
 
 
@@ -447,20 +408,19 @@ class VideoDecoder:
             return
         for frame in decoded:
             waiting = self._waiting.pop(frame.pts or 0, None)
-            if waiting is not None and waiting[1]:
-                yield _frame(waiting[0], frame)
+            if waiting is None or not waiting[1]:
+                continue
+            packet = waiting[0]
+            try:
+                yield Frame(packet.stamp_ns, packet.frame_id, upright(frame))
+            except (OSError, ValueError, MemoryError) as error:
+                reason = f'{frame.width} x {frame.height} pixels: {error}'
+                yield BadFrame(packet.stamp_ns, reason)
 
     def _unusable(self, number: int, reason: str = _NOT_DECODED) -> Iterator[BadFrame]:
         packet, wanted = self._waiting.pop(number)
         if wanted:
             yield BadFrame(packet.stamp_ns, reason)
-
-
-def _frame(packet: CodedImage, decoded: Any) -> Frame | BadFrame:
-    try:
-        return Frame(packet.stamp_ns, packet.frame_id, upright(decoded))
-    except (OSError, ValueError, MemoryError) as error:
-        return BadFrame(packet.stamp_ns, f'{decoded.width} x {decoded.height} pixels: {error}')
 
 
 def upright(frame: Any) -> Image:

@@ -1,17 +1,13 @@
 """Where camera and target are to each other, and how wrong that may be.
 
-``/tf`` goes from the camera's optical frame to the target (a marker does so too), as the camera
-already has a parent on a robot that describes itself, or from the target to the vehicle.
-``~/vision_pose`` is the vehicle, or the camera's body axes (x forward, y left, z up, REP-103), in
-the target's frame. ``~/integrity`` has the protection levels.
+Body axes are x forward, y left, z up (REP-103).
 """
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -52,8 +48,10 @@ Array = NDArray[np.float64]
 TF_TOPIC = '/tf'
 TF_TYPE: Any = None
 """The message of ``/tf``; None where tf2_msgs is not installed."""
-if importlib.util.find_spec('tf2_msgs') is not None:
-    TF_TYPE = importlib.import_module('tf2_msgs.msg').TFMessage
+with suppress(ImportError):
+    from tf2_msgs.msg import TFMessage
+
+    TF_TYPE = TFMessage
 
 _UNKNOWN = np.full((6, 6), math.nan)
 
@@ -85,11 +83,9 @@ class Placement:
 
 
 def vehicle_of(camera: Placement, mount: Placement) -> Placement:
-    """The vehicle that carries a camera, in the frame that the camera is given in.
+    """The vehicle that carries a camera, in the frame that the camera's body axes are given in.
 
-    Args:
-        camera: the camera's body axes in that frame.
-        mount: the same axes on the vehicle.
+    ``mount`` has these axes on the vehicle.
     """
     rotation = camera.rotation @ mount.rotation.T
     arm = rotation @ mount.translation

@@ -16,7 +16,7 @@ from mvuav_ros.messages.cdr import (
     stamped_doubles,
     texts,
 )
-from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance, Point
+from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.runway.debug_images import line_color
@@ -51,13 +51,15 @@ def encode_line_params(result: Result, header: bytes) -> bytes:
 
     Like all results it is in CDR and begins with a `cdr_header`.
     """
-    return _LINES.encode([_values(line) for line in result.lines], header)
-
-
-def _values(line: RunwayLine) -> tuple[float | int, ...]:
-    ends = (line.x, line.y, line.x * 0.0, line.x2, line.y2)
-    normal_form = (line.rho, line.theta, line.votes, line.rho_raw, line.theta_raw)
-    return (*ends, *normal_form, int(line.flags), int(line.role), line.confidence)
+    rows = [
+        (
+            *(line.x, line.y, line.x * 0.0, line.x2, line.y2),
+            *(line.rho, line.theta, line.votes, line.rho_raw, line.theta_raw),
+            *(int(line.flags), int(line.role), line.confidence),
+        )
+        for line in result.lines
+    ]
+    return _LINES.encode(rows, header)
 
 
 def encode_lines(result: Result, header: bytes, camera: CameraModel | None = None) -> bytes:
@@ -70,11 +72,16 @@ def encode_lines(result: Result, header: bytes, camera: CameraModel | None = Non
     # A line may be known and yet miss the frame.
     drawn = [line for line in result.lines if not math.isnan(line.x)]
     ends = [point for line in drawn for point in ((line.x, line.y), (line.x2, line.y2))]
-    points, width = (ends, LINE_WIDTH) if camera is None else _on_plane(ends, camera)
-    depth = 0.0 if camera is None else PLANE
+    points, width, depth = ends, LINE_WIDTH, 0.0
+    if camera is not None:
+        flat = camera.undistort(ends).tolist() if ends else []
+        points = [(x * PLANE, y * PLANE) for x, y in flat]
+        width, depth = LINE_WIDTH / camera.matrix[0, 0] * PLANE, PLANE
     colors: list[float] = []
     for line in drawn:
-        blue, green, red = (value / 255 for value in _color(line))
+        has_role = line.role is not LineRole.UNKNOWN
+        color = ROLE_COLORS[line.role] if has_role else line_color(line.flags)
+        blue, green, red = (value / 255 for value in color)
         colors += 2 * (red, green, blue, 1.0)
     number, action = 0, _ADD if points else _DELETE
     writer = CdrWriter(header)
@@ -91,18 +98,9 @@ def encode_lines(result: Result, header: bytes, camera: CameraModel | None = Non
     return writer.message()
 
 
-def _on_plane(pixels: list[Point], camera: CameraModel) -> tuple[list[Point], float]:
-    """Px of the image to m on the plane, and the width of a line there."""
-    width = LINE_WIDTH / camera.matrix[0, 0] * PLANE
-    if not pixels:
-        return [], width
-    flat = camera.undistort(pixels)
-    return [(x * PLANE, y * PLANE) for x, y in flat.tolist()], width
-
-
 def _nothing_more() -> bytes:
     """A Marker's fields from ``texture_resource`` on, which begin 4-byte aligned."""
-    writer = CdrWriter()
+    writer = CdrWriter(b'')
     writer.text('')
     # texture: stamp, frame, format and data.
     writer.numbers('2i', 0, 0)
@@ -116,16 +114,10 @@ def _nothing_more() -> bytes:
     writer.octets(b'')
     mesh_use_embedded_materials = False
     writer.numbers('B', mesh_use_embedded_materials)
-    return writer.fields()
+    return writer.beginning()
 
 
 _NO_TEXTURE_TEXT_AND_MESH = _nothing_more()
-
-
-def _color(line: RunwayLine) -> tuple[int, int, int]:
-    if line.role is LineRole.UNKNOWN:
-        return line_color(line.flags)
-    return ROLE_COLORS[line.role]
 
 
 def encode_vanishing_point(result: Result, header: bytes) -> bytes:

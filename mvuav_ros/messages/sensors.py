@@ -78,10 +78,7 @@ def decode_camera_info(message: Any, image_topic: str = '') -> CameraModel:
 
 
 def decode_imu(message: Any) -> Attitude | None:
-    """The orientation of a sensor_msgs/Imu; None where it says that it has none, or a wrong one.
-
-    That it has none, it says as REP 145 has it.
-    """
+    """The orientation of a sensor_msgs/Imu; None where it has none (REP 145), or a wrong one."""
     if float(message.orientation_covariance[0]) == -1.0:
         return None
     given = message.orientation
@@ -157,10 +154,10 @@ _MAX_AGE_NS = 50_000_000  # Of an attitude after which none has come: older ones
 
 
 class _Pairing(Generic[InfoT, ImageT]):
-    """Holds an image back until what belongs to it has come.
+    """Holds an image back until what belongs to it has come: results do not depend on the order.
 
-    So the results do not depend on what came first, live or from a bag. Where some images in a row
-    have waited in vain, those after them go on at once, until one finds what belongs to it again.
+    Where some images in a row have waited in vain, those after them go on at once, until one finds
+    what belongs to it again.
     """
 
     def __init__(self) -> None:
@@ -219,10 +216,9 @@ class _Pairing(Generic[InfoT, ImageT]):
 class StampPairing(_Pairing[InfoT, ImageT]):
     """Holds an image back until the calibration of its own stamp has come.
 
-    A camera's driver publishes the two with one stamp, in either order and on topics that do not
-    wait for each other. An image goes with the newest calibration that is not later than it, as
-    soon as one of its own stamp or a later one has come. A calibration may be published once, or
-    now and then; one without a stamp (0) holds from its arrival on.
+    An image goes with the newest calibration that is not later than it, as soon as one of its own
+    stamp or a later one has come. A calibration may be published once, or now and then; one
+    without a stamp (0) holds from its arrival on.
     """
 
     def __init__(self) -> None:

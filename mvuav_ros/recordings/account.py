@@ -1,20 +1,21 @@
 """What became of a recording's messages: how many were kept, lost or altered, and why.
 
-Everything that opens a recording hands one of these out, whoever reads the recording fills it, and
-`collecting` finds all that were opened meanwhile: so every command reports its losses.
+Whoever reads a recording fills its account; `collecting` finds all of them for the user.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, NamedTuple
+from typing import Any
 
 from mvuav_ros.messages.untrusted import MAX_LINE, words
 
 _MAX_TEXTS = 200
 _MAX_ENTRIES = 10_000
+_ALTERED = ('altered',)
+"""In place of a file."""
 _collected: ContextVar[list[Account] | None] = ContextVar('accounts', default=None)
 
 
@@ -29,16 +30,8 @@ class RecordingError(SourceError):
     """A recording that cannot be read or written."""
 
 
-class _Entry(NamedTuple):
-    text: str
-    messages: int | None
-    is_alteration: bool = False
-
-
 class Account:
     """The account of one input; the same again (in a second pass) changes nothing.
-
-    Of very many reasons the first are reported.
 
     Attributes:
         name: of the input, for people.
@@ -54,9 +47,10 @@ class Account:
         self.kept = 0
         self.skipped = 0
         self.is_reported = False
-        self._entries: dict[tuple[Hashable, Hashable], _Entry] = {}
+        # What was said under a file and a key, and of how many messages.
+        self._entries: dict[tuple[Hashable, Hashable], tuple[str, int | None]] = {}
         self._notes: dict[Hashable, str] = {}
-        self._written: dict[Hashable, tuple[int, int]] = {}
+        self._missing: dict[Hashable, int] = {}
         self._promised: dict[Hashable, int] = {}
         self._is_full = False
         if (accounts := _collected.get()) is not None:
@@ -65,17 +59,16 @@ class Account:
     def lose(self, file: Hashable, key: Hashable, text: str, count: int | None = None) -> None:
         """Say what could not be read, replacing what was said under the same file and key.
 
-        Args:
-            file: that it was in.
-            key: of this loss in the file.
-            text: what and why.
-            count: of the messages; None if nobody knows, 0 if there are none.
+        ``count`` is the number of messages: None if nobody knows, 0 if there are none.
         """
-        self._enter((file, key), _Entry(words(text, MAX_LINE), count))
+        if (file, key) in self._entries or len(self._entries) < _MAX_ENTRIES:
+            self._entries[file, key] = words(text, MAX_LINE), count
+        else:
+            self._is_full = True
 
     def alter(self, key: Hashable, text: str, count: int) -> None:
         """Say what was written otherwise than it was read."""
-        self._enter(('altered', key), _Entry(words(text, MAX_LINE), count, True))
+        self.lose(_ALTERED, key, text, count)
 
     def note(self, key: Hashable, text: str) -> None:
         """Say what is unusual, though nothing is lost by it."""
@@ -87,48 +80,41 @@ class Account:
         self._promised[file] = written
 
     def settle(self, file: Hashable, written: int | None, sound: int) -> None:
-        """Balance a file that was read to its end.
+        """Balance a file that was read to its end: what is missing without a reason is a loss, too.
 
-        What is missing without a reason is a loss, too; and what nobody could count is known now.
-
-        Args:
-            file: as given to `lose`.
-            written: messages that its index speaks of; None without an index.
-            sound: messages that were there and whole, wanted or not.
+        ``written`` are the messages that its index speaks of, None without an index; ``sound``
+        those that were there and whole, wanted or not.
         """
         written = self._promised.get(file) if written is None else written
-        self._written.pop(file, None)
+        self._missing.pop(file, None)
         if written is None:
             return
         missing = written - sound
-        if missing >= 0:
-            self._written[file] = written, sound
         if missing < 0:
             said = f'{file}: its index speaks of {written} messages, {sound} are there'
             self.note((file, 'more'), said)
-        elif missing > sum(e.messages or 0 for (of, _), e in self._entries.items() if of == file):
+            return
+        self._missing[file] = missing
+        if missing > self._messages(lambda of: of == file):
             self.lose(file, 'rest', f'{file}: {missing} of {written} messages lost', 0)
 
     @property
     def lost(self) -> int:
         """Messages that are known to be lost."""
-        counts = {file: max(written - sound, 0) for file, (written, sound) in self._written.items()}
-        for (file, _), entry in self._entries.items():
-            if file not in self._written and not entry.is_alteration:
-                counts[file] = counts.get(file, 0) + (entry.messages or 0)
-        return sum(counts.values())
+        known = self._messages(lambda file: file != _ALTERED and file not in self._missing)
+        return known + sum(self._missing.values())
 
     @property
     def altered(self) -> int:
         """Messages that were written otherwise than they were read."""
-        return sum(entry.messages or 0 for entry in self._entries.values() if entry.is_alteration)
+        return self._messages(lambda file: file == _ALTERED)
 
     @property
     def is_exact(self) -> bool:
         """Whether no more can be lost than `lost` says, as far as the files say."""
         return not self._is_full and all(
-            entry.messages is not None or file in self._written
-            for (file, _), entry in self._entries.items()
+            count is not None or file in self._missing
+            for (file, _), (_, count) in self._entries.items()
         )
 
     @property
@@ -139,7 +125,7 @@ class Account:
     @property
     def errors(self) -> list[str]:
         """What was lost or altered, in order of discovery."""
-        texts = [entry.text for entry in self._entries.values()]
+        texts = [text for text, _ in self._entries.values()]
         more = len(texts) - _MAX_TEXTS
         return [*texts[:_MAX_TEXTS], f'and {more} more'] if more > 0 else texts
 
@@ -167,11 +153,8 @@ class Account:
             'warnings': self.warnings,
         }
 
-    def _enter(self, key: tuple[Hashable, Hashable], entry: _Entry) -> None:
-        if key in self._entries or len(self._entries) < _MAX_ENTRIES:
-            self._entries[key] = entry
-        else:
-            self._is_full = True
+    def _messages(self, of: Callable[[Hashable], bool]) -> int:
+        return sum(count or 0 for (file, _), (_, count) in self._entries.items() if of(file))
 
 
 @contextmanager

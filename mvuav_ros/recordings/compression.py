@@ -1,8 +1,6 @@
 """Undoing the compressions found in recordings, also of data that is cut off, corrupt or hostile.
 
-A few hundred bytes can claim, or even hold, gigabytes. Nothing is allocated because a header says
-so, and no decoder gets to make more than its caller allows. What a file becomes is limited in
-proportion to its size, by one `Limit` for all that is unpacked of it, whatever reads it.
+Nothing is allocated because a header says so: a few hundred bytes can claim, or hold, gigabytes.
 """
 
 from __future__ import annotations
@@ -32,15 +30,10 @@ _MIN_ALLOWED = 1 << 29
 
 
 class Limit:
-    """How much may come of one file in a pass through it.
-
-    Attributes:
-        allowed: bytes.
-        left: bytes, of them.
-    """
+    """How many bytes may come of one file in a pass through it, and how many are ``left``."""
 
     def __init__(self, size: int) -> None:
-        """Take a file of so many bytes."""
+        """Take a file of so many bytes, whose size it is in proportion to."""
         given = os.environ.get(VARIABLE, '')
         in_proportion = max(size * _PROPORTION, _MIN_ALLOWED)
         self.allowed = int(given) * 1_000_000 if given.isdecimal() else in_proportion
@@ -49,10 +42,6 @@ class Limit:
     def begin(self) -> None:
         """Begin a pass."""
         self.left = self.allowed
-
-    def spend(self, size: int) -> None:
-        """Note that so many bytes came of it."""
-        self.left -= size
 
     @property
     def reason(self) -> str:
@@ -75,6 +64,8 @@ def allowing(megabytes: int | None) -> Iterator[None]:
             os.environ[VARIABLE] = before
 
 
+PLAIN = ('', 'none')
+"""What recordings call no compression."""
 _AT_ONCE = 1 << 26
 _TOO_LARGE = 'it is larger than it says'
 # A zstd block of 4 bytes can become 128 KiB: 1 KiB in makes 32 MiB out at most.
@@ -102,7 +93,7 @@ def unpack(stream: BinaryIO, length: int, compression: str, size: int, limit: in
         size: what the recording says that the block becomes, bytes; -1 if it does not say.
         limit: the largest size that is accepted, bytes.
     """
-    if compression in ('', 'none'):
+    if compression in PLAIN:
         data = stream.read(min(length, limit + 1))
         return Unpacked(memoryview(data), _TOO_LARGE if len(data) > limit else '')
     if compression not in _DECODERS:
@@ -113,29 +104,29 @@ def unpack(stream: BinaryIO, length: int, compression: str, size: int, limit: in
         if raw is not None:
             return Unpacked(memoryview(raw), '')
         stream = BytesIO(block)
-    start = stream.tell()
-    if limit > _AT_ONCE and not _is_honest(stream, length, compression, size, limit):
-        limit = _AT_ONCE
-    stream.seek(start)
+    if limit > _AT_ONCE:
+        # A large block is only kept if it is as large as it says; the rest of a cut one is unknown.
+        start = stream.tell()
+        total, problem = _pour(stream, length, compression, limit, len)
+        if problem == _TOO_LARGE or not (problem or size in (total, -1)):
+            limit = _AT_ONCE
+        stream.seek(start)
     output = BytesIO()
     _, problem = _pour(stream, length, compression, limit, output.write)
     return Unpacked(output.getbuffer()[:limit], problem)
 
 
-def decompress_message(data: bytes | memoryview, left: Limit) -> memoryview | None:
-    """Decompress one message of a bag recorded with rosbag2's compression mode MESSAGE.
-
-    None of one that is corrupt, or becomes too large.
-    """
+def decompress_message(data: bytes | memoryview, limit: Limit) -> memoryview | None:
+    """A message of rosbag2's compression mode MESSAGE; None if corrupt, or too large."""
     try:
         size = zstandard.frame_content_size(data)
     except zstandard.ZstdError:
         return None
-    if size > SIZE_LIMIT or left.left <= 0:
+    if size > SIZE_LIMIT or limit.left <= 0:
         return None
-    limit = size if size >= 0 else SIZE_LIMIT
-    raw, problem = unpack(BytesIO(data), len(data), 'zstd', size, limit)
-    left.spend(len(raw))
+    largest = size if size >= 0 else SIZE_LIMIT
+    raw, problem = unpack(BytesIO(data), len(data), 'zstd', size, largest)
+    limit.left -= len(raw)
     return None if problem else raw
 
 
@@ -175,13 +166,6 @@ def _at_once(block: bytes, size: int) -> bytes | None:
         return zstandard.ZstdDecompressor().decompress(block, max_output_size=size)
     except (zstandard.ZstdError, MemoryError):
         return None
-
-
-def _is_honest(stream: BinaryIO, length: int, compression: str, size: int, limit: int) -> bool:
-    """Whether a large block is as large as it says, found without keeping it."""
-    total, problem = _pour(stream, length, compression, limit, len)
-    # Of a block that is cut off nobody knows the rest.
-    return problem != _TOO_LARGE if problem else size in (total, -1)
 
 
 def _pour(

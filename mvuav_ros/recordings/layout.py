@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+
+import yaml
 
 from mvuav_ros.recordings.account import Account, RecordingError, counted
 from mvuav_ros.recordings.remote import is_url
@@ -17,6 +18,10 @@ IMAGE_SUFFIXES = frozenset(
 
 _NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
 _MAX_METADATA = 1 << 24
+_METADATA_ERRORS = (
+    *(OSError, yaml.YAMLError, RecursionError),
+    *(LookupError, AttributeError, TypeError, ValueError),
+)
 _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
 
@@ -62,68 +67,45 @@ def named_recording(path: Path) -> Path:
 
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
-    # It takes a fifth of a second, and few who ask what a file is need it.
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
     try:
         if not path.is_file() or path.stat().st_size > _MAX_METADATA:
             raise ValueError('no file, or implausibly large')
-        content = YAML(typ='safe').load(path.read_text('utf-8'))
-        listed = content['rosbag2_bagfile_information']
+        listed = yaml.safe_load(path.read_text('utf-8'))['rosbag2_bagfile_information']
         names = listed['relative_file_paths']
         if names and all(isinstance(name, str) for name in names):
-            _take_counts(listed, [Path(name).name for name in names], account)
+            files = listed.get('files')
+            if not files and len(names) == 1:
+                files = [{**listed, 'path': names[0]}]
+            for file in files or ():
+                if isinstance(file.get('message_count'), int):
+                    account.promise(_plain(Path(file['path']).name), file['message_count'])
             return [Path(name).name for name in names]
-    except (OSError, YAMLError, RecursionError, LookupError, AttributeError, TypeError, ValueError):
+    except _METADATA_ERRORS:
         pass
     account.note((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
     return None
 
 
-def _take_counts(content: Mapping[str, Any], names: Sequence[str], account: Account) -> None:
-    """What metadata.yaml says of each file's messages."""
-    listed = content.get('files') or [
-        {'path': names[0], 'message_count': content.get('message_count')}
-    ]
-    if len(names) == 1 or content.get('files'):
-        for file in listed:
-            if isinstance(file.get('message_count'), int):
-                account.promise(_plain(Path(file['path']).name), file['message_count'])
-
-
 def _chosen(present: list[Path], listed: Sequence[str], account: Account) -> list[Path]:
-    chosen: list[Path] = []
-    missing: list[str] = []
-    by_name = {entry.name: entry for entry in present}
-    for name in listed:
-        plain = _plain(name)
-        entry = next((by_name[n] for n in (name, plain, f'{plain}.zstd') if n in by_name), None)
-        if entry is None:
-            missing.append(name)
-        elif entry not in chosen:
-            chosen.append(entry)
-    if missing:
+    by_name = {_plain(entry.name): entry for entry in reversed(present)}
+    plain = dict.fromkeys(map(_plain, listed))
+    chosen = [by_name[name] for name in plain if name in by_name]
+    if missing := [name for name in listed if _plain(name) not in by_name]:
         names = ', '.join(missing[:3]) + (', …' if len(missing) > 3 else '')
-        account.lose(
-            METADATA,
-            'missing',
-            f'{len(missing)} of the {counted(len(listed), "file")} that {METADATA} lists '
-            f'{"is" if len(missing) == 1 else "are"} missing: {names}',
-        )
+        of = f'{len(missing)} of the {counted(len(listed), "file")} that {METADATA} lists'
+        are = 'is' if len(missing) == 1 else 'are'
+        account.lose(METADATA, 'missing', f'{of} {are} missing: {names}')
     series = {_series(name) for name in listed}
-    listed_plain = {_plain(name) for name in listed}
     for entry in present:
-        if entry in chosen or _plain(entry.name) in listed_plain:
+        if _plain(entry.name) in plain:
             continue
         # After a crash, metadata.yaml may not know the last files of a split recording.
         if _series(entry.name) in series:
             chosen.append(entry)
             account.note((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, read')
         else:
-            account.lose(
-                entry.name, 'unlisted', f'{entry.name}: not listed in {METADATA}, not read'
-            )
+            said = f'{entry.name}: not listed in {METADATA}, not read'
+            account.lose(entry.name, 'unlisted', said)
     chosen.sort(key=natural_key)
     if not chosen:
         raise RecordingError(
@@ -170,14 +152,12 @@ _MEDIA_STARTS = (
     *_IMAGE_STARTS,
     *(b'RIFF', b'\x1a\x45\xdf\xa3', b'OggS', b'FLV', b'\0\0\1\xba', b'\0\0\1\xb3'),
 )
-_ISO_MEDIA = slice(4, 8), b'ftyp'
-_OWN_ENDINGS = ('.zstd', '.zst', '.active')
 
 
 def plain_name(name: str) -> str:
     """A file's name in small letters without what compression and a running recorder append."""
     name = name.lower()
-    for ending in _OWN_ENDINGS:
+    for ending in ('.zstd', '.zst', '.active'):
         name = name.removesuffix(ending)
     return name
 
@@ -207,10 +187,8 @@ def is_bag_file(path: Path) -> bool:
         start = b''
     if start.startswith(_BAG_STARTS):
         return True
-    place, mark = _ISO_MEDIA
-    if start.startswith(_MEDIA_STARTS) or start[place] == mark:
-        return False
-    return plain_name(path.name).endswith(BAG_SUFFIXES)
+    is_media = start.startswith(_MEDIA_STARTS) or start[4:8] == b'ftyp'
+    return not is_media and plain_name(path.name).endswith(BAG_SUFFIXES)
 
 
 VIDEO_SUFFIXES = frozenset(
@@ -296,7 +274,7 @@ def _is_one(folder: Path) -> bool:
         entries = _entries(folder)
     except OSError:
         return False
-    if any(entry.name == METADATA for entry in entries):
+    if METADATA in [entry.name for entry in entries]:
         return True
     files = [entry for entry in entries if entry.is_file()]
     found = [file for file in files if _is_recording(file)]
@@ -305,16 +283,11 @@ def _is_one(folder: Path) -> bool:
     bags = [file.name for file in found if is_bag_file(file)]
     if len(bags) == 1:
         return len(found) == 1 and not any((entry / METADATA).exists() for entry in entries)
-    return _are_parts(folder.absolute().name, bags)
-
-
-def _are_parts(folder: str, names: Iterable[str]) -> bool:
-    found = [_PART.fullmatch(plain_name(name)) for name in names]
+    parts = [_PART.fullmatch(plain_name(bag)) for bag in bags]
     # ROS 1 gives each part the date at which it begins.
-    stems = {_DATE.sub('DATE', match[1]) if match else '' for match in found}
-    return stems == {_DATE.sub('DATE', folder.lower())} or (
-        len(stems) == 1 and 'DATE' in min(stems)
-    )
+    stems = {_DATE.sub('DATE', part[1]) if part else '' for part in parts}
+    own = _DATE.sub('DATE', folder.absolute().name.lower())
+    return stems == {own} or (len(stems) == 1 and 'DATE' in min(stems))
 
 
 def shipped_folder(name: str) -> Path | None:

@@ -1,9 +1,7 @@
 """One mcap file, or several that were joined, read in stored order, whole or damaged.
 
-The mcap library parses what schemas, channels, statistics, attachments and footers hold. Its
-readers end at the first damaged byte, take a record that is cut short for a whole one, and
-allocate what a chunk's header claims. So where records begin and end, and what may become of a
-chunk, is found out here; so are the 22 bytes before a message's data, for its speed.
+The mcap library parses what records hold. Its readers end at the first damaged byte, and allocate
+what a chunk claims: so where records begin and end, and what becomes of a chunk, is found here.
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Callable, Container, Hashable, Iterator
+from collections.abc import Container, Iterator
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -26,11 +24,9 @@ from mcap.records import Schema as SchemaRecord
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, unpack
+from mvuav_ros.recordings.compression import PLAIN, SIZE_LIMIT, Limit, unpack
 from mvuav_ros.recordings.layout import MCAP_START as MAGIC
 from mvuav_ros.recordings.stored_file import (
-    END_OF_TIME,
-    Channels,
     ChunkTally,
     RecordingFile,
     StoredMessage,
@@ -60,7 +56,15 @@ _MIN_LENGTHS = {
 }
 _PRIVATE_OPCODES = 0x80
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-_EXTRAS: dict[int, Any] = {Opcode.ATTACHMENT: Attachment, Opcode.METADATA: Metadata}
+_EXTRAS = (Opcode.ATTACHMENT, Opcode.METADATA)
+_PARSERS: dict[int, Any] = {
+    Opcode.SCHEMA: SchemaRecord,
+    Opcode.CHANNEL: Channel,
+    Opcode.STATISTICS: Statistics,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.METADATA: Metadata,
+    Opcode.FOOTER: Footer,
+}
 _IN_CHUNK = {Opcode.SCHEMA: 8, Opcode.CHANNEL: 12, Opcode.MESSAGE: MESSAGE_HEADER.size}
 """The records of a chunk that count, and how long they are at least."""
 _IN_SUMMARY = (
@@ -71,7 +75,8 @@ _IN_SUMMARY = (
 _PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
 _CANDIDATE = re.compile(rb'[\x01-\x0f](?=.{4}\0{4})', re.DOTALL)
 _BLOCK = 1 << 20
-_FOOTER_SIZE = HEADER.size + 20 + len(MAGIC)
+_FOOTER_HEAD = HEADER.pack(Opcode.FOOTER, 20)
+_FOOTER_SIZE = len(_FOOTER_HEAD) + 20 + len(MAGIC)
 _FIRST_BODY = len(MAGIC) + HEADER.size
 _INDEX_ENTRY_SIZE = 16
 _MAX_COMPRESSION_NAME = 16
@@ -89,42 +94,32 @@ class McapFile(RecordingFile):
 
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
         super().__init__(path, account, limit)
-        self._schemas: dict[int, tuple[str, Schema | None]] = {}
         self._schema_bytes = 0
         self._in_summary: dict[_Key, Any] | None = None
         self._is_summary_intact = True
         self._contradicted: set[_Key] = set()
-        self._indexed = False
-
-    def _scan(self, stream: BinaryIO) -> None:
-        """Take in every channel, from the file's summary or else from a pass through it."""
-        self._indexed = self._read_summary(stream)
-        if not self._indexed:
-            self._channels, self._schemas = Channels(), {}
-            found = self._stored(stream, None, -1, END_OF_TIME)
-            self._channels.count(number for number, *_ in found)
 
     def extras(self) -> Iterator[Attachment | Metadata]:
         """The attachments and metadata."""
         with self._path.open('rb') as stream:
-            walk = _Records(stream, self._lose, self._note)
+            walk = _Records(stream, self)
             for span in walk.spans():
                 if span.opcode not in _EXTRAS:
                     continue
-                kind = _EXTRAS[span.opcode]
                 try:
                     if span.length > _MAX_EXTRA:
                         raise ValueError('too large')
-                    yield _parsed(kind, walk.read(span.body, span.length))
+                    yield _parsed(span.opcode, walk.read(span.body, span.length))
                 except (*_PARSE_ERRORS, MemoryError) as error:
-                    said = f'{kind.__name__.lower()} at byte {span.body} not read: {error}'
-                    self._lose(('extra', span.body), said, 0)
+                    kind = Opcode(span.opcode).name.lower()
+                    said = f'{kind} at byte {span.body} not read: {error}'
+                    self.lose(('extra', span.body), said, 0)
 
-    def _read_summary(self, stream: BinaryIO) -> bool:
-        """Whether the channels could be taken from the file's end, and the data begin likewise."""
-        found = _Records(stream, self._lose, self._note).summary()
+    def _read_index(self, stream: BinaryIO) -> bool:
+        """Whether the channels could be taken from the file's end."""
+        found = _Records(stream, self).summary()
         if found is None:
-            self._lose('index', 'its index is missing (was the recording cut off?)', 0)
+            self.lose('index', 'its index is missing (was the recording cut off?)', 0)
             return False
         start, is_intact = found
         statistics, end = None, stream.seek(0, 2) - len(MAGIC)
@@ -136,25 +131,21 @@ class McapFile(RecordingFile):
             if is_intact and opcode in _DEFINITIONS and length <= _MAX_SCHEMAS:
                 is_intact = self._take(opcode, stream.read(length))
             elif is_intact and opcode == Opcode.STATISTICS:
-                statistics = _sound(Statistics, stream.read(length))
+                statistics = _sound(opcode, stream.read(length))
         if not is_intact:
-            self._lose('index', 'its index is damaged', 0)
+            self.lose('index', 'its index is damaged', 0)
             return False
         if statistics is not None:
             self._channels.take_counts(statistics.channel_message_counts)
-        if not len(self._channels):
-            return statistics is not None and statistics.message_count == 0
-        self._channels.begin()
-        next(self._stored(stream, None, -1, END_OF_TIME), None)
-        return not self._channels.is_contradicted
+        has_messages = statistics is None or statistics.message_count > 0
+        return len(self._channels) > 0 or not has_messages
 
     def _stored(
         self, stream: BinaryIO, _topics: Container[str] | None, first_ns: int, end_ns: int
     ) -> Iterator[StoredMessage]:
-        walk = _Records(stream, self._lose, self._note)
-        self._limit.begin()
+        walk = _Records(stream, self)
         self._schema_bytes = 0
-        chunk = ChunkTally(self._path.name)
+        chunk = ChunkTally()
         promised: int | None = None
         totals: list[int | None] = []
         is_closed = in_summary = False
@@ -166,10 +157,10 @@ class McapFile(RecordingFile):
             if span.opcode >= _PRIVATE_OPCODES:
                 chunk.is_index_whole = False
                 continue
-            chunk.end(self._account)
-            chunk = ChunkTally(self._path.name)
+            self._end(chunk)
+            chunk = ChunkTally()
             if span.chunk is not None:
-                chunk = ChunkTally(self._path.name, span.body - HEADER.size)
+                chunk.offset = span.body - HEADER.size
                 for opcode, body in self._chunk(walk, span, span.chunk, (first_ns, end_ns), chunk):
                     if opcode == Opcode.MESSAGE:
                         chunk.got += 1
@@ -177,9 +168,9 @@ class McapFile(RecordingFile):
                     else:
                         self._take(opcode, body)
             elif span.opcode == Opcode.HEADER and span.body > _FIRST_BODY:
-                self._note('joined', 'several, joined in one')
+                self.note('joined', 'several, joined in one')
                 # The numbers of the next file mean something else.
-                self._channels.known, self._schemas, self._schema_bytes = {}, {}, 0
+                self._channels.known, self._channels.schemas, self._schema_bytes = {}, {}, 0
                 totals += [] if is_closed else [None]
                 is_closed = in_summary = False
             elif span.opcode == Opcode.DATA_END:
@@ -189,23 +180,23 @@ class McapFile(RecordingFile):
                 totals.append(promised if found is not None and found[1] else None)
                 promised, is_closed = None, True
             elif span.opcode == Opcode.STATISTICS and span.length < _BLOCK:
-                statistics = _sound(Statistics, walk.read(span.body, span.length))
+                statistics = _sound(span.opcode, walk.read(span.body, span.length))
                 promised = None if statistics is None else statistics.message_count
             elif span.length > SIZE_LIMIT:
-                self._lose(span.body, f'record at byte {span.body} skipped: larger than 1 GB', 1)
+                self.lose(span.body, f'record at byte {span.body} skipped: larger than 1 GB', 1)
             elif span.length > _MAX_SCHEMAS and span.opcode in _DEFINITIONS:
                 said = f'definition at byte {span.body} skipped: larger than 64 MB'
-                self._lose(span.body, said, 0)
+                self.lose(span.body, said, 0)
             elif span.opcode in _IN_CHUNK:
                 body = memoryview(walk.read(span.body, span.length))
                 if span.opcode == Opcode.MESSAGE:
                     yield *MESSAGE_HEADER.unpack_from(body), body[MESSAGE_HEADER.size :]
                 else:
                     self._take(span.opcode, body, in_summary=in_summary)
-        chunk.end(self._account)
+        self._end(chunk)
         totals += [] if is_closed else [None]
         counts = [total for total in totals if total is not None]
-        self.written = sum(counts) if len(counts) == len(totals) else None
+        self._written = sum(counts) if len(counts) == len(totals) else None
 
     def _chunk(
         self,
@@ -217,13 +208,13 @@ class McapFile(RecordingFile):
     ) -> Iterator[tuple[int, memoryview]]:
         """The records of a chunk; why it cannot be read, or not all of it, goes to its reason."""
         # Without an index, a chunk out of the range may still define a channel within it.
-        if self._indexed and not (header.start_ns < wanted[1] and wanted[0] <= header.end_ns):
+        if self._is_indexed and not (header.start_ns < wanted[1] and wanted[0] <= header.end_ns):
             if self._are_true(walk, header):
                 return
-            self._note('times', 'times of chunks are wrong; all are read')
+            self.note('times', 'times of chunks are wrong; all are read')
         if self._limit.left <= 0:
             chunk.offset = -1
-            self._lose('limit', self._limit.reason)
+            self.lose('limit', self._limit.reason)
             return
         size = header.uncompressed_size
         raw, problem = unpack(
@@ -233,14 +224,12 @@ class McapFile(RecordingFile):
             size,
             max(size if size <= SIZE_LIMIT else 0, _CREDIBLE_SIZE),
         )
-        self._limit.spend(len(raw))
-        if span.available < span.length:
-            yield from _records_in(raw)
-            return
-        if header.crc and header.crc == zlib.crc32(raw):
+        self._limit.left -= len(raw)
+        is_cut = span.available < span.length
+        if is_cut or (header.crc and header.crc == zlib.crc32(raw)):
             problem = ''
         # The length of a plain one stands twice in the record.
-        elif not problem and len(raw) != size and (header.crc or not header.is_plain):
+        elif not problem and len(raw) != size and (header.crc or header.compression not in PLAIN):
             problem = 'its size is wrong'
         elif not problem and header.crc:
             problem = 'its checksum is wrong'
@@ -252,7 +241,7 @@ class McapFile(RecordingFile):
             # The first chunk often defines the channels of all others, at its very start.
             if is_whole and not (problem and self._is_doubtful(walk, *record)):
                 yield record
-        chunk.reason = problem or ('' if is_whole else 'it holds what is no record')
+        chunk.reason = problem or ('' if is_whole or is_cut else 'it holds what is no record')
 
     def _is_doubtful(self, walk: _Records, opcode: int, body: memoryview) -> bool:
         """Whether a damaged chunk's record is not to be believed.
@@ -294,19 +283,19 @@ class McapFile(RecordingFile):
             return False
         self._schema_bytes += len(body) if opcode == Opcode.SCHEMA else 0
         if self._schema_bytes > _MAX_SCHEMAS:
-            self._lose('definitions', 'its schemas are implausibly large', 0)
+            self.lose('definitions', 'its schemas are implausibly large', 0)
             return False
-        record = _definition(opcode, body)
+        record = _sound(opcode, body)
         if record is None:
-            self._lose('definitions', 'a channel or schema record is damaged', 0)
+            self.lose('definitions', 'a channel or schema record is damaged', 0)
             return False
         if opcode == Opcode.SCHEMA:
             text = record.data.decode('utf-8', 'replace')
-            if not (in_summary and record.id in self._schemas):
+            if not (in_summary and record.id in self._channels.schemas):
                 schema = Schema(record.encoding, text) if text else None
-                self._schemas[record.id] = normalised_type(record.name), schema
+                self._channels.schemas[record.id] = normalised_type(record.name), schema
         elif not (in_summary and record.id in self._channels.known):
-            kind, schema = self._schemas.get(record.schema_id, ('', None))
+            kind, schema = self._channels.schemas.get(record.schema_id, ('', None))
             qos = record.metadata.get('offered_qos_profiles', '')
             topic = TopicInfo(record.topic, kind, None, record.message_encoding, schema, qos)
             self._define(record.id, topic)
@@ -324,10 +313,6 @@ class _ChunkHeader(NamedTuple):
     data_offset: int
     data_size: int
 
-    @property
-    def is_plain(self) -> bool:
-        return self.compression in ('', 'none')
-
 
 class _Span(NamedTuple):
     """Where a record lies; of a chunk that is cut fewer bytes are ``available``."""
@@ -342,13 +327,8 @@ class _Span(NamedTuple):
 class _Records:
     """The records of an open mcap file in stored order."""
 
-    def __init__(
-        self,
-        stream: BinaryIO,
-        lose: Callable[[Hashable, str, int | None], None],
-        note: Callable[[Hashable, str], None],
-    ) -> None:
-        self._stream, self._lose, self._note = stream, lose, note
+    def __init__(self, stream: BinaryIO, file: RecordingFile) -> None:
+        self._stream, self._file = stream, file
         self._size = stream.seek(0, 2)
         self._base = 0
 
@@ -361,20 +341,24 @@ class _Records:
             if span is None:
                 found = self._next_record(search_from)
                 if found is None:
-                    self._note_end(offset, is_closed)
+                    left = self._size - offset
+                    if is_closed:
+                        self._file.note('end', f'the {left} bytes behind its end are no records')
+                    else:
+                        self._file.lose_end(left)
                     return
                 said = f'damaged at byte {offset}, reading continues at byte {found}'
-                self._lose(offset, said, None)
+                self._file.lose(offset, said)
                 offset, search_from = found, found + 1
                 continue
             if span.opcode >= _PRIVATE_OPCODES:
                 said = f'record of unknown kind {span.opcode} skipped at byte {offset}'
-                self._lose(offset, said, 0)
+                self._file.lose(offset, said, 0)
             elif span.opcode == Opcode.HEADER:
                 self._base = offset - len(MAGIC)
             yield span
             if span.available < span.length:
-                self._note_end(offset)
+                self._file.lose_end(self._size - offset)
                 return
             offset = span.body + span.length
             is_closed = span.opcode == Opcode.FOOTER
@@ -407,9 +391,9 @@ class _Records:
         if footer_offset < base + len(MAGIC):
             return None
         tail = self.read(footer_offset, _FOOTER_SIZE)
-        if tail[-len(MAGIC) :] != MAGIC or HEADER.unpack_from(tail) != (Opcode.FOOTER, 20):
+        if tail[-len(MAGIC) :] != MAGIC or tail[: HEADER.size] != _FOOTER_HEAD:
             return None
-        said = _parsed(Footer, tail[HEADER.size :])
+        said = _parsed(Opcode.FOOTER, tail[HEADER.size :])
         start: int = base + said.summary_start if said.summary_start else footer_offset
         if start > footer_offset:
             return None
@@ -449,17 +433,16 @@ class _Records:
         (data_size,) = struct.unpack_from('<Q', head, end - 8)
         compression = head[fixed : end - 8].decode('ascii', 'replace')
         # The records of one that is too large, and plain, can be found one by one.
-        if end + data_size != length or (size > SIZE_LIMIT and compression in ('', 'none')):
+        if end + data_size != length or (size > SIZE_LIMIT and compression in PLAIN):
             return None
         return _ChunkHeader(start_ns, end_ns, size, crc, compression, body + end, data_size)
 
     def _next_record(self, start: int) -> int | None:
-        while start < self._size:
+        for block in range(start, self._size, _BLOCK):
             # 8 bytes more, so that no candidate is split between two blocks.
-            for match in _CANDIDATE.finditer(self.read(start, _BLOCK + 8)):
-                if self._convinces(start + match.start()):
-                    return start + match.start()
-            start += _BLOCK
+            for match in _CANDIDATE.finditer(self.read(block, _BLOCK + 8)):
+                if self._convinces(block + match.start()):
+                    return block + match.start()
         return None
 
     def _convinces(self, offset: int) -> bool:
@@ -475,30 +458,17 @@ class _Records:
                 break
         return True
 
-    def _note_end(self, offset: int, is_closed: bool = False) -> None:
-        left = self._size - offset
-        if is_closed:
-            self._note('end', f'the {left} bytes behind its end are no records')
-            return
-        said = f'cut off or damaged; its last {left} bytes cannot be read in full'
-        self._lose('end', said, None)
 
-
-def _parsed(kind: Any, body: bytes | memoryview) -> Any:
+def _parsed(opcode: int, body: bytes | memoryview) -> Any:
     """A record's content as the mcap library has it; see `_PARSE_ERRORS`."""
-    return kind.read(ReadDataStream(BytesIO(body)))
+    return _PARSERS[opcode].read(ReadDataStream(BytesIO(body)))
 
 
-def _sound(kind: Any, body: bytes | memoryview) -> Any:
+def _sound(opcode: int, body: bytes | memoryview) -> Any:
     """A record's content; None if it is damaged."""
     with suppress(*_PARSE_ERRORS):
-        return _parsed(kind, body)
+        return _parsed(opcode, body)
     return None
-
-
-def _definition(opcode: int, body: bytes | memoryview) -> Any:
-    """A schema or channel; None if it is damaged."""
-    return _sound(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
 
 
 _Key = tuple[int, bytes]
@@ -511,7 +481,7 @@ def _key(opcode: int, body: bytes | memoryview) -> _Key:
 
 def _meaning(opcode: int, body: bytes | memoryview) -> Any:
     """What a schema or channel is called; None if it is damaged."""
-    record = _definition(opcode, body)
+    record = _sound(opcode, body)
     if record is None or opcode == Opcode.SCHEMA:
         return record and record.name
     return record.topic, record.schema_id, record.message_encoding

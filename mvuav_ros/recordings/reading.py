@@ -41,11 +41,7 @@ _FORMATS: tuple[tuple[bytes, str, type[RecordingFile]], ...] = (
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
-    """Open a recording for reading.
-
-    Args:
-        path: a rosbag2 folder, a bare .mcap or .db3 file, or a ROS 1 .bag file; any of them may
-            be damaged.
+    """Open a rosbag2 folder, a bare .mcap or .db3, or a ROS 1 .bag file, damaged or not.
 
     Raises:
         RecordingError: nothing can be read from there.
@@ -69,7 +65,7 @@ class Recording:
         self.skipped: tuple[SkippedChannel, ...] = ()
         self.account = Account(path)
         self._folder: TemporaryDirectory[str] | None = None
-        self._unpacked: tuple[Path, RecordingFile] | None = None
+        self._unpacked = path
         self._opened: dict[Path, RecordingFile] = {}
         self._files: list[Path] = []
         try:
@@ -99,10 +95,7 @@ class Recording:
     ) -> Iterator[RecordedMessage]:
         """The messages in the order in which they were recorded; may be called repeatedly.
 
-        Args:
-            topics: the names of the topics wanted; all if None.
-            start_ns: the first log time wanted, in ns.
-            end_ns: the first log time not wanted any more, in ns.
+        Those of some topics (all if None) with ``start_ns`` <= log time < ``end_ns``.
 
         Raises:
             RecordingError: a compressed file cannot be unpacked (no space).
@@ -132,7 +125,6 @@ class Recording:
 
     def close(self) -> None:
         """Remove what was unpacked; who reads on unpacks it again."""
-        self._unpacked = None
         self._opened.clear()
         if self._folder is not None:
             self._folder.cleanup()
@@ -146,10 +138,9 @@ class Recording:
         for path in paths:
             try:
                 channels = self._file(path).channels()
-            except OSError as error:
-                refusals.append(RecordingError(f'{path} cannot be read: {error.strerror or error}'))
-                continue
-            except RecordingError as error:
+            except (OSError, RecordingError) as error:
+                if isinstance(error, OSError):
+                    error = RecordingError(f'{path} cannot be read: {error.strerror or error}')
                 refusals.append(error)
                 continue
             readable.append(path)
@@ -172,27 +163,23 @@ class Recording:
 
     def _file(self, path: Path) -> RecordingFile:
         """The file at ``path``, unpacked if it is compressed as a whole."""
-        if path in self._opened:
-            return self._opened[path]
-        if self._unpacked is not None and self._unpacked[0] == path:
-            return self._unpacked[1]
-        start = start_of(path)
-        limit = Limit(path.stat().st_size)
-        if not start.startswith(ZSTD_START):
-            self._opened[path] = _opened(path, start, self.account, limit)
-            return self._opened[path]
-        # One unpacked file at a time, as all of a long recording might fill the disk.
-        self._unpacked = None
-        if self._folder is not None:
-            self._folder.cleanup()
-        self._folder = TemporaryDirectory(prefix='mvuav_')
-        target = Path(self._folder.name) / path.name.removesuffix('.zstd')
-        decompress_file(path, target, self.account, limit)
-        self._unpacked = (path, _opened(target, start_of(target), self.account, limit))
-        return self._unpacked[1]
+        if path not in self._opened:
+            limit = Limit(path.stat().st_size)
+            target = path
+            if start_of(path).startswith(ZSTD_START):
+                # One unpacked file at a time, as all of a long recording might fill the disk.
+                if self._folder is not None:
+                    self._folder.cleanup()
+                    self._opened.pop(self._unpacked, None)
+                self._folder, self._unpacked = TemporaryDirectory(prefix='mvuav_'), path
+                target = Path(self._folder.name) / path.name.removesuffix('.zstd')
+                decompress_file(path, target, self.account, limit)
+            self._opened[path] = _opened(target, self.account, limit)
+        return self._opened[path]
 
 
-def _opened(path: Path, start: bytes, account: Account, limit: Limit) -> RecordingFile:
+def _opened(path: Path, account: Account, limit: Limit) -> RecordingFile:
+    start = start_of(path)
     if not path.is_file():
         raise RecordingError(f'{path} is neither a file nor a folder')
     if not start:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from glob import glob
 from pathlib import Path, PurePosixPath
+from secrets import token_hex
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -132,7 +132,6 @@ def write_text(text: str, content: str) -> None:
 
     Raises:
         RecordingError: it cannot be written.
-        OSError: likewise.
     """
     if is_url(text):
         with _reached(text, 'written') as (system, path):
@@ -205,22 +204,15 @@ def write_whole(path: Path, content: str | bytes) -> None:
         RecordingError: it cannot be written; what was there stays.
     """
     data = content.encode('utf-8', 'replace') if isinstance(content, str) else content
-    new = None
+    new = path.with_name(f'.{path.name}.{token_hex(4)}')
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_dir():
             raise RecordingError(f'{path} is a folder; give the name of a file')
-        with tempfile.NamedTemporaryFile(
-            dir=path.parent, prefix=f'.{path.name}.', delete=False
-        ) as file:
-            new = Path(file.name)
+        with new.open('xb') as file:
             file.write(data)
-        # What a file opened in the usual way may be read by.
-        mask = os.umask(0)
-        os.umask(mask)
-        new.chmod(0o666 & ~mask)
         new.replace(path)
     except OSError as error:
-        if new is not None:
-            new.unlink(missing_ok=True)
+        with suppress(OSError):
+            new.unlink()
         raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None

@@ -32,7 +32,7 @@ def repair(
         output: a file that ends in .mcap; with ``split_bytes``, a folder as rosbag2 makes it.
         overwrite: whether what exists may be replaced.
         split_bytes: the size at which the folder's next file begins; 0 never.
-        progress: called now and then with the number of messages, and of all as far as known.
+        progress: called now and then with the number of messages, and of all if known.
 
     Returns:
         The number of messages written, by topic.

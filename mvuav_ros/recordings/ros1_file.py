@@ -6,12 +6,13 @@ one by one; rosbags parses their headers and converts the messages to CDR.
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import Counter
-from collections.abc import Container, Iterator
-from io import BytesIO, RawIOBase
+from collections.abc import Callable, Container, Iterator
+from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, cast
+from typing import BinaryIO, NamedTuple
 
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 
@@ -21,24 +22,30 @@ from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, Unpacked, unpack
 from mvuav_ros.recordings.layout import ROS1_START as MAGIC
 from mvuav_ros.recordings.stored_file import (
-    END_OF_TIME,
-    START_OF_TIME,
     UNKNOWN_ROS1,
-    Channels,
     ChunkTally,
     RecordingFile,
     StoredMessage,
     TopicInfo,
 )
 
-VERSION_LINE = MAGIC + b'2.0\n'
-PARSE_ERRORS = (ReaderError, struct.error, UnicodeDecodeError, ValueError)
+_VERSION_LINE = MAGIC + b'2.0\n'
+_PARSE_ERRORS = (ReaderError, struct.error, UnicodeDecodeError, ValueError)
 _MAX_HEADER = 1 << 20
 _SEARCH_BLOCK = 1 << 20
 _KINDS = frozenset(int(kind) for kind in RecordType)
+_CHUNK_MARK = re.compile(rb'op=\x05')
+_MAX_CONNECTION = 1 << 24
+_INDEX_ENTRY_SIZE = 12
+_MAX_CONNECTIONS = 1 << 16
+# Each costs some milliseconds; Autoware has hundreds.
+_MAX_DEFINITIONS = 2000
+
+_Read = Callable[[int, int], bytes]
+"""Gives so many bytes from an offset on, fewer at the end."""
 
 
-class Record(NamedTuple):
+class _Record(NamedTuple):
     """A record's header and kind, and where its data are (bytes)."""
 
     header: Header
@@ -47,74 +54,45 @@ class Record(NamedTuple):
     size: int
 
 
-def record_at(stream: BinaryIO, position: int) -> Record | None:
-    """The record there, None where none is; the stream is left at its data."""
-    stream.seek(position)
-    length = stream.read(4)
-    if len(length) < 4 or not 0 < int.from_bytes(length, 'little') < _MAX_HEADER:
+def _reader_of(stream: BinaryIO) -> _Read:
+    def read(offset: int, size: int) -> bytes:
+        stream.seek(offset)
+        return stream.read(size)
+
+    return read
+
+
+def _record_at(read: _Read, position: int) -> _Record | None:
+    """The record there, None where none is."""
+    length = int.from_bytes(read(position, 4), 'little')
+    if not 0 < length < _MAX_HEADER:
         return None
-    stream.seek(position)
     try:
-        header = Header.read(stream)
+        header = Header.read(BytesIO(read(position, 4 + length)))
         kind = header.get_uint8('op')
-    except PARSE_ERRORS:
+    except _PARSE_ERRORS:
         return None
-    length = stream.read(4)
-    if len(length) < 4 or kind not in _KINDS:
+    data = position + 4 + length + 4
+    size = read(data - 4, 4)
+    if len(size) < 4 or kind not in _KINDS:
         return None
-    return Record(header, kind, stream.tell(), int.from_bytes(length, 'little'))
+    return _Record(header, kind, data, int.from_bytes(size, 'little'))
 
 
-def next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
+def _next_chunk(read: _Read, start: int, size: int) -> int | None:
     """Where the next chunk's record begins; its header holds three fields in any order."""
-    first = start
-    while start < size:
-        stream.seek(start)
-        block = stream.read(_SEARCH_BLOCK + 64)
-        place = block.find(b'op=\x05')
-        while 0 <= place < _SEARCH_BLOCK + 32:
-            for back in range(8, 64):
-                record = None
-                if start + place - back >= first:
-                    record = record_at(stream, start + place - back)
+    for offset in range(start, size, _SEARCH_BLOCK):
+        for match in _CHUNK_MARK.finditer(read(offset, _SEARCH_BLOCK + 64)):
+            mark = offset + match.start()
+            for position in range(mark - 8, max(mark - 64, start - 1), -1):
+                record = _record_at(read, position)
                 if (
                     record is not None
                     and record.kind == RecordType.CHUNK
                     and {'compression', 'size'} <= record.header.keys()
                 ):
-                    return start + place - back
-            place = block.find(b'op=\x05', place + 1)
-        start += _SEARCH_BLOCK
+                    return position
     return None
-
-
-class _View(RawIOBase):
-    """A chunk as a stream, without copying it as BytesIO does."""
-
-    def __init__(self, raw: memoryview) -> None:
-        self._raw = raw
-        self._position = 0
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        assert whence == 0
-        self._position = offset
-        return offset
-
-    def tell(self) -> int:
-        return self._position
-
-    def read(self, size: int = -1) -> bytes:
-        data = bytes(self._raw[self._position : self._position + size])
-        self._position += len(data)
-        return data
-
-
-_MAX_CONNECTION = 1 << 24
-_INDEX_ENTRY_SIZE = 12
-_MAX_CONNECTIONS = 1 << 16
-# Each costs some milliseconds; Autoware has hundreds.
-_MAX_DEFINITIONS = 2000
-_SINGLE = frozenset({RecordType.CONNECTION, RecordType.MSGDATA})
 
 
 class Ros1File(RecordingFile):
@@ -125,41 +103,24 @@ class Ros1File(RecordingFile):
         self._raw: dict[int, tuple[str, bytes]] = {}
         self._definitions: set[tuple[str, str]] = set()
 
-    def _scan(self, stream: BinaryIO) -> None:
-        """Take in every connection, from the bag's index or else from a pass through it.
-
-        Raises:
-            RecordingError: the bag has another version, or is encrypted.
-        """
-        is_indexed = self._read_index(stream)
-        if is_indexed:
-            next(self._stored(stream, None, START_OF_TIME, END_OF_TIME), None)
-        else:
-            self._lose('index', 'not indexed (was the recording cut off?)', 0)
-        if not is_indexed or self._channels.is_contradicted:
-            self.written = None
-            self._channels = Channels()
-            stored = self._stored(stream, None, START_OF_TIME, END_OF_TIME)
-            self._channels.count(number for number, *_ in stored)
-
     def _stored(
         self, stream: BinaryIO, _topics: Container[str] | None, _first_ns: int, _end_ns: int
     ) -> Iterator[StoredMessage]:
         """The message records; connections met on the way are taken in."""
         size = stream.seek(0, 2)
-        self._limit.begin()
+        read = _reader_of(stream)
         self._raw.clear()
-        chunk = ChunkTally(self._path.name)
-        position = len(VERSION_LINE)
+        chunk = ChunkTally()
+        position = len(_VERSION_LINE)
         while position < size:
-            record = record_at(stream, position)
+            record = _record_at(read, position)
             if record is None or record.size > SIZE_LIMIT:
-                found = next_chunk(stream, position + 1, size)
+                found = _next_chunk(read, position + 1, size)
                 if found is None:
-                    chunk.end(self._account)
-                    self._note_end(size - position)
+                    self._end(chunk)
+                    self.lose_end(size - position)
                     return
-                self._lose(
+                self.lose(
                     position, f'damaged at byte {position}, reading continues at byte {found}'
                 )
                 position = found
@@ -168,28 +129,28 @@ class Ros1File(RecordingFile):
             if record.kind == RecordType.IDXDATA:
                 chunk.indexed = (chunk.indexed or 0) + record.size // _INDEX_ENTRY_SIZE
             elif record.kind == RecordType.CHUNK:
-                chunk.end(self._account)
-                chunk = ChunkTally(self._path.name, position)
+                self._end(chunk)
+                chunk = ChunkTally(position)
                 stream.seek(record.data)
                 if self._limit.left <= 0:
                     chunk.offset = -1
-                    self._lose('limit', self._limit.reason)
+                    self.lose('limit', self._limit.reason)
                     position = record.data + record.size
                     continue
                 raw, chunk.reason = self._chunk(record, stream, cut=available < record.size)
                 for message in self._records(raw, chunk):
                     chunk.got += 1
                     yield message
-            elif record.kind in _SINGLE:
-                stream.seek(record.data)
-                yield from self._record(record, memoryview(stream.read(available)), in_index=True)
+            elif record.kind in (RecordType.CONNECTION, RecordType.MSGDATA):
+                data = memoryview(read(record.data, available))
+                yield from self._record(record, data, in_index=True)
             if available < record.size:
-                self._note_end(size - position)
+                self.lose_end(size - position)
                 return
             position = record.data + record.size
-        chunk.end(self._account)
+        self._end(chunk)
 
-    def _chunk(self, record: Record, stream: BinaryIO, *, cut: bool) -> Unpacked:
+    def _chunk(self, record: _Record, stream: BinaryIO, *, cut: bool) -> Unpacked:
         """What a chunk holds; of one that is cut, what there is of it, of a damaged one nothing."""
         try:
             compression = record.header.get_string('compression')
@@ -199,7 +160,7 @@ class Ros1File(RecordingFile):
         if size > SIZE_LIMIT:
             return Unpacked(memoryview(b''), f'it is larger than 1 GB ({size} bytes)')
         raw, problem = unpack(stream, record.size, compression, size, size)
-        self._limit.spend(len(raw))
+        self._limit.left -= len(raw)
         if not problem and len(raw) != size:
             problem = 'its size is wrong'
         if cut:
@@ -207,10 +168,9 @@ class Ros1File(RecordingFile):
         return Unpacked(raw[: 0 if problem else None], problem)
 
     def _records(self, raw: memoryview, chunk: ChunkTally) -> Iterator[StoredMessage]:
-        stream = cast(BinaryIO, _View(raw))
         position = 0
         while position < len(raw):
-            record = record_at(stream, position)
+            record = _record_at(lambda at, size: bytes(raw[at : at + size]), position)
             if record is None or record.data + record.size > len(raw):
                 chunk.reason = 'it holds what is no record'
                 return
@@ -218,7 +178,7 @@ class Ros1File(RecordingFile):
             position = record.data + record.size
 
     def _record(
-        self, record: Record, data: memoryview, *, in_index: bool = False
+        self, record: _Record, data: memoryview, *, in_index: bool = False
     ) -> Iterator[StoredMessage]:
         if record.kind == RecordType.CONNECTION:
             self._connect(record.header, data, in_index)
@@ -226,8 +186,8 @@ class Ros1File(RecordingFile):
             try:
                 number, stamp_ns = record.header.get_uint32('conn'), record.header.get_time('time')
                 yield number, None, stamp_ns, None, data
-            except PARSE_ERRORS:
-                self._lose(record.data, 'a message record is damaged', 1)
+            except _PARSE_ERRORS:
+                self.lose(record.data, 'a message record is damaged', 1)
 
     def _connect(self, header: Header, data: memoryview, in_index: bool) -> None:
         """Take in a connection record; one of the index counts where the data have none."""
@@ -242,8 +202,8 @@ class Ros1File(RecordingFile):
             fields = Header.read(BytesIO(struct.pack('<I', len(data)) + data))
             kind = normalised_type(fields.get_string('type'))
             definition = fields.get_string('message_definition')
-        except PARSE_ERRORS:
-            self._lose('connections', 'a connection record is damaged', 0)
+        except _PARSE_ERRORS:
+            self.lose('connections', 'a connection record is damaged', 0)
             return
         self._raw[key] = raw
         self._definitions.add((kind, definition))
@@ -252,31 +212,43 @@ class Ros1File(RecordingFile):
         self._define(key, TopicInfo(name, kind, None, encoding, schema))
 
     def _read_index(self, stream: BinaryIO) -> bool:
-        """Take the connections and counts from the bag's end, if all of it is there."""
+        """Take the connections and counts from the bag's end, if all of it is there.
+
+        Raises:
+            RecordingError: the bag has another version, or is encrypted.
+        """
         line = stream.readline(64)
-        if line.startswith(MAGIC) and line != VERSION_LINE:
+        if line.startswith(MAGIC) and line != _VERSION_LINE:
             version = line[len(MAGIC) :].strip().decode('ascii', 'replace')
             raise RecordingError(
                 f'{self._path} is a ROS 1 bag of version {version}; convert it to version 2.0 '
                 'with "rosbag fix"'
             )
-        record = record_at(stream, len(VERSION_LINE))
+        size = stream.seek(0, 2)
+        is_read = self._read_index_records(_reader_of(stream), size)
+        if not is_read:
+            self.lose('index', 'not indexed (was the recording cut off?)', 0)
+        return is_read
+
+    def _read_index_records(self, read: _Read, size: int) -> bool:
+        record = _record_at(read, len(_VERSION_LINE))
         if record is None or record.kind != RecordType.BAGHEADER:
             return False
-        header = record.header
-        if header.get('encryptor'):
+        if record.header.get('encryptor'):
             raise RecordingError(f'{self._path} is encrypted; decrypt it with "rosbag decrypt"')
         try:
-            position = header.get_uint64('index_pos')
-            left = header.get_uint32('conn_count') + header.get_uint32('chunk_count')
+            position = record.header.get_uint64('index_pos')
+            left = record.header.get_uint32('conn_count') + record.header.get_uint32('chunk_count')
         except ReaderError:
+            return False
+        if position > size:
             return False
         counts: Counter[int] = Counter()
         for _ in range(left):
-            record = record_at(stream, position)
+            record = _record_at(read, position)
             if record is None or record.size > _MAX_CONNECTION:
                 return False
-            data = memoryview(stream.read(record.size))
+            data = memoryview(read(record.data, record.size))
             if len(data) < record.size:
                 return False
             if record.kind == RecordType.CONNECTION:
@@ -288,5 +260,5 @@ class Ros1File(RecordingFile):
                 return False
             position = record.data + record.size
         self._channels.take_counts(counts)
-        self.written = counts.total()
-        return position > len(VERSION_LINE)
+        self._written = counts.total()
+        return position > len(_VERSION_LINE)

@@ -24,24 +24,17 @@ _VERSION = 5
 class Rosbag2Writer:
     """Writes parts NAME_0.mcap, NAME_1.mcap … into a new folder NAME; a context manager.
 
-    Ended by an exception it leaves no metadata.yaml, so that it does not look complete.
-
-    Attributes:
-        extras: attachments and metadata that are written at the end of the last part.
+    Ended by an exception it leaves no metadata.yaml, so that it does not look complete. ``extras``
+    are attachments and metadata that are written at the end of the last part.
     """
 
     def __init__(
-        self,
-        folder: Path,
-        split_bytes: int = 0,
-        metadata: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+        self, folder: Path, split_bytes: int, metadata: Mapping[str, Mapping[str, str]]
     ) -> None:
-        """Create the folder.
+        """Create the folder, unless it is there and empty.
 
-        Args:
-            folder: must not exist, or be empty.
-            split_bytes: a part that has reached this size is the last of its kind; 0: no limit.
-            metadata: records by name, written at the beginning of each part.
+        The next part begins when one has reached ``split_bytes``; 0: never. Each begins with the
+        records of ``metadata``, by name.
 
         Raises:
             RecordingError: there is something already, or it cannot be created.
@@ -84,11 +77,7 @@ class Rosbag2Writer:
         publish_ns: int | None = None,
         sequence: int | None = None,
     ) -> None:
-        """Write one message; see `RecordingWriter.write`.
-
-        Raises:
-            RecordingError: the file cannot be written, such as when the disk is full.
-        """
+        """Write one message; see `RecordingWriter.write`."""
         if 0 < self._split_bytes <= self._parts[-1].size:
             self._parts[-1].close()
             self._begin_part()
@@ -106,12 +95,9 @@ class Rosbag2Writer:
         self._parts.append(RecordingWriter(self._folder / name, metadata=self._records))
 
     def _metadata(self) -> dict[str, Any]:
-        spans = [
-            (counts.message_start_time, counts.message_end_time, counts.message_count)
-            for counts in (part.statistics for part in self._parts)
-        ]
-        first = min((start for start, _, messages in spans if messages), default=0)
-        last = max(end for _, end, _ in spans)
+        counts = [part.statistics for part in self._parts]
+        first = min((each.message_start_time for each in counts if each.message_count), default=0)
+        last = max(each.message_end_time for each in counts)
         content = {
             'version': _VERSION,
             'storage_identifier': 'mcap',
@@ -132,8 +118,11 @@ class Rosbag2Writer:
             'compression_mode': '',
             'relative_file_paths': [part.path.name for part in self._parts],
             'files': [
-                {'path': part.path.name, **_span(*span)}
-                for part, span in zip(self._parts, spans, strict=True)
+                {
+                    'path': part.path.name,
+                    **_span(each.message_start_time, each.message_end_time, each.message_count),
+                }
+                for part, each in zip(self._parts, counts, strict=True)
             ],
         }
         return {'rosbag2_bagfile_information': content}
@@ -147,11 +136,7 @@ def open_writer(
 ) -> RecordingWriter | Rosbag2Writer:
     """A writer of one mcap file or, with a number of bytes, of a folder as rosbag2 makes it.
 
-    Args:
-        path: the file, or the folder.
-        split_bytes: None for a file; see `Rosbag2Writer`.
-        overwrite: whether a file, or the parts of a folder that rosbag2 made, may be replaced.
-        metadata: records by name.
+    To overwrite replaces a file, or the parts of a folder that rosbag2 made.
 
     Raises:
         RecordingError: there is something already, or it cannot be created.

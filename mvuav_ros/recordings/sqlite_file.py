@@ -47,7 +47,7 @@ class SqliteFile(RecordingFile):
         """Take in every topic of the database, none if the table of topics cannot be read."""
         missing = PageFile(self._path).missing_bytes
         if missing:
-            self._lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
+            self.lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
         try:
             with self._connect() as database:
                 for key, topic in _topics(database).items():
@@ -56,7 +56,7 @@ class SqliteFile(RecordingFile):
                     query = 'SELECT topic_id, count(*) FROM messages GROUP BY topic_id'
                     self._channels.take_counts(dict(database.execute(query)))
         except (*_ERRORS, KeyError, ValueError) as error:
-            self._lose('error', f'the database is damaged ({error})')
+            self.lose('error', f'the database is damaged ({error})')
 
     def _stored(
         self, _stream: BinaryIO, topics: Container[str] | None, first_ns: int, end_ns: int
@@ -76,7 +76,7 @@ class SqliteFile(RecordingFile):
             else:
                 yield key, None, stamp_ns, None, data
         for problem, count in odd.items():
-            self._lose(problem, f'{counted(count, "row")} {problem}: skipped', count)
+            self.lose(problem, f'{counted(count, "row")} {problem}: skipped', count)
 
     def _rows(self, wanted: Iterable[int], first: int, last: int) -> Iterator[tuple[Any, Any, Any]]:
         """Topic, stamp and data of every row; the data are 1 where nobody wants them."""
@@ -104,30 +104,29 @@ class SqliteFile(RecordingFile):
                         yield key, stamp_ns, data
                 return
             except _ERRORS as error:
-                self._lose('error', f'the database is damaged ({error})')
+                self.lose('error', f'the database is damaged ({error})')
         yield from pages.messages(position)
         if pages.incomplete_rows:
             incomplete = pages.incomplete_rows
-            self._lose('rows', f'{counted(incomplete, "message")} incomplete', incomplete)
+            self.lose('rows', f'{counted(incomplete, "message")} incomplete', incomplete)
 
     @contextmanager
     def _connect(self) -> Iterator[sqlite3.Connection]:
         # A write-ahead log or journal that a crash left behind holds the last messages.
-        logs = [log for log in _logs(self._path) if log.exists()]
-        shared = Path(f'{self._path}-shm')
+        logs = [log for log in self._logs if log.exists()]
         if not all(log.is_file() for log in logs):
-            self._lose('log', 'the log beside it is no file')
+            self.lose('log', 'the log beside it is no file')
             logs = []
-        if not logs:
-            with closing(self._opened('mode=ro&immutable=1')) as database:
-                yield database
-            return
-        ours = not shared.exists()
+        shared = Path(f'{self._path}-shm')
+        ours = bool(logs) and not shared.exists()
         try:
-            database = self._opened('mode=ro')
-            database.execute('SELECT count(*) FROM topics').fetchone()
+            database = self._opened('mode=ro' if logs else 'mode=ro&immutable=1')
+            if logs:
+                database.execute('SELECT count(*) FROM topics').fetchone()
         except sqlite3.OperationalError as error:
-            self._lose('log', f'the log beside it cannot be used ({error})')
+            if not logs:
+                raise
+            self.lose('log', f'the log beside it cannot be used ({error})')
             database = self._opened('mode=ro&immutable=1')
         try:
             with closing(database):
@@ -153,17 +152,20 @@ class SqliteFile(RecordingFile):
         database.execute('PRAGMA writable_schema=ON')
         return database
 
+    @property
+    def _logs(self) -> list[Path]:
+        return [Path(f'{self._path}{suffix}') for suffix in ('-wal', '-journal')]
+
     def _size(self) -> int:
-        files = [self._path, *(log for log in _logs(self._path) if log.is_file())]
+        files = [self._path, *(log for log in self._logs if log.is_file())]
         return sum(file.stat().st_size for file in files)
 
 
-def _logs(path: Path) -> list[Path]:
-    return [Path(f'{path}{suffix}') for suffix in ('-wal', '-journal')]
-
-
 def _topics(database: sqlite3.Connection) -> dict[int, TopicInfo]:
-    if _has_views(database):
+    # A view can have any number of rows; rosbag2 makes none. By what SQLite makes of the
+    # definition, which may be spelt in many ways.
+    listed = database.execute('PRAGMA main.table_list').fetchall()
+    if any(kind not in ('table', 'shadow') for _, _, kind, *_ in listed):
         raise sqlite3.DatabaseError('its tables are views')
     schemas: dict[str, Schema] = {}
     try:
@@ -187,16 +189,6 @@ def _topics(database: sqlite3.Connection) -> dict[int, TopicInfo]:
             str(row.get('offered_qos_profiles', '')),
         )
     return topics
-
-
-def _has_views(database: sqlite3.Connection) -> bool:
-    """Whether it has what can have any number of rows; rosbag2 makes none."""
-    try:
-        listed = database.execute('PRAGMA main.table_list').fetchall()
-    except _ERRORS:
-        return False
-    # By what SQLite makes of the definition, which may be spelt in many ways.
-    return any(kind not in ('table', 'shadow') for _, _, kind, *_ in listed)
 
 
 def _small_rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:

@@ -173,11 +173,9 @@ def _integer(page: bytes, position: int, kind: int) -> tuple[int, int]:
 
 def _varint(page: bytes, position: int) -> tuple[int, int]:
     value = 0
-    for count in range(9):
+    for count in range(8):
         byte = page[position + count]
-        if count == 8:
-            return (value << 8) | byte, position + 9
         value = (value << 7) | (byte & 0x7F)
         if byte < 0x80:
             return value, position + count + 1
-    raise AssertionError('a varint has at most nine bytes')
+    return (value << 8) | page[position + 8], position + 9

@@ -40,7 +40,7 @@ class TopicInfo:
 
 @dataclass(frozen=True)
 class SkippedChannel:
-    """A channel that is not read because its messages are not CDR."""
+    """A channel that is not read, as its messages are not CDR."""
 
     name: str
     encoding: str
@@ -82,37 +82,13 @@ StoredMessage = tuple[int, int | None, int, int | None, bytes | memoryview]
 
 @dataclass
 class ChunkTally:
-    """A chunk on the way: the messages that came out of it, and those that its indexes list.
+    """A chunk on the way: the messages that came out of it, and those that its indexes list."""
 
-    Attributes:
-        file: that it lies in.
-        offset: where it begins, bytes; -1 is none.
-        reason: why it is not read, or not all of it.
-        got: messages that came out.
-        indexed: messages that the indexes behind it list; None if there are none.
-        is_index_whole: whether no record behind it may be a damaged index.
-    """
-
-    file: str
-    offset: int = -1
-    reason: str = ''
-    got: int = 0
-    indexed: int | None = None
-    is_index_whole: bool = True
-
-    def end(self, account: Account) -> None:
-        """Say what is missing; nothing is of a chunk that was left out as nobody wanted it."""
-        missing = None
-        if self.indexed is not None and self.is_index_whole:
-            missing = max(self.indexed - self.got, 0)
-        if self.offset < 0 or not (self.reason or (missing and self.got)):
-            return
-        if missing == 0 and self.got:  # what is no record held none
-            return
-        how = f'skipped, as {self.reason}' if self.reason else 'is not all there'
-        messages = 'its messages are' if missing is None else counted(missing, 'message')
-        said = f'{self.file}: chunk at byte {self.offset} {how}: {messages} lost'
-        account.lose(self.file, self.offset, said, missing)
+    offset: int = -1  # where it begins, bytes; -1 is none
+    reason: str = ''  # why it is not read, or not all of it
+    got: int = 0  # messages that came out
+    indexed: int | None = None  # messages that the indexes behind it list; None without any
+    is_index_whole: bool = True  # whether no record behind it may be a damaged index
 
 
 class Channels:
@@ -120,12 +96,14 @@ class Channels:
 
     Attributes:
         known: each channel's topic by now, and what converts its messages if they are ROS 1's.
+        schemas: each schema's type and definition by now, where they have numbers of their own.
         counts: messages of each definition; None if nobody has said or counted them.
         is_contradicted: whether the data define a channel otherwise than the index.
     """
 
     def __init__(self) -> None:
         self.known: dict[int, tuple[TopicInfo, Ros1Type | None]] = {}
+        self.schemas: dict[int, tuple[str, Schema | None]] = {}
         self.counts: Counter[_Definition] | None = None
         self.is_contradicted = False
         self._found: dict[_Definition, TopicInfo] = {}
@@ -140,10 +118,11 @@ class Channels:
 
     def listed(self) -> tuple[TopicInfo, ...]:
         """Every definition with its number of messages."""
-        if self.counts is None:
-            return tuple(self._found.values())
         counts = self.counts
-        return tuple(replace(info, message_count=counts[key]) for key, info in self._found.items())
+        return tuple(
+            info if counts is None else replace(info, message_count=counts[key])
+            for key, info in self._found.items()
+        )
 
     def count(self, numbers: Iterable[int]) -> None:
         """Count messages by their channels' numbers, of those that are known."""
@@ -157,10 +136,9 @@ class Channels:
         self.counts = Counter({key: counts.get(key[0], 0) for key in self._found})
 
     def define(self, number: int, topic: TopicInfo) -> str:
-        """Take in a definition; a topic of encoding ``ros1`` has the schema that ROS 1 gives it.
+        """Take in a definition, and say how it contradicts the channel's last one; '' if not.
 
-        Returns:
-            In words, how it contradicts what was said of the channel before; '' if it does not.
+        A topic of encoding ``ros1`` has the schema that ROS 1 gives it.
         """
         converter = None
         if topic.serialization_format == 'ros1':
@@ -191,25 +169,17 @@ def _meaning(topic: TopicInfo) -> tuple[str, str, str]:
 
 
 class RecordingFile(ABC):
-    """One file of a recording; it is opened anew for every pass.
-
-    Attributes:
-        written: messages that its index speaks of, once a pass has ended; None without an index.
-        sound: messages that the newest pass found whole, wanted or not.
-        skipped: those among them that are not ROS's.
-    """
-
-    written: int | None = None
-    sound = 0
-    skipped = 0
+    """One file of a recording; it is opened anew for every pass."""
 
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
         """Take a file; losses go to the account, and what is unpacked of it has a limit."""
         self._path, self._account, self._limit = path, account, limit
+        self._message_limit = copy(limit)
         self._channels = Channels()
-        self._message_limit = limit
+        self._scanned = self._is_indexed = False
         self._lost: Counter[tuple[tuple[str, str], str]] = Counter()
-        self._scanned = False
+        # Messages that its index speaks of, once a pass has ended; None without an index.
+        self._written: int | None = None
 
     def channels(self) -> Sequence[TopicInfo]:
         """Every channel, those that are not CDR included; found once, when first asked for."""
@@ -219,9 +189,30 @@ class RecordingFile(ABC):
             self._scanned = True
         return self._channels.listed()
 
-    @abstractmethod
     def _scan(self, stream: BinaryIO) -> None:
         """Find the channels, by an index or else by a pass through the file."""
+        self._is_indexed = self._read_index(stream)
+        if self._is_indexed:  # the data must begin likewise
+            next(self._pass(stream), None)
+        if not self._is_indexed or self._channels.is_contradicted:
+            self._is_indexed, self._written, self._channels = False, None, Channels()
+            self._channels.count(number for number, *_ in self._pass(stream))
+
+    def _read_index(self, stream: BinaryIO) -> bool:
+        """Whether the channels could be taken from an index."""
+        raise NotImplementedError
+
+    def _pass(
+        self,
+        stream: BinaryIO,
+        topics: Container[str] | None = None,
+        first_ns: int = START_OF_TIME,
+        end_ns: int = END_OF_TIME,
+    ) -> Iterator[StoredMessage]:
+        """The messages, as `_stored` has them, from the file's start."""
+        self._channels.begin()
+        self._limit.begin()
+        return self._stored(stream, topics, first_ns, end_ns)
 
     @abstractmethod
     def _stored(
@@ -243,46 +234,45 @@ class RecordingFile(ABC):
         last = END_OF_TIME if end_ns is None else end_ns
         is_whole = start_ns is None and end_ns is None
         account = self._account
+        sound = skipped = 0
         self._lost.clear()
-        self._message_limit = copy(self._limit)
         self._message_limit.begin()
         try:
             self.channels()
-            self._channels.begin()
-            self.sound = self.skipped = 0
             with self._path.open('rb') as stream:
-                stored = self._stored(stream, topics, first, last)
+                stored = self._pass(stream, topics, first, last)
                 for number, sequence, stamp_ns, publish_ns, raw in stored:
                     channel = self._channels.known.get(number)
                     if channel is None:
                         self._lost[_UNKNOWN, ''] += 1
                         continue
                     topic, converter = channel
-                    self.sound += 1
+                    sound += 1
                     if topic.serialization_format not in READABLE_FORMATS:
-                        self.skipped += 1
+                        skipped += 1
                     elif first <= stamp_ns < last and (topics is None or topic.name in topics):
                         data: bytes | memoryview | None = raw
                         if converter is not None or raw[:4] == ZSTD_START:
-                            data = self._converted(raw, topic, converter)
+                            data = self._converted(raw, topic.name, converter)
                         elif len(raw) < _LARGE:
                             data = bytes(raw)
-                        if data is not None:
-                            account.kept += 1
-                            of = topic.schema, topic.qos, publish_ns, sequence
-                            yield RecordedMessage(topic.name, topic.type, stamp_ns, data, *of)
-            account.skipped += self.skipped
+                        if data is None:
+                            sound -= 1
+                            continue
+                        account.kept += 1
+                        of = topic.schema, topic.qos, publish_ns, sequence
+                        yield RecordedMessage(topic.name, topic.type, stamp_ns, data, *of)
+            account.skipped += skipped
         except OSError as error:
-            self._lose('io', f'reading ended early: {error.strerror or error}')
+            self.lose('io', f'reading ended early: {error.strerror or error}')
             is_whole = False
         for ((noun, why), name), count in self._lost.items():
-            said = f'{counted(count, noun)} {why.format(name)}'
-            self._lose((noun, why, name), said, count)
+            self.lose((noun, why, name), f'{counted(count, noun)} {why.format(name)}', count)
         if is_whole:
-            account.settle(self._path.name, self.written, self.sound)
+            account.settle(self._path.name, self._written, sound)
 
     def _converted(
-        self, raw: bytes | memoryview, topic: TopicInfo, converter: Ros1Type | None
+        self, raw: bytes | memoryview, topic: str, converter: Ros1Type | None
     ) -> bytes | memoryview | None:
         """A message of ROS 1, or one that is compressed by itself, as CDR; None if damaged."""
         data: bytes | memoryview | None = raw
@@ -294,20 +284,35 @@ class RecordingFile(ABC):
         if data is not None and data[:4] == ZSTD_START:
             why, data = _COMPRESSED, decompress_message(data, self._message_limit)
         if data is None:
-            self.sound -= 1
-            self._lost[why, topic.name] += 1
+            self._lost[why, topic] += 1
         return data
 
     def _define(self, number: int, topic: TopicInfo) -> None:
         """Take in a definition, and note a contradiction."""
         if contradiction := self._channels.define(number, topic):
-            self._note(contradiction, contradiction)
+            self.note(contradiction, contradiction)
 
-    def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
+    def _end(self, chunk: ChunkTally) -> None:
+        """Say what a chunk lacks; of one that was left out, as nobody wanted it, nothing."""
+        missing = None
+        if chunk.indexed is not None and chunk.is_index_whole:
+            missing = max(chunk.indexed - chunk.got, 0)
+        if chunk.offset < 0 or not (chunk.reason or (missing and chunk.got)):
+            return
+        if missing == 0 and chunk.got:  # what is no record held none
+            return
+        how = f'skipped, as {chunk.reason}' if chunk.reason else 'is not all there'
+        messages = 'its messages are' if missing is None else counted(missing, 'message')
+        self.lose(chunk.offset, f'chunk at byte {chunk.offset} {how}: {messages} lost', missing)
+
+    def lose(self, key: Hashable, text: str, count: int | None = None) -> None:
+        """Say what cannot be read, and how many messages that are; see `Account.lose`."""
         self._account.lose(self._path.name, key, f'{self._path.name}: {text}', count)
 
-    def _note(self, key: Hashable, text: str) -> None:
+    def note(self, key: Hashable, text: str) -> None:
+        """Say what is unusual, though nothing is lost by it."""
         self._account.note((self._path.name, key), f'{self._path.name}: {text}')
 
-    def _note_end(self, size: int) -> None:
-        self._lose('end', f'cut off or damaged; its last {size} bytes cannot be read in full')
+    def lose_end(self, size: int) -> None:
+        """Say that so many bytes at the end cannot be read."""
+        self.lose('end', f'cut off or damaged; its last {size} bytes cannot be read in full')

@@ -99,9 +99,7 @@ def summarise(
 ) -> RecordingSummary:
     """Read through a recording and summarise it.
 
-    Args:
-        path: of the recording.
-        progress: called now and then with the number of messages read, and of all as far as known.
+    ``progress`` is called now and then with the number of messages read, and of all if known.
 
     Raises:
         RecordingError: nothing can be read from there.
@@ -119,15 +117,15 @@ def summarise(
             if number % _PROGRESS_STEP == 0:
                 progress(number, total)
     topics = [tally.summary() for tally in tallies.values()]
-    firsts = [topic.first_stamp_ns for topic in topics if topic.first_stamp_ns is not None]
-    lasts = [topic.last_stamp_ns for topic in topics if topic.last_stamp_ns is not None]
+    stamps = [topic.first_stamp_ns for topic in topics if topic.first_stamp_ns is not None]
+    stamps += [topic.last_stamp_ns for topic in topics if topic.last_stamp_ns is not None]
     return RecordingSummary(
         path=str(recording.path),
         topics=topics,
         messages=sum(topic.count for topic in topics),
-        first_stamp_ns=min(firsts, default=None),
-        last_stamp_ns=max(lasts, default=None),
-        duration_s=(max(lasts) - min(firsts)) / _NS if firsts else 0.0,
+        first_stamp_ns=min(stamps, default=None),
+        last_stamp_ns=max(stamps, default=None),
+        duration_s=(max(stamps) - min(stamps)) / _NS if stamps else 0.0,
         skipped=list(recording.skipped),
         errors=recording.account.errors,
         warnings=recording.account.warnings,
@@ -172,25 +170,23 @@ class _Tally:
             if self._previous_header_ns is not None and image.stamp_ns < self._previous_header_ns:
                 images.header_jumps_back += 1
             self._previous_header_ns = image.stamp_ns
-            text = self._format(images, image)
+            # What a replay would make of it, without decompressing it.
+            if isinstance(image, RawImage):
+                decode_image(image)
+                text = f'{image.width}x{image.height} {image.encoding}'
+            elif image.is_video:
+                text = self._video_format(images, image)
+            else:
+                width, height = check_compressed_image(image)
+                text = f'{width}x{height} {image.format[:_MAX_NAME]}'.rstrip()
         except ImageError as error:
             self._add_problem(images, words(error, MAX_LINE))
             return
         if text and text not in images.formats and len(images.formats) < _MAX_FORMATS:
             images.formats.append(text)
 
-    def _format(self, images: ImageSummary, image: RawImage | CodedImage) -> str:
-        """What a replay would make of it, without decompressing it."""
-        if isinstance(image, RawImage):
-            decode_image(image)
-            return f'{image.width}x{image.height} {image.encoding}'
-        if image.is_video:
-            return self._video_format(images, image)
-        width, height = check_compressed_image(image)
-        return f'{width}x{height} {image.format[:_MAX_NAME]}'.rstrip()
-
     def _video_format(self, images: ImageSummary, packet: CodedImage) -> str:
-        """As `_format`; the packets up to the first frame are decoded, '' is said of them."""
+        """The packets up to the first frame are decoded, '' is said of them."""
         codec = codec_of(packet.format)
         if codec not in self._video_formats:
             for frame in self._video.frames(packet, wanted=True):

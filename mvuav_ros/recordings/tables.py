@@ -13,7 +13,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
@@ -43,7 +42,6 @@ _UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
 COVARIANCE_COLUMNS = tuple(f'cov_{_AXES[row]}_{_AXES[column]}' for row, column in _UPPER)
 """m and rad: of the position, and of small turns about the axes of the pose's frame; of roll, pitch
 and yaw in the runway detector's ``~/pose``."""
-_STRAIGHT: Matrix = np.eye(3)
 KEYS = ('flight', 'stamp_ns', 'stamp', 'row')
 """The columns that every table begins with."""
 _CLOUD, _POINT = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/PointStamped'
@@ -54,19 +52,13 @@ Reader = Callable[[Any], tuple[Columns, Iterable[Row]]]
 
 
 class ResultRows:
-    """The rows in the messages of one recording of results.
+    """The rows in the messages of one recording of results, that of a named flight.
 
-    Attributes:
-        kinds: the types of the topics that can be tables, by the topics' names.
+    ``kinds`` are the types of the topics that can be tables, by the topics' names.
     """
 
     def __init__(self, recording: Recording, flight: str) -> None:
-        """Look at the topics; the names of markers may need a look at the first messages.
-
-        Args:
-            recording: open.
-            flight: what the first column says.
-        """
+        """Look at the topics; the names of markers may need a look at the first messages."""
         self._flight = visible(flight)
         self.kinds = {t.name: t.type for t in recording.topics if is_table(t.name, t.type)}
         trackers = [
@@ -118,12 +110,8 @@ def _integrity(message: Any) -> tuple[Columns, Iterable[Row]]:
     """Protection levels: numbers, NaN where there are none or no limit, and the state in words."""
     (status,) = message.status
     state, _, reason = status.message.partition(': ')
-    numbers = {each.key: _number(each.value) for each in status.values}
+    numbers = {each.key: float(each.value.replace('none', 'nan')) for each in status.values}
     return ('state', 'reason', *numbers), [(state, reason, *numbers.values())]
-
-
-def _number(text: str) -> float:
-    return math.nan if text == 'none' else float(text)
 
 
 def marker_names(recording: Recording, tracker: str) -> dict[int, str]:
@@ -208,11 +196,12 @@ def _xyz(vector: Any) -> tuple[Columns, Iterable[Row]]:
     return ('x', 'y', 'z'), [(vector.x, vector.y, vector.z)]
 
 
-def _pose(message: Any, outer: Matrix = _STRAIGHT) -> tuple[Columns, Iterable[Row]]:
-    """A pose, with its angles against ``outer`` axes."""
+def _pose(message: Any, outer: Matrix | None = None) -> tuple[Columns, Iterable[Row]]:
+    """A pose, with its angles against its frame's axes or ``outer`` ones."""
     pose = getattr(message.pose, 'pose', message.pose)
     place, turn = pose.position, pose.orientation
-    rotation = outer @ from_quaternion(turn.x, turn.y, turn.z, turn.w)
+    rotation = from_quaternion(turn.x, turn.y, turn.z, turn.w)
+    rotation = rotation if outer is None else outer @ rotation
     angles = rpy(rotation) if np.isfinite(rotation).all() else (math.nan,) * 3
     row = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, *_angles(*angles))
     if pose is message.pose:
@@ -235,24 +224,35 @@ _PLAIN: dict[str, Reader] = {
 
 
 class Table:
-    """One topic's file, a context manager.
+    """One topic's file, a context manager; there when all of it is, else the one before stays.
 
     Attributes:
-        path: of the file, which is there when all of it is; after an error the one before stays.
         count: of the rows written.
+        ending: of the files' names.
         needs: columns without which there is no such table.
+        one_flight: whether there is no column for the flight, and so a file for each.
+        kinds, topics: parts of the messages' types, and the ends of their topics, that it takes.
     """
 
+    ending: ClassVar[str]
+    kinds: ClassVar[str] = ''
+    topics: ClassVar[str] = ''
     needs: ClassVar[frozenset[str]] = frozenset()
+    one_flight: ClassVar[bool] = False
 
-    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+    def __init__(self, path: Path, columns: Columns) -> None:
         """Begin a file; its folder is made."""
         self.path = path
         self.count = 0
         self._columns = columns
         path.parent.mkdir(parents=True, exist_ok=True)
         self._part = path.with_name(f'.{path.name}.part')
-        self._file = self._part.open('wb')
+        self._file = self._part.open('w', encoding='utf-8', newline='')
+
+    @classmethod
+    def takes(cls, topic: str, kind: str) -> bool:
+        """Whether it can hold the messages of a topic of that type."""
+        return is_table(topic, kind) and topic.endswith(cls.topics) and cls.kinds in kind
 
     def __enter__(self) -> Table:
         return self
@@ -276,6 +276,12 @@ class Table:
             self.count += self._write(block)
 
     def _write(self, rows: list[Row]) -> int:
+        lines = [line for line in map(self._line, rows) if line]
+        self._file.writelines(lines)
+        return len(lines)
+
+    def _line(self, row: Row) -> str:
+        """A row as text; empty if it is none."""
         raise NotImplementedError
 
     def _end(self) -> None:
@@ -288,10 +294,11 @@ class Table:
 class Csv(Table):
     """Comma-separated values, with a line of names."""
 
-    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+    ending = 'csv'
+
+    def __init__(self, path: Path, columns: Columns) -> None:
         super().__init__(path, columns)
-        self._text = TextIOWrapper(self._file, 'utf-8', newline='', write_through=True)
-        self._writer = csv.writer(self._text)
+        self._writer = csv.writer(self._file)
         self._writer.writerow(columns)
 
     def _write(self, rows: list[Row]) -> int:
@@ -302,7 +309,9 @@ class Csv(Table):
 class Parquet(Table):
     """Apache Parquet, in groups of rows."""
 
-    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+    ending = 'parquet'
+
+    def __init__(self, path: Path, columns: Columns) -> None:
         try:
             import pyarrow
             import pyarrow.parquet
@@ -330,7 +339,7 @@ class Parquet(Table):
         except (ValueError, TypeError, OverflowError) as error:
             raise RecordingError(f'{self.path}: its columns change: {error}') from None
         if self._writer is None:
-            self._writer = self._arrow.parquet.ParquetWriter(self._file, table.schema)
+            self._writer = self._arrow.parquet.ParquetWriter(self._file.buffer, table.schema)
         self._writer.write_table(table)
         self._rows.clear()
 
@@ -350,21 +359,21 @@ class Parquet(Table):
 class Tum(Table):
     """Time (s), position (m) and quaternion of every pose that is known, as evo reads it."""
 
-    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+    ending = 'tum'
+    kinds = 'Pose'
+    one_flight = True
+
+    def __init__(self, path: Path, columns: Columns) -> None:
         super().__init__(path, columns)
         self._places = [columns.index(name) for name in ('stamp_ns', *POSE_COLUMNS)]
 
-    def _write(self, rows: list[Row]) -> int:
-        written = 0
-        for row in rows:
-            pose = [float(row[place]) for place in self._places[1:]]
-            if not all(map(math.isfinite, pose)):
-                continue
-            seconds, rest = divmod(int(row[self._places[0]]), _NS)
-            numbers = ' '.join(map(repr, pose))
-            self._file.write(f'{seconds}.{rest:09d} {numbers}\n'.encode())
-            written += 1
-        return written
+    def _line(self, row: Row) -> str:
+        stamp_ns, *pose = (row[place] for place in self._places)
+        numbers = [float(number) for number in pose]
+        if not all(map(math.isfinite, numbers)):
+            return ''
+        seconds, rest = divmod(int(stamp_ns), _NS)
+        return f'{seconds}.{rest:09d} {" ".join(map(repr, numbers))}\n'
 
 
 class Mot(Table):
@@ -375,48 +384,39 @@ class Mot(Table):
     there is none), and -1 three times.
     """
 
+    ending = 'txt'
+    kinds = _CLOUD
+    topics = '/markers'
     needs = frozenset(('label', 'state', 'x', 'y', 'area'))
-
-    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
-        super().__init__(path, columns)
-        self._frame = 0
+    one_flight = True
+    _frame = 0
 
     def add(self, rows: Iterable[Row]) -> None:
         """See `Table`; each message is a frame."""
         self._frame += 1
         super().add(rows)
 
-    def _write(self, rows: list[Row]) -> int:
-        written = 0
-        for row in rows:
-            of = dict(zip(self._columns, row, strict=True))
-            light = float(of['id']) if 'id' in of else float(of['label']) + 1.0
-            x, y, area = (float(of[name]) for name in ('x', 'y', 'area'))
-            if of['state'] != MarkerState.DETECTED or not math.isfinite(light + x + y + area):
-                continue
-            side = math.sqrt(max(area, 1.0))
-            left, top = x - 0.5 * side + 1.5, y - 0.5 * side + 1.5
-            confidence = float(of.get('confidence', math.nan))
-            known = confidence if math.isfinite(confidence) else 1.0
-            box = f'{left:.3f},{top:.3f},{side:.3f},{side:.3f}'
-            self._file.write(f'{self._frame},{int(light)},{box},{known:g},-1,-1,-1\n'.encode())
-            written += 1
-        return written
+    def _line(self, row: Row) -> str:
+        of = dict(zip(self._columns, row, strict=True))
+        light = float(of['id']) if 'id' in of else float(of['label']) + 1.0
+        x, y, area = (float(of[name]) for name in ('x', 'y', 'area'))
+        if of['state'] != MarkerState.DETECTED or not math.isfinite(light + x + y + area):
+            return ''
+        side = math.sqrt(max(area, 1.0))
+        left, top = x - 0.5 * side + 1.5, y - 0.5 * side + 1.5
+        confidence = float(of.get('confidence', math.nan))
+        known = confidence if math.isfinite(confidence) else 1.0
+        box = f'{left:.3f},{top:.3f},{side:.3f},{side:.3f}'
+        return f'{self._frame},{int(light)},{box},{known:g},-1,-1,-1\n'
 
 
 TABLES: dict[str, type[Table]] = {'csv': Csv, 'parquet': Parquet, 'tum': Tum, 'mot': Mot}
 """By the form's name."""
 
 
-ACCOUNT = 'account_{form}.json'
-"""Beside the tables of a form: what could not be read or exported."""
-
 _MAX_NAME = 200
 _MAX_REASON = 200
 _MAX_TABLES = 500
-_ENDINGS = {'mot': 'txt'}
-_ONE_FLIGHT = ('tum', 'mot')
-"""Forms without a column for the flight."""
 
 
 def export(
@@ -425,10 +425,9 @@ def export(
     """Write one file for each topic that can be a table, with the rows of all flights.
 
     Tables are made of PointCloud2 (markers, lines), Vector3Stamped (roll), PointStamped, and
-    poses with and without covariance. TUM has poses only, and of them those that are known; MOT
-    has markers only, and of them those that were measured. Of several flights each has TUM and
-    MOT files of its own, in a folder for each topic. What was lost is in ``account_FORM.json``
-    beside them: messages that do not decode, too.
+    poses with and without covariance. Of several flights each has TUM and MOT files of its own, in
+    a folder for each topic. What was lost is in ``account_FORM.json`` beside them: messages that
+    do not decode, too.
 
     Args:
         flights: recordings of results by the names of their flights.
@@ -465,22 +464,22 @@ def _export(flight: str, source: Path, files: _Files, stack: ExitStack) -> Accou
     lost: Counter[tuple[str, str]] = Counter()
     with open_recording(source) as recording, ExitStack() as own:
         rows = ResultRows(recording, flight)
-        wanted = {name: kind for name, kind in rows.kinds.items() if files.takes(name, kind)}
+        takes = files.table_type.takes
+        wanted = {name: kind for name, kind in rows.kinds.items() if takes(name, kind)}
         for topic in wanted:  # before anything is written
             files.refuse_to_overwrite(topic, flight)
         for message in recording.messages(wanted):
-            if not files.takes(message.topic, message.type):
+            if not takes(message.topic, message.type):
                 continue
             try:
                 columns, values = rows.of(message)
-                if missing := files.needs - set(columns):
+                if missing := files.table_type.needs - set(columns):
                     raise MalformedMessageError(f'it has no {", ".join(sorted(missing))}')
             except MalformedMessageError as error:
                 lost[message.topic, str(error)[:_MAX_REASON]] += 1
                 continue
-            files.table(message.topic, flight, columns, own if files.one_flight else stack).add(
-                values
-            )
+            until = own if files.table_type.one_flight else stack
+            files.table(message.topic, flight, columns, until).add(values)
         for (name, reason), count in lost.items():
             said = f'{counted(count, "message")} of {name} not exported: {reason}'
             recording.account.lose('export', (name, reason), said, count)
@@ -490,37 +489,21 @@ def _export(flight: str, source: Path, files: _Files, stack: ExitStack) -> Accou
 class _Files:
     """A file for each table, of a name of its own.
 
-    Attributes:
-        tables: those begun, by topic, columns and, where each flight has its own, flight.
-        one_flight: whether each flight has its own.
-        needs: columns that a message must have.
-        account: what was lost goes there.
+    ``tables`` are those begun, by topic, columns and, where each flight has its own, flight;
+    what was lost goes into the file ``account``.
     """
 
     def __init__(self, folder: Path, form: str, overwrite: bool, *, several: bool) -> None:
-        self._folder, self._form, self._overwrite = folder, form, overwrite
-        self._several = several
-        self.one_flight = form in _ONE_FLIGHT
-        self.needs = TABLES[form].needs
-        self.account = folder / ACCOUNT.format(form=form)
+        self._folder, self._overwrite, self._several = folder, overwrite, several
+        self.table_type = TABLES[form]
+        self.account = folder / f'account_{form}.json'
         self.tables: dict[tuple[str, Columns, str], Table] = {}
-        self._taken: dict[Path, str] = {}
-
-    def takes(self, topic: str, kind: str) -> bool:
-        """Whether the form can hold a topic's messages."""
-        if self._form == 'mot':
-            return kind.endswith('PointCloud2') and topic.endswith('/markers')
-        return is_table(topic, kind) and (self._form != 'tum' or 'Pose' in kind)
 
     def refuse_to_overwrite(self, topic: str, flight: str) -> None:
-        """Look before anything is written.
-
-        Raises:
-            RecordingError: the topic's file exists.
-        """
+        """Raise RecordingError where the topic's file exists, before anything is written."""
         if not self.tables:
             self._refuse(self.account)
-        of = flight if self.one_flight else ''
+        of = flight if self.table_type.one_flight else ''
         if not any(known == topic and its == of for known, _, its in self.tables):
             self._free_path(topic, flight)
 
@@ -530,26 +513,22 @@ class _Files:
         Raises:
             RecordingError: its file exists, or there are too many.
         """
-        key = topic, columns, flight if self.one_flight else ''
+        key = topic, columns, flight if self.table_type.one_flight else ''
         if key not in self.tables:
             if len(self.tables) == _MAX_TABLES:
                 raise RecordingError(f'it would be more than {_MAX_TABLES} tables')
             path = self._free_path(topic, flight)
-            self._taken[path] = topic
-            self.tables[key] = stack.enter_context(TABLES[self._form](path, columns))
+            self.tables[key] = stack.enter_context(self.table_type(path, columns))
         return self.tables[key]
 
     def _free_path(self, topic: str, flight: str) -> Path:
         name = re.sub(r'[^\w.-]', '_', topic.strip('/'))[:_MAX_NAME] or 'root'
-        ending = _ENDINGS.get(self._form, self._form)
-        number = 1
-        while True:
-            table = name if number == 1 else f'{name}_{number}'
-            inner = f'{table}/{flight}' if self.one_flight and self._several else table
-            path = self._folder / f'{inner}.{ending}'
-            if path not in self._taken:
-                break
+        inner = f'/{flight}' if self.table_type.one_flight and self._several else ''
+        taken = {table.path for table in self.tables.values()}
+        path, number = self._folder / f'{name}{inner}.{self.table_type.ending}', 1
+        while path in taken:
             number += 1
+            path = self._folder / f'{name}_{number}{inner}.{self.table_type.ending}'
         self._refuse(path)
         return path
 

@@ -8,7 +8,7 @@ import struct
 import threading
 import time
 import zlib
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from itertools import count
@@ -17,29 +17,16 @@ from types import MappingProxyType
 from typing import Any
 
 import zstandard
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Statistics,
-    SummaryOffset,
-)
-from mcap.records import Schema as SchemaRecord
+from mcap.records import Attachment, McapRecord, Metadata
 
 from mvuav_ros.messages.definitions import Schema, schema_of, type_hash
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import MCAP_START as MAGIC
-from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MESSAGE_HEADER
+from mvuav_ros.recordings.mcap_file import HEADER, MESSAGE_HEADER
 
 
 class OutputFile:
@@ -60,9 +47,8 @@ class OutputFile:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RecordingError(
-                f'{path.parent} cannot be made: {error.strerror or error}'
-            ) from None
+            said = f'{path.parent} cannot be made: {error.strerror or error}'
+            raise RecordingError(said) from None
         try:
             if overwrite:
                 # Not truncated in place: someone may be reading the old file.
@@ -70,9 +56,8 @@ class OutputFile:
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
             self._file = os.open(path, flags, 0o666)
         except FileExistsError:
-            raise RecordingError(
-                f'{path} exists; choose another name, or overwrite it (--force)'
-            ) from None
+            said = f'{path} exists; choose another name, or overwrite it (--force)'
+            raise RecordingError(said) from None
         except OSError as error:
             raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None
 
@@ -95,12 +80,10 @@ class OutputFile:
     @property
     def is_there(self) -> bool:
         """Whether the file is still the one of that name."""
-        ours = os.fstat(self._file)
         try:
-            there = self.path.lstat()
+            return os.path.samestat(os.fstat(self._file), self.path.lstat())
         except OSError:
             return False
-        return (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
 
     def close(self) -> None:
         """Let go of the file.
@@ -122,10 +105,13 @@ class OutputFile:
         return RecordingError(f'{reason}: {self.path} cannot be written{kept}')
 
 
-_COMPRESSION = b'zstd'
 _LEVEL = 1
 _INDEX_ENTRY = struct.Struct('<QQ')
 _INDEX_HEADER = struct.Struct('<HI')
+_SUMMARY = (
+    *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS),
+    *(Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
+)
 
 
 class Chunk:
@@ -133,38 +119,32 @@ class Chunk:
 
     def __init__(self) -> None:
         self._records = bytearray()
-        self._entries: dict[int, bytearray] = {}
+        self.entries: dict[int, bytearray] = {}
         self.message_count = 0
         self.start_ns = (1 << 64) - 1
         self.end_ns = 0
 
     @property
     def size(self) -> int:
-        """The size before compression."""
+        """Bytes before compression."""
         return len(self._records)
-
-    @property
-    def counts(self) -> dict[int, int]:
-        """The number of messages of each channel."""
-        return {key: len(entries) // _INDEX_ENTRY.size for key, entries in self._entries.items()}
 
     def define(self, record: McapRecord) -> None:
         """Add a schema or channel."""
         self._records += record_bytes(record)
 
     def add(
-        self, channel: int, sequence: int, times_ns: tuple[int, int], data: bytes | memoryview
+        self, channel: int, number: int, stamp_ns: int, publish_ns: int, data: bytes | memoryview
     ) -> int:
         """Add a message, logged and published at these times; returns the size by now."""
-        stamp_ns = times_ns[0]
         offset = len(self._records)
-        entries = self._entries.get(channel)
+        entries = self.entries.get(channel)
         if entries is None:
-            entries = self._entries[channel] = bytearray()
+            entries = self.entries[channel] = bytearray()
         indexed = len(entries)
         try:
             self._records += HEADER.pack(Opcode.MESSAGE, MESSAGE_HEADER.size + len(data))
-            self._records += MESSAGE_HEADER.pack(channel, sequence, *times_ns)
+            self._records += MESSAGE_HEADER.pack(channel, number, stamp_ns, publish_ns)
             self._records += data
             entries += _INDEX_ENTRY.pack(stamp_ns, offset)
             self.message_count += 1
@@ -178,91 +158,66 @@ class Chunk:
             self.end_ns = stamp_ns
         return len(self._records)
 
-    def takes(self, stamp_ns: int, span_ns: int) -> bool:
-        """Whether a message of that time keeps the chunk within the span of time."""
+    def takes(self, stamp_ns: int) -> bool:
+        """Whether a message of that time keeps the chunk within its span of time."""
         if self.message_count == 0:
             return True
-        return self.end_ns - span_ns < stamp_ns < self.start_ns + span_ns
+        return self.end_ns - _CHUNK_NS < stamp_ns < self.start_ns + _CHUNK_NS
 
-    def encode(self, offset: int) -> tuple[bytes, bytes]:
+    def encode(self, offset: int) -> tuple[bytes, records.ChunkIndex]:
         """What is to be written at ``offset`` of the file, and the index record for its end."""
-        start_ns = self.start_ns if self._entries else 0
+        start_ns = self.start_ns if self.entries else 0
         data = zstandard.ZstdCompressor(level=_LEVEL).compress(self._records)
-        head = CHUNK_HEADER.pack(
-            start_ns, self.end_ns, self.size, zlib.crc32(self._records), len(_COMPRESSION)
-        )
-        head += _COMPRESSION + struct.pack('<Q', len(data))
-        pieces: list[bytes | bytearray] = [
-            HEADER.pack(Opcode.CHUNK, len(head) + len(data)),
-            head,
-            data,
-        ]
-        chunk_length = index_offset = sum(len(piece) for piece in pieces)
+        checksum = zlib.crc32(self._records)
+        chunk = records.Chunk('zstd', data, self.end_ns, start_ns, checksum, self.size)
+        pieces = [record_bytes(chunk)]
+        chunk_length = length = len(pieces[0])
         offsets: dict[int, int] = {}
-        for key, entries in self._entries.items():
-            offsets[key] = offset + index_offset
-            head = _INDEX_HEADER.pack(key, len(entries))
-            pieces += [HEADER.pack(Opcode.MESSAGE_INDEX, len(head) + len(entries)), head, entries]
-            index_offset += HEADER.size + len(head) + len(entries)
-        index = ChunkIndex(
+        for key, entries in self.entries.items():
+            offsets[key] = offset + length
+            body = _INDEX_HEADER.pack(key, len(entries)) + entries
+            pieces += [HEADER.pack(Opcode.MESSAGE_INDEX, len(body)), body]
+            length += HEADER.size + len(body)
+        index = records.ChunkIndex(
             chunk_length=chunk_length,
             chunk_start_offset=offset,
-            compression=_COMPRESSION.decode(),
+            compression=chunk.compression,
             compressed_size=len(data),
             message_end_time=self.end_ns,
-            message_index_length=index_offset - chunk_length,
+            message_index_length=length - chunk_length,
             message_index_offsets=offsets,
             message_start_time=start_ns,
             uncompressed_size=self.size,
         )
-        return b''.join(pieces), record_bytes(index)
+        return b''.join(pieces), index
 
 
-class Summary:
+class _Summary:
     """What stands at a file's end; kept as bytes, as there is a chunk for every half second.
 
-    ``statistics`` are of what was added by now.
+    ``statistics`` has the messages that were added by now.
     """
 
     def __init__(self) -> None:
-        self._schemas = bytearray()
-        self._channels = bytearray()
-        self._chunks = bytearray()
-        self._metadata = bytearray()
-        self._attachments = bytearray()
-        self.statistics = Statistics(
-            attachment_count=0,
-            channel_count=0,
-            channel_message_counts={},
-            chunk_count=0,
-            message_count=0,
-            metadata_count=0,
-            message_start_time=0,
-            message_end_time=0,
-            schema_count=0,
-        )
+        self._groups = {opcode: bytearray() for opcode in _SUMMARY}
+        self._counts: Counter[Opcode] = Counter()
+        self.statistics = records.Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
 
-    def define(self, record: SchemaRecord | Channel) -> None:
-        """Add a schema or channel."""
-        if isinstance(record, SchemaRecord):
-            self._schemas += record_bytes(record)
-            self.statistics.schema_count += 1
-        else:
-            self._channels += record_bytes(record)
-            self.statistics.channel_count += 1
+    def add(self, opcode: Opcode, record: McapRecord) -> None:
+        self._groups[opcode] += record_bytes(record)
+        self._counts[opcode] += 1
 
-    def add(self, chunk: Chunk, index: bytes) -> None:
-        """Add a chunk that was written."""
-        self._chunks += index
+    def add_chunk(self, chunk: Chunk, index: records.ChunkIndex) -> None:
+        self.add(Opcode.CHUNK_INDEX, index)
+        if not chunk.entries:
+            return
         statistics = self.statistics
-        statistics.chunk_count += 1
+        if statistics.message_count == 0 or chunk.start_ns < statistics.message_start_time:
+            statistics.message_start_time = chunk.start_ns
+        statistics.message_end_time = max(statistics.message_end_time, chunk.end_ns)
         counts = statistics.channel_message_counts
-        for key, added in chunk.counts.items():
-            first = statistics.message_count == 0
-            statistics.message_start_time = (
-                chunk.start_ns if first else min(statistics.message_start_time, chunk.start_ns)
-            )
-            statistics.message_end_time = max(statistics.message_end_time, chunk.end_ns)
+        for key, entries in chunk.entries.items():
+            added = len(entries) // _INDEX_ENTRY.size
             statistics.message_count += added
             counts[key] = counts.get(key, 0) + added
 
@@ -270,36 +225,32 @@ class Summary:
         """An attachment or metadata as it is to be written at ``offset``."""
         data = record_bytes(record)
         if isinstance(record, Metadata):
-            index = MetadataIndex(offset=offset, length=len(data), name=record.name)
-            self._metadata += record_bytes(index)
-            self.statistics.metadata_count += 1
+            self.add(Opcode.METADATA_INDEX, records.MetadataIndex(offset, len(data), record.name))
             return data
         about = record.log_time, record.create_time, len(record.data), record.name
-        attached = AttachmentIndex(offset, len(data), *about, record.media_type)
-        self._attachments += record_bytes(attached)
-        self.statistics.attachment_count += 1
+        attached = records.AttachmentIndex(offset, len(data), *about, record.media_type)
+        self.add(Opcode.ATTACHMENT_INDEX, attached)
         return data
 
     def encode(self, offset: int) -> bytes:
         """Everything from the data's end to the file's end, to be written at ``offset``."""
-        data_end = record_bytes(DataEnd(0))
+        counts = self._counts
+        self.statistics.schema_count = counts[Opcode.SCHEMA]
+        self.statistics.channel_count = counts[Opcode.CHANNEL]
+        self.statistics.chunk_count = counts[Opcode.CHUNK_INDEX]
+        self.statistics.attachment_count = counts[Opcode.ATTACHMENT_INDEX]
+        self.statistics.metadata_count = counts[Opcode.METADATA_INDEX]
+        self.add(Opcode.STATISTICS, self.statistics)
+        data_end = record_bytes(records.DataEnd(0))
         start = offset + len(data_end)
-        groups = (
-            (Opcode.SCHEMA, bytes(self._schemas)),
-            (Opcode.CHANNEL, bytes(self._channels)),
-            (Opcode.STATISTICS, record_bytes(self.statistics)),
-            (Opcode.CHUNK_INDEX, bytes(self._chunks)),
-            (Opcode.ATTACHMENT_INDEX, bytes(self._attachments)),
-            (Opcode.METADATA_INDEX, bytes(self._metadata)),
-        )
-        summary = b''.join(group for _, group in groups)
-        offsets_start = start + len(summary)
-        group_start = start
-        for opcode, group in groups:
+        summary = offsets = b''
+        for opcode, group in self._groups.items():
             if group:
-                summary += record_bytes(SummaryOffset(opcode, group_start, len(group)))
-            group_start += len(group)
-        footer = record_bytes(Footer(start, offsets_start, 0))[:-4]
+                group_start = start + len(summary)
+                offsets += record_bytes(records.SummaryOffset(opcode, group_start, len(group)))
+                summary += group
+        footer = record_bytes(records.Footer(start, start + len(summary), 0))[:-4]
+        summary += offsets
         crc = struct.pack('<I', zlib.crc32(footer, zlib.crc32(summary)))
         return data_end + summary + footer + crc + MAGIC
 
@@ -310,9 +261,6 @@ def record_bytes(record: McapRecord) -> bytes:
     record.write(builder)
     return bytes(builder.end())
 
-
-LIBRARY = 'mvuav_ros'
-"""What the files' headers name as their maker."""
 
 _CHUNK_BYTES = 1 << 20
 # Chunks end by the messages' own time, so that the same messages give the same file; only where
@@ -341,9 +289,7 @@ class RecordingWriter:
     A context manager: the file is completed at the end, also when the user interrupts
     (KeyboardInterrupt, SystemExit). After any other exception everything so far is in the file,
     but the end mark is left out, so that it does not look complete; a file without a message is
-    removed. A process that is killed
-    leaves what is older than a second. Messages are compressed and written by a thread of its
-    own.
+    removed. A process that is killed leaves what is older than a second.
 
     Attributes:
         path: of the file.
@@ -357,12 +303,7 @@ class RecordingWriter:
         overwrite: bool = False,
         metadata: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
     ) -> None:
-        """Create the file.
-
-        Args:
-            path: where to; ends in '.mcap'.
-            overwrite: whether a file that exists may be replaced.
-            metadata: records by name, written at once at the file's beginning.
+        """Create the file, whose name ends in '.mcap', with the records of ``metadata`` by name.
 
         Raises:
             RecordingError: the file exists or cannot be created.
@@ -371,7 +312,7 @@ class RecordingWriter:
         self.moved = 0
         self.extras: Iterable[Attachment | Metadata] = ()
         self._file = OutputFile(self.path, overwrite)
-        self._summary = Summary()
+        self._summary = _Summary()
         self._schemas: dict[tuple[str, Schema | None], int] = {}
         # A channel's number, and those of its messages.
         self._channels: dict[tuple[str, str, Schema | None], tuple[int, Iterator[int]]] = {}
@@ -382,7 +323,7 @@ class RecordingWriter:
         self._changed = threading.Condition()
         self._closed = False
         self._error: Exception | None = None
-        start = MAGIC + record_bytes(Header('ros2', LIBRARY))
+        start = MAGIC + record_bytes(records.Header('ros2', 'mvuav_ros'))
         for name, values in metadata.items():
             start += self._summary.add_extra(Metadata(name, dict(values)), len(start))
         try:
@@ -409,7 +350,7 @@ class RecordingWriter:
         return self._file.size
 
     @property
-    def statistics(self) -> Statistics:
+    def statistics(self) -> records.Statistics:
         """Numbers and times of the messages in the file by now; of all once it is closed."""
         return self._summary.statistics
 
@@ -426,15 +367,9 @@ class RecordingWriter:
     ) -> None:
         """Write one message; that of another recording as ``write(*message)``.
 
-        Args:
-            topic: the topic's full name.
-            type: 'pkg/msg/Type'.
-            stamp_ns: the log time in ns since the epoch.
-            cdr: the message with its four-byte CDR header.
-            schema: the type's definition; Jazzy's if None.
-            qos: the publisher's profiles as rosbag2 writes them.
-            publish_ns: the publishing time; the log time if None.
-            sequence: the publisher's number of the message; counted here if None.
+        ``type`` is 'pkg/msg/Type', times are ns since the epoch, ``cdr`` has its four-byte header,
+        and ``qos`` is as rosbag2 writes it. Left out, the definition is Jazzy's, the publishing
+        time the log time, and the number counted here.
 
         Raises:
             RecordingError: the file cannot be written, such as when the disk is full.
@@ -452,9 +387,7 @@ class RecordingWriter:
             publish_ns = stamp_ns if publish_ns is None else publish_ns
             chunk = self._chunks[-1]
             # Of one stamp are all results of a frame.
-            if not chunk.start_ns == stamp_ns == chunk.end_ns and not chunk.takes(
-                stamp_ns, _CHUNK_NS
-            ):
+            if not (chunk.start_ns == stamp_ns == chunk.end_ns or chunk.takes(stamp_ns)):
                 self._hand_over()
                 chunk = self._chunks[-1]
             if chunk.message_count == 0:
@@ -462,9 +395,8 @@ class RecordingWriter:
                 self._changed.notify_all()
             channel_id, numbers = channel
             number = next(numbers)
-            times_ns = stamp_ns, publish_ns
-            size = chunk.add(channel_id, number if sequence is None else sequence, times_ns, cdr)
-            if size >= _CHUNK_BYTES:
+            number = number if sequence is None else sequence
+            if chunk.add(channel_id, number, stamp_ns, publish_ns, cdr) >= _CHUNK_BYTES:
                 self._hand_over()
 
     def close(self) -> None:
@@ -473,8 +405,7 @@ class RecordingWriter:
         Raises:
             RecordingError: the file cannot be written; it then ends after the last whole chunk.
         """
-        if not self._closed:
-            self._finish(complete=True)
+        self._finish(complete=True)
 
     def _finish(self, complete: bool) -> None:
         with self._changed:
@@ -512,26 +443,17 @@ class RecordingWriter:
         schema_id = self._schemas.get((kind, text))
         if schema_id is None:
             schema_id = self._schemas[kind, text] = len(self._schemas) + 1
-            record = SchemaRecord(
-                id=schema_id,
-                data=text.text.encode() if text else b'',
-                encoding=text.encoding if text else '',
-                name=kind,
-            )
+            encoding, definition = text or ('', '')
+            record = records.Schema(schema_id, definition.encode(), encoding, kind)
             self._chunks[-1].define(record)
-            self._summary.define(record)
+            self._summary.add(Opcode.SCHEMA, record)
         metadata = {'offered_qos_profiles': qos}
         if text == schema_of(kind) and type_hash(kind):
             metadata['topic_type_hash'] = type_hash(kind)
-        channel = Channel(
-            id=len(self._channels) + 1,
-            topic=topic,
-            message_encoding='cdr',
-            metadata=metadata,
-            schema_id=schema_id,
-        )
+        number = len(self._channels) + 1
+        channel = records.Channel(number, topic, 'cdr', metadata, schema_id)
         self._chunks[-1].define(channel)
-        self._summary.define(channel)
+        self._summary.add(Opcode.CHANNEL, channel)
         return self._channels.setdefault((topic, type, schema), (channel.id, count(1)))
 
     def _hand_over(self) -> None:
@@ -549,7 +471,7 @@ class RecordingWriter:
             try:
                 data, index = chunk.encode(self._file.size)
                 self._file.append(data)
-                self._summary.add(chunk, index)
+                self._summary.add_chunk(chunk, index)
             except Exception as error:
                 with self._changed:
                     self._error = error

@@ -64,6 +64,15 @@ def test_cut_mcap(tmp_path: Path, compression: str, summary: bool) -> None:
     assert_cuts_are_survived(path, mcap_ends(path), tmp_path / 'cut.mcap')
 
 
+def test_a_chunk_that_is_cut_off_holds_no_damaged_definition(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', SAMPLES, 'none')
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(path.read_bytes()[:25_000])
+    _, errors = read(cut)
+    assert any('cut off' in error for error in errors)
+    assert not any('definition' in error or 'schema' in error for error in errors)
+
+
 def test_cut_mcap_without_chunks(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / 'a.mcap', SAMPLES, chunk_size=None)
     assert_cuts_are_survived(path, mcap_ends(path), tmp_path / 'cut.mcap')
@@ -187,6 +196,18 @@ def test_damaged_record_header(tmp_path: Path, chunk_size: int | None) -> None:
     got, errors = read(path)
     assert got == (SAMPLES if chunk_size else SAMPLES[:11] + SAMPLES[12:])
     assert 'damaged at byte' in errors[0]
+
+
+@pytest.mark.parametrize('place', [1 << 40, (1 << 63) - 1, (1 << 64) - 1])
+def test_ros1_index_that_lies_behind_the_end(tmp_path: Path, place: int) -> None:
+    path = write_ros1(tmp_path / 'a.bag', SAMPLES)
+    content = bytearray(path.read_bytes())
+    start = content.find(b'index_pos=') + len(b'index_pos=')
+    content[start : start + 8] = place.to_bytes(8, 'little')
+    path.write_bytes(content)
+    got, errors = read(path)
+    assert got == SAMPLES
+    assert errors == ['a.bag: not indexed (was the recording cut off?)']
 
 
 def test_power_loss_that_leaves_zeros(tmp_path: Path) -> None:

@@ -165,8 +165,8 @@ def _mcap(path: Path, chunks: list[list[object]], times: tuple[int, int] | None 
         chunk = Chunk()
         for record in records:
             if isinstance(record, Message):
-                stamps = record.log_time, record.publish_time
-                chunk.add(record.channel_id, record.sequence, stamps, record.data)
+                times_ns = record.log_time, record.publish_time
+                chunk.add(record.channel_id, record.sequence, *times_ns, record.data)
             elif isinstance(record, bytes):
                 chunk._records += record
             else:
