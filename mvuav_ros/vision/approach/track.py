@@ -246,7 +246,7 @@ class RunwayTrack(FollowedStrip):
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
-        young = self.age <= TRACK.young and self.log_odds > TRACK.dim_odds
+        young = self.age <= TRACK.young
         if self._rested < period and self.age > 1 and not young:
             # About a mean of strips, steps that are not there say nothing of their kind.
             if shown and self.points is not None and self.kinds.likeliest is not EdgeKind.STRIPS:
