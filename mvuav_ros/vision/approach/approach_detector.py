@@ -12,7 +12,6 @@ from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.approach_results import ROLES, ApproachResult, Guidance, Point
 from mvuav_ros.vision.approach.attitude import (
     Derotation,
-    Horizon,
     HorizonFinder,
     HorizonLine,
     horizon_from,
@@ -351,23 +350,22 @@ class Finder:
         self._seen = 0
         self._depth = BitDepth()
 
-    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
-        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
+    def step(self, image: Pixels, known: HorizonLine | None) -> Found:
+        """Take in the next frame, of which the horizon may be known."""
         image = as_grey(self._depth.levels(image))
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
         sight = Sight.unknown(height)
         level = Derotation(width, height, factor, 0.0)
-        horizon: HorizonLine | Horizon | None = None
         if self.tracker.below_horizon:
             self._horizon = self._horizon or HorizonFinder(height, width)
-            horizon = attitude or self._horizon.find(pixels)
-        if horizon is not None:
-            level = Derotation(width, height, factor, horizon.slope)
-            if horizon is attitude:
-                row = level.row_of((horizon.row + 0.5) / factor - 0.5)
+            horizon = known or self._horizon.find(pixels)
+            if horizon is not None:
+                level = Derotation(width, height, factor, horizon.slope)
+            if known is not None:
+                row = level.row_of((known.row + 0.5) / factor - 0.5)
                 sight = Sight.from_attitude(row, level.slope)
-            else:
+            elif horizon is not None:
                 self._seen += 1
                 row = level.row_of(horizon.row)
                 sight = Sight.from_image(row, level.slope, height, self._seen)

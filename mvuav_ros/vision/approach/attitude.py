@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,10 +22,10 @@ from mvuav_ros.vision.runway.normal_form import NormalForm
 
 @dataclass(frozen=True)
 class HorizonLine:
-    """A straight horizon on the frame: y = row + (x - middle column) tan(slope).
+    """A straight horizon on an image: y = row + (x - middle column) tan(slope).
 
     Attributes:
-        row: where it crosses the frame's middle column, px.
+        row: where it crosses the middle column, px.
         slope: rad, right end down positive; the camera's roll is its negative.
     """
 
@@ -169,39 +169,11 @@ def vertex(values: NDArray[Any], index: int) -> float:
     return 0.5 * (before - after) / bend if bend < 0 else 0.0
 
 
-class Horizon(NamedTuple):
-    """A line y = row + (x - centre column) tan(slope) on an image.
-
-    Attributes:
-        row: where it crosses the image's middle column, px.
-        slope: rad, right end down positive; the camera's roll is its negative.
-        strength: mean step across it, grey levels of blue; 0 where nothing was found.
-        texture: how much neighbouring columns differ right above it, grey levels of blue;
-            infinite where too little of that is in the image.
-        contrast: how much brighter all above it is than what is right below, grey levels of blue.
-    """
-
-    row: float
-    slope: float
-    strength: float
-    texture: float
-    contrast: float
-
-    @property
-    def trusted(self) -> bool:
-        """It looks like sky above it, not like the edge of treetops or walls, or like a road."""
-        return (
-            self.strength > HORIZON.min_strength
-            and self.texture < HORIZON.max_texture * self.strength
-            and self.contrast > HORIZON.min_contrast
-        )
-
-
 class HorizonFinder:
     """Finds the horizon on images of one size, and follows it from frame to frame."""
 
     def __init__(self, height: int, width: int) -> None:
-        self._last: Horizon | None = None
+        self._last: HorizonLine | None = None
         self._frames = 0
         across, self._down = width / HORIZON.width, height / HORIZON.height
         count = int(HORIZON.max_roll_deg / HORIZON.slope_step_deg)
@@ -211,8 +183,8 @@ class HorizonFinder:
         self._shift = np.rint(np.tan(self._slopes)[:, None] * columns / self._down).astype(np.intp)
         self._pad = int(np.abs(self._shift).max())
 
-    def find(self, pixels: NDArray[Any]) -> Horizon | None:
-        """In a working image of grey levels, or colours blue first; None without one."""
+    def find(self, pixels: NDArray[Any]) -> HorizonLine | None:
+        """On a working image of grey levels, or colours blue first; None without one."""
         # Of land and sky, blue differs most.
         blue = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
         last = None if self._frames % HORIZON.full_period == 0 else self._last
@@ -223,13 +195,13 @@ class HorizonFinder:
             if agreeing > HORIZON.min_agreement:
                 self._last = found
         if self._last is None:
-            found = self._search(blue)
-            if found.trusted:
+            coarse = self._search(blue)
+            if coarse is not None:
                 # The first fit is drawn towards the coarse line.
-                self._last = _refined(_refined(found, blue)[0], blue)[0]
+                self._last = _refined(_refined(coarse, blue)[0], blue)[0]
         return self._last
 
-    def _search(self, blue: NDArray[Any]) -> Horizon:
+    def _search(self, blue: NDArray[Any]) -> HorizonLine | None:
         """Look at all slopes in all rows of a small image."""
         size = HORIZON.width, HORIZON.height
         small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
@@ -241,31 +213,15 @@ class HorizonFinder:
         padded[:, self._pad : self._pad + HORIZON.height] = steps.T
         moved = np.lib.stride_tricks.sliding_window_view(padded, HORIZON.height, axis=1)
         sums = moved[np.arange(HORIZON.width), self._shift + self._pad].mean(axis=1)
-        best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
-        strength = float(sums[best, row])
-        if strength <= 0:
-            return Horizon(0.0, 0.0, 0.0, math.inf, 0.0)
-        slope = self._slopes[best] + math.radians(HORIZON.slope_step_deg) * vertex(
-            sums[:, row], int(best)
+        best, row = (int(index) for index in np.unravel_index(int(sums.argmax()), sums.shape))
+        if not _is_below_sky(small, row + self._shift[best], float(sums[best, row])):
+            return None
+        step = math.radians(HORIZON.slope_step_deg)
+        exact_row = row + vertex(sums[best], row)
+        return HorizonLine(
+            (exact_row + 0.5) * self._down - 0.5,
+            float(self._slopes[best] + step * vertex(sums[:, row], best)),
         )
-        exact_row = int(row) + vertex(sums[best], int(row))
-        line = int(row) + self._shift[best]
-        exact_row = (exact_row + 0.5) * self._down - 0.5
-        return Horizon(exact_row, float(slope), strength, *self._sky(small, line))
-
-    def _sky(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> tuple[float, float]:
-        """Texture and contrast of what is above the ``horizon``'s rows, as of `Horizon`."""
-        below = np.arange(HORIZON.height)[:, None] - horizon
-        near = (below < -HORIZON.step_rows) & (below > -HORIZON.step_rows - HORIZON.sky_rows)
-        near = near[:, 1:]
-        texture = math.inf
-        # Of what nothing can be seen, nobody knows that it is sky.
-        if near.sum() > HORIZON.min_sky_rows * HORIZON.width:
-            texture = float(cv2.absdiff(blue[:, 1:], blue[:, :-1])[near].mean())
-        above, land = below < 0, (below > 0) & (below <= HORIZON.sky_rows)
-        if not (land.any() and above.any()):
-            return texture, 0.0
-        return texture, float(blue[above].mean()) - float(blue[land].mean())
 
     def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
         """How much brighter it is above each place than below, capped."""
@@ -284,6 +240,24 @@ class HorizonFinder:
         return steps
 
 
+def _is_below_sky(blue: NDArray[Any], line: NDArray[np.intp], strength: float) -> bool:
+    """Whether it looks like sky above a line, not like treetops or walls, or a road.
+
+    The line has a row in each column of the small image; its strength is the mean step across it.
+    """
+    below = np.arange(HORIZON.height)[:, None] - line
+    near = (below < -HORIZON.step_rows) & (below > -HORIZON.step_rows - HORIZON.sky_rows)
+    near = near[:, 1:]
+    above, land = below < 0, (below > 0) & (below <= HORIZON.sky_rows)
+    # Of what nothing can be seen, nobody knows that it is sky.
+    in_view = near.sum() > HORIZON.min_sky_rows * HORIZON.width and land.any()
+    if strength <= HORIZON.min_strength or not in_view:
+        return False
+    texture = float(cv2.absdiff(blue[:, 1:], blue[:, :-1])[near].mean())
+    contrast = float(blue[above].mean()) - float(blue[land].mean())
+    return texture < HORIZON.max_texture * strength and contrast > HORIZON.min_contrast
+
+
 def _texture_above(blue: NDArray[Any]) -> NDArray[np.float32]:
     """How much neighbouring columns differ in the rows above each place, capped."""
     change = np.zeros((HORIZON.height + 1, HORIZON.width), np.float32)
@@ -298,7 +272,7 @@ def _texture_above(blue: NDArray[Any]) -> NDArray[np.float32]:
     return above
 
 
-def _refined(horizon: Horizon, blue: NDArray[Any]) -> tuple[Horizon, float]:
+def _refined(horizon: HorizonLine, blue: NDArray[Any]) -> tuple[HorizonLine, float]:
     """Fit a line, known to a few px, anew through the steepest step of every few columns.
 
     Returns the line, and the share of columns whose steps lie on it.
@@ -338,5 +312,4 @@ def _refined(horizon: Horizon, blue: NDArray[Any]) -> tuple[Horizon, float]:
         tangent = (weighted * places).sum() / (weighted * away).sum()
         row = mean_place - tangent * mean_away
     on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * HORIZON.min_strength)
-    found = horizon._replace(row=float(row), slope=math.atan(tangent))
-    return found, float(on_line.mean())
+    return HorizonLine(float(row), math.atan(tangent)), float(on_line.mean())
