@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.evidence import MIRROR, UNIT, EvidenceMap, in_common
+from mvuav_ros.vision.approach.evidence import UNIT, EvidenceMap, in_common
 from mvuav_ros.vision.approach.strip_edges import Strips
 from mvuav_ros.vision.approach.tuning import APPEARANCE, SEARCH
 
@@ -90,11 +90,7 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     rows = np.rint(y + _ROWS).astype(np.intp)
     depth = rows - y
     edges = x + strips.T[2:4, :, None] * depth
-    found, seen = image.at(rows, edges)
-    visible = seen[0] & seen[1]
-    evidence = found.astype(np.float32) * np.float32(1 / UNIT)
-    evidence[1] *= MIRROR
-    common = in_common(evidence[0], evidence[1])
+    common, visible = image.in_common(rows, edges)
     known = (depth > SEARCH.first_row * expected) & (depth <= expected)
     # Each channel has the sign that it has on most of the rows.
     sign = np.where((common * known[..., None]).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
@@ -196,11 +192,8 @@ def _sampled(
     """
     x, y = of.strips[:, 0, None, None], of.strips[:, 1, None]
     rows = np.rint(y + depth).astype(np.intp)[:, None, :]
-    found, inside = image.at(rows, x + slopes[..., None] * depth[:, None, :])
-    values = found.astype(np.float32) * np.float32(1 / UNIT)
-    values[1] *= MIRROR
-    common = np.abs(in_common(values[0], values[1]))
-    return np.minimum(common @ WEIGHTS, APPEARANCE.max_gain), inside[0] & inside[1]
+    common, inside = image.in_common(rows, x + slopes[..., None] * depth[:, None, :])
+    return np.minimum(np.abs(common) @ WEIGHTS, APPEARANCE.max_gain), inside
 
 
 def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:

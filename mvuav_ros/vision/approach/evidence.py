@@ -172,7 +172,10 @@ class EvidenceMap:
         return coarse.view(np.int32).ravel()
 
     def at(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[np.int8], Any]:
-        """Evidence at the pixels nearest to places, 0 outside; and whether they are in view."""
+        """Evidence of left and right edges at columns (2, ...) in rows, and whether it is in view.
+
+        It is (2, ..., 4), 0 outside of the image. Steps of a right edge have the other sign.
+        """
         column = np.rint(columns).astype(np.int32)
         row = np.asarray(rows, np.int32)
         # As unsigned numbers those below 0 are too large as well.
@@ -183,7 +186,17 @@ class EvidenceMap:
         if self.hidden is not None:
             inside &= ~self.hidden.ravel().take(index)
         values *= inside
-        return values.view(np.int8).reshape((*column.shape, CHANNELS)), inside
+        evidence = values.view(np.int8).reshape((*column.shape, CHANNELS))
+        evidence[1] *= MIRROR
+        return evidence, inside
+
+    def in_common(
+        self, rows: NDArray[Any], columns: NDArray[Any]
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """What both edges of `at` have in common, in textures, and whether both are in view."""
+        found, inside = self.at(rows, columns)
+        common = in_common(found[0], found[1]).astype(np.float32)
+        return common * np.float32(1 / UNIT), inside[0] & inside[1]
 
     def means(
         self, rows: NDArray[Any], first: NDArray[Any], last: NDArray[Any]

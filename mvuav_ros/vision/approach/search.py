@@ -233,13 +233,8 @@ def _rows(y: Any, near: Any) -> NDArray[np.intp]:
 
 
 def _signed(image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any]) -> NDArray[np.int8]:
-    """(2, rows, ..., 4) evidence at columns (2, ..., rows) of the left and of the right edge.
-
-    That of the right one has the signs of steps turned.
-    """
-    signed = image.at(rows, columns)[0]
-    signed[1] *= MIRROR
-    return np.ascontiguousarray(np.moveaxis(signed, -2, 1))
+    """(2, rows, ..., 4) evidence of edges at columns (2, ..., rows)."""
+    return np.ascontiguousarray(np.moveaxis(image.at(rows, columns)[0], -2, 1))
 
 
 def _agreement(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.float64]:
