@@ -23,7 +23,7 @@ from mvuav_ros.vision.approach.evidence import BitDepth, as_grey, shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.sight import Sight
-from mvuav_ros.vision.approach.strip_edges import LevelledFrame
+from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame
 from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tuning import DETECTOR, GUIDANCE, SEARCH
@@ -83,7 +83,8 @@ class ApproachDetector:
         self._size: tuple[int, int] | None = None
         self._last_stamp_ns: int | None = None
         self._finder: Finder | None = None
-        self._had_attitude = self._upside_down = False
+        self._had_attitude = False
+        self._veto = ''
         self._shown: FollowedStrip | None = None
         self._last: dict[LineRole, NormalForm] = {}
 
@@ -125,28 +126,28 @@ class ApproachDetector:
         if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
             raise ValueError(f'stamp {stamp_ns} ns is before {self._last_stamp_ns} ns: see reset')
         self._last_stamp_ns = stamp_ns
+        empty = ApproachResult(
+            stamp_ns, width, height, (), guidance=self._guidance(None), status='', image=image
+        )
         if min(height, width) < DETECTOR.min_side:
             status = f'the frame is too small ({width} x {height})'
-            return self._absent(image, stamp_ns, status)
+            return replace(empty, lines=self._rows({}, None), status=status)
         if self._finder is None:
             self._finder = Finder(self._parameters.target)
-        found = self._finder.step(image, self._horizon_of(attitude))
-        if self._upside_down:
-            found = replace(found, confidence=0.0, veto=_UPSIDE_DOWN)
+        found = self._finder.step(image, self._horizon_of(attitude), self._veto)
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
             self._last = {}
             self._shown = found.track
-        if found.track is None or self._doubtful(found):
-            result = self._absent(image, stamp_ns, self._why_absent(found))
-        else:
-            result = self._present(image, stamp_ns, found.track, found)
-        return replace(result, horizon=_across(found), confidence=found.confidence)
+        empty = replace(empty, horizon=_across(found), confidence=found.confidence)
+        status = self._doubt(found)
+        if found.track is None or status:
+            return replace(empty, lines=self._rows({}, None), status=status)
+        return self._with_shape(empty, found.track, found)
 
     def _horizon_of(self, attitude: Attitude | HorizonLine | None) -> HorizonLine | None:
         """Where attitude says that the horizon is; None where the image must say it."""
-        self.attitude_problem = ''
-        self._upside_down = False
+        self.attitude_problem = self._veto = ''
         source = self._parameters.horizon_source
         if source == 'image':
             return None
@@ -165,7 +166,7 @@ class ApproachDetector:
             self.attitude_problem = 'attitude is of no use without a calibrated camera_info'
             return None
         if is_upside_down(attitude, self._mount):
-            self._upside_down = True
+            self._veto = _UPSIDE_DOWN
             self.attitude_problem = _UPSIDE_DOWN + ': see camera_mount_rpy_deg'
             return None
         horizon = horizon_from(attitude, camera, self._mount)
@@ -173,41 +174,31 @@ class ApproachDetector:
             self.attitude_problem = "the attitude shows no horizon: the horizon is the image's"
         return horizon
 
-    def _doubtful(self, found: Found) -> bool:
-        """Only a runway's confidence is a probability."""
-        runway = self._parameters.target == 'runway'
-        return bool(found.veto) or (runway and found.confidence < self._parameters.min_confidence)
-
-    def _why_absent(self, found: Found) -> str:
+    def _doubt(self, found: Found) -> str:
+        """Why nothing is reported; empty if the track is."""
         target = self._parameters.target
-        status = f'no {target}'
         if found.veto:
-            return f'{status}: {found.veto}'
+            return f'no {target}: {found.veto}'
+        status = f'no {target}'
         if found.track is not None:
+            # Only a runway's confidence is a probability.
+            if target != 'runway' or found.confidence >= self._parameters.min_confidence:
+                return ''
             status += f': the likeliest has confidence {found.confidence:.2f}'
         # A road is looked for without a horizon.
         if found.horizon_row is None and target != 'road':
             status += ': no horizon in view: give attitude'
         return status
 
-    def _absent(self, image: Pixels, stamp_ns: int, status: str) -> ApproachResult:
-        height, width = image.shape[:2]
-        lines = self._rows({}, {}, 0.0)
-        guidance = None if self._usable_camera() is None else Guidance()
-        return ApproachResult(
-            stamp_ns, width, height, lines, guidance=guidance, status=status, image=image
-        )
-
-    def _present(
-        self, image: Pixels, stamp_ns: int, track: FollowedStrip, found: Found
+    def _with_shape(
+        self, empty: ApproachResult, track: FollowedStrip, found: Found
     ) -> ApproachResult:
-        height, width = image.shape[:2]
+        """A result with the track's edges, ends and guidance."""
         level = found.level
         x, y, left, right, far, near = (float(v) for v in track.strip())
-        middle = 0.5 * (left + right)
         (far_left, near_left), (far_right, near_right), along_middle = (
             (_point(level, x + slope * far, y + far), _point(level, x + slope * near, y + near))
-            for slope in (left, right, middle)
+            for slope in (left, right, 0.5 * (left + right))
         )
         segments: dict[LineRole, Segment] = {
             LineRole.LEFT_EDGE: (far_left, near_left),
@@ -219,37 +210,31 @@ class ApproachDetector:
             segments[LineRole.FAR_END] = (far_left, far_right)
             if not track.open_end:
                 segments[LineRole.NEAR_END] = (near_left, near_right)
-        votes = {
-            role: float(np.count_nonzero(points.weights))
-            for role, points in zip(ROLES, track.points or (), strict=False)
-        }
-        lines = self._rows(segments, votes, found.confidence)
-        return ApproachResult(
-            stamp_ns,
-            width,
-            height,
-            lines,
-            _point(level, x, y),
+        return replace(
+            empty,
+            lines=self._rows(segments, track.points, found.confidence),
+            vanishing_point=_point(level, x, y),
             corners=(near_left, near_right, far_right, far_left),
-            guidance=self._guidance(track, found),
+            guidance=self._guidance(found),
             status='' if track.points else f'{self._parameters.target} not seen: predicted',
-            image=image,
         )
 
     def _rows(
         self,
         segments: dict[LineRole, Segment],
-        votes: dict[LineRole, float],
-        confidence: float,
+        edges: Edges | None,
+        confidence: float = 0.0,
     ) -> tuple[RunwayLine, ...]:
         """The result's rows, one for each of `ROLES`, of the ends of the lines that are there.
 
+        The first two are voted for by the points of both edges.
         Each role's line is compared with the one before, as the thesis does (section 4.3.2.4). A
         flagged line is reported as it is: the shape was followed as a whole, and an older line
         would no longer be one of its edges.
         """
         assert self._size is not None
         height, width = self._size
+        votes = [float(np.count_nonzero(edge.weights)) for edge in edges or ()]
         rows, old, self._last = [], self._last, {}
         for index, role in enumerate(ROLES):
             segment = segments.get(role)
@@ -259,13 +244,10 @@ class ApproachDetector:
             line = self._last[role] = line_through(*segment[0], *segment[1])
             flags = jumps(line, old.get(role, line), self._parameters)
             ends = _confine(line, segment, (width, height))
-            number = votes.get(role, math.nan)
+            number = votes[index] if index < len(votes) else math.nan
             rows.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
         self._statistics.add(rows)
         return tuple(rows)
-
-    def _usable_camera(self) -> CameraModel | None:
-        return self._checked_camera() if self._parameters.runway_width > 0 else None
 
     def _checked_camera(self) -> CameraModel | None:
         """The calibration, if it is of frames of this size."""
@@ -277,11 +259,14 @@ class ApproachDetector:
             return None
         return self._camera
 
-    def _guidance(self, track: FollowedStrip, found: Found) -> Guidance | None:
-        camera = self._usable_camera()
-        if camera is None:
+    def _guidance(self, found: Found | None) -> Guidance | None:
+        """From what was found; None where nobody asked for it or the camera is not known."""
+        camera = self._checked_camera()
+        width = self._parameters.runway_width
+        if camera is None or not width > 0:
             return None
-        if track.points is None:
+        track = None if found is None else found.track
+        if found is None or track is None or track.points is None:
             return Guidance()
         level = found.level
         left, right = (fit_edge(points, level.factor) for points in track.points)
@@ -289,7 +274,6 @@ class ApproachDetector:
             return Guidance()
         _, y = track.shape.vanishing_point
         near_row = None if track.open_end else y + track.near_seen
-        width = self._parameters.runway_width
         return locate(left, right, near_row, level, _slope_sigma(y, found), camera, width)
 
 
@@ -350,8 +334,8 @@ class Finder:
         self._seen = 0
         self._depth = BitDepth()
 
-    def step(self, image: Pixels, known: HorizonLine | None) -> Found:
-        """Take in the next frame, of which the horizon may be known."""
+    def step(self, image: Pixels, known: HorizonLine | None, veto: str) -> Found:
+        """Take in the next frame, of which the horizon may be known, or why it shows nothing."""
         image = as_grey(self._depth.levels(image))
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
@@ -370,7 +354,7 @@ class Finder:
                 row = level.row_of(horizon.row)
                 sight = Sight.from_image(row, level.slope, height, self._seen)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
-        veto = self._veto(track, sight)
+        veto = veto or self._veto(track, sight)
         confidence = 0.0 if veto else self.tracker.confidence
         return Found(track, confidence, level, sight.row, veto)
 
