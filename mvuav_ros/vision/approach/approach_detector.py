@@ -20,7 +20,7 @@ from mvuav_ros.vision.approach.attitude import (
     mount_matrix,
 )
 from mvuav_ros.vision.approach.evidence import BitDepth, as_grey, shrink_levels
-from mvuav_ros.vision.approach.guidance import fit_edge, locate
+from mvuav_ros.vision.approach.guidance import locate
 from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame
@@ -268,13 +268,10 @@ class ApproachDetector:
         track = None if found is None else found.track
         if found is None or track is None or track.points is None:
             return Guidance()
-        level = found.level
-        left, right = (fit_edge(points, level.factor) for points in track.points)
-        if left is None or right is None:
-            return Guidance()
         _, y = track.shape.vanishing_point
         near_row = None if track.open_end else y + track.near_seen
-        return locate(left, right, near_row, level, _slope_sigma(y, found), camera, width)
+        sigma = _slope_sigma(y, found)
+        return locate(track.points, near_row, found.level, sigma, camera, width)
 
 
 def _slope_sigma(meeting: float, found: Found) -> float:
