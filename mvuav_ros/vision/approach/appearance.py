@@ -21,29 +21,18 @@ Numbers = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Strips row by row; arrays are (n, rows) unless said.
+    """Strips row by row; arrays are (n, rows) unless said."""
 
-    Attributes:
-        strips: (n, 6), with the ends that were found.
-        rows: of the map.
-        edges: (2, n, rows) columns of the left and of the right edge.
-        visible: both edges are in the image.
-        parts: (n, rows, 4) what both edges have in common, in textures, with the strip's sign.
-        total: their weighted sum, limited.
-        inside: rows from the far to the near end.
-        run: (n,) sum of `total` above the bias over the logarithm of depth.
-        last: (n,) index of the near end's row.
-    """
-
-    strips: Strips
-    rows: NDArray[np.intp]
-    edges: Numbers
-    visible: NDArray[np.bool_]
+    strips: Strips  # (n, 6), with the ends that were found
+    rows: NDArray[np.intp]  # of the map
+    edges: Numbers  # (2, n, rows) columns of the left and of the right edge
+    visible: NDArray[np.bool_]  # both edges are in the image
+    # (n, rows, 4) what both edges have in common, in textures, with the strip's sign
     parts: Numbers
-    total: Numbers
-    inside: NDArray[np.bool_]
-    run: Numbers
-    last: NDArray[np.intp]
+    total: Numbers  # their weighted sum, limited
+    inside: NDArray[np.bool_]  # rows from the far to the near end
+    run: Numbers  # (n,) sum of ``total`` above the bias over the logarithm of depth
+    last: NDArray[np.intp]  # (n,) index of the near end's row
 
     def mean(self, values: Any) -> Numbers:
         """(n,) mean over the strip's rows."""
@@ -129,19 +118,12 @@ FEATURES = (
 
 @dataclass(frozen=True)
 class Scene:
-    """What the whole image is like, for features that compare with it.
+    """What the whole image is like, for features that compare with it."""
 
-    Attributes:
-        width: of the levelled working image, px of the map.
-        darkest: 10th percentile of brightness, grey levels.
-        brightest: 95th percentile.
-        first_column: of the map on the whole image, px of the map.
-    """
-
-    width: float
-    darkest: float
-    brightest: float
-    first_column: float = 0.0
+    width: float  # of the levelled working image, px of the map
+    darkest: float  # 10th percentile of brightness, grey levels
+    brightest: float  # 95th percentile
+    first_column: float = 0.0  # of the map on the whole image, px of the map
 
 
 def describe(

@@ -303,21 +303,13 @@ def _across(found: Found) -> tuple[Point, Point] | None:
 
 @dataclass(frozen=True)
 class Found:
-    """What a frame shows.
+    """What a frame shows."""
 
-    Attributes:
-        track: of the target, if there is one.
-        confidence: of the track.
-        level: the frame's derotation.
-        horizon_row: on the levelled working image, if it is known.
-        veto: why no track is reported, whatever its confidence was; empty if nothing forbids it.
-    """
-
-    track: FollowedStrip | None
-    confidence: float
-    level: Derotation
-    horizon_row: float | None
-    veto: str = ''
+    track: FollowedStrip | None  # of the target, if there is one
+    confidence: float  # of the track
+    level: Derotation  # of the frame
+    horizon_row: float | None  # on the levelled working image, if it is known
+    veto: str = ''  # why no track is reported, however confident; empty if nothing forbids it
 
 
 class Finder:

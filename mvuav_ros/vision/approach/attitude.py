@@ -78,19 +78,12 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Derotation:
-    """A turn of the working image about its middle.
+    """A turn of the working image about its middle."""
 
-    Attributes:
-        width: of the working image, px.
-        height: likewise.
-        factor: px of the frame per px of the working image.
-        slope: rad, of the horizon on the frame, right end down positive.
-    """
-
-    width: int
-    height: int
-    factor: int
-    slope: float
+    width: int  # of the working image, px
+    height: int  # likewise
+    factor: int  # px of the frame per px of the working image
+    slope: float  # rad, of the horizon on the frame, right end down positive
 
     @property
     def centre(self) -> tuple[float, float]:

@@ -132,18 +132,12 @@ def in_common(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(frozen=True, eq=False)
 class EvidenceMap:
-    """A levelled image, or a part of it, as evidence.
+    """A levelled image, or a part of it, as evidence."""
 
-    Attributes:
-        sums: of the 1 or 3 opponent channels, grey levels.
-        evidence: (height, width, 4) int8 in `UNIT`: steps to the right, and paint.
-        texture: (height, width) of brightness, grey levels.
-        hidden: (height, width) where something is laid over the view, if anywhere.
-    """
-
-    sums: Table
-    evidence: NDArray[np.int8]
-    texture: NDArray[np.float32]
+    sums: Table  # of the 1 or 3 opponent channels, grey levels
+    evidence: NDArray[np.int8]  # (height, width, 4) in `UNIT`: steps to the right, and paint
+    texture: NDArray[np.float32]  # (height, width) of brightness, grey levels
+    # (height, width) where something is laid over the view, if anywhere
     hidden: NDArray[np.bool_] | None = None
 
     @property

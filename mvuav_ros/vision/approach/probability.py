@@ -25,24 +25,15 @@ class EvidenceWeights:
 
     What a feature says depends on others: a strip whose near end is in the picture looks other than
     one that goes on below it. A sum over the features cannot know that, a hidden layer can.
-
-    Attributes:
-        mean: (features,) of the tuning half.
-        deviation: (features,) standard deviation there.
-        slopes: (features,) of the linear part, per standard deviation.
-        inward: (features, units) weights of the hidden units.
-        bias: (units,) of the hidden units.
-        outward: (units,) what each unit adds.
-        offset: log odds of a strip with average features and no unit.
     """
 
-    mean: NDArray[np.float64]
-    deviation: NDArray[np.float64]
-    slopes: NDArray[np.float64]
-    inward: NDArray[np.float64]
-    bias: NDArray[np.float64]
-    outward: NDArray[np.float64]
-    offset: float
+    mean: NDArray[np.float64]  # (features,) of the tuning half
+    deviation: NDArray[np.float64]  # (features,) standard deviation there
+    slopes: NDArray[np.float64]  # (features,) of the linear part, per standard deviation
+    inward: NDArray[np.float64]  # (features, units) weights of the hidden units
+    bias: NDArray[np.float64]  # (units,) of the hidden units
+    outward: NDArray[np.float64]  # (units,) what each unit adds
+    offset: float  # log odds of a strip with average features and no unit
 
     def log_odds(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of (n, features) in the order of `FEATURES`; what is NaN counts as usual.
@@ -67,20 +58,13 @@ def standardised(
 
 
 class Report(NamedTuple):
-    """Evidence of whether a track's report is right.
+    """Evidence of whether a track's report is right."""
 
-    Attributes:
-        log_odds: of the track, averaged over its frames.
-        agreement: probability of the strips that are where the track's mean is.
-        moved: frames for which it was followed and that differed from the one before.
-        distinct: share of the last frames with clear lines along both sides, or clear colours.
-        other_edges: odds that an edge is elsewhere; 1 where the image shows two places for it.
-    """
-
-    log_odds: float
-    agreement: float
-    moved: int
-    distinct: float
+    log_odds: float  # of the track, averaged over its frames
+    agreement: float  # probability of the strips that are where the track's mean is
+    moved: int  # frames for which it was followed and that differed from the one before
+    distinct: float  # share of the last frames with clear lines along both sides, or clear colours
+    # odds that an edge is elsewhere; 1 where the image shows two places for it
     other_edges: float = 0.0
 
     def values(self) -> NDArray[np.float64]:

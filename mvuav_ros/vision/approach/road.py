@@ -32,30 +32,20 @@ class Target:
 
     Widths are in camera heights above the ground, which is what the image shows: the strip's
     edges move apart by that many pixels per pixel below the horizon, at any focal length.
-
-    Attributes:
-        painted: the edges are bright lines, not the borders of a surface. Painted lines are looked
-            for everywhere: the camera is taken to be level, its horizon where they meet. Other
-            strips are looked for below the horizon.
-        floor: grey levels; contrast of a row that speaks neither for nor against a strip.
-        narrowest: width over height.
-        widest: likewise.
-        farthest_aside: most offset, in widths.
-        least_support: of the edges, 0 to 1, below which a shape counts as not seen.
-        start_score: quality above which a frame speaks for a shape.
-        keep_score: quality below which a shape is no longer believed.
-        narrow_odds: power of the narrower's width by which it is preferred: within a road with
-            lines along both sides a lane lies between one of them and the line in the middle.
     """
 
+    # The edges are bright lines, not the borders of a surface. Painted lines are looked for
+    # everywhere: the camera is taken to be level, its horizon where they meet.
     painted: bool
-    floor: float
-    narrowest: float
-    widest: float
-    farthest_aside: float
-    least_support: float
-    start_score: float
-    keep_score: float
+    floor: float  # grey levels: contrast of a row that speaks neither for nor against a strip
+    narrowest: float  # width over height
+    widest: float  # likewise
+    farthest_aside: float  # most offset, in widths
+    least_support: float  # of the edges, 0 to 1, below which a shape counts as not seen
+    start_score: float  # quality above which a frame speaks for a shape
+    keep_score: float  # quality below which a shape is no longer believed
+    # Power of the narrower's width by which it is preferred: within a road with lines along both
+    # sides a lane lies between one of them and the line in the middle.
     narrow_odds: float
 
 

@@ -427,19 +427,12 @@ _ALONG = np.linspace(0.0, 1.0, 12)
 
 
 class Part(NamedTuple):
-    """A part of an image.
-
-    Attributes:
-        map: its evidence.
-        strips: (n, 6) on the map.
-        level: of the pyramid.
-        place: its first column and row on the level's image, px.
-    """
+    """A part of an image."""
 
     map: EvidenceMap
-    strips: Strips
-    level: int
-    place: tuple[int, int]
+    strips: Strips  # (n, 6) on the map
+    level: int  # of the pyramid
+    place: tuple[int, int]  # the map's first column and row on the level's image, px
 
     def whole(self, strips: Strips) -> Strips:
         """Strips of the map as they are on the image."""

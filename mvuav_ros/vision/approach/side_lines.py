@@ -25,17 +25,11 @@ Numbers = NDArray[np.floating[Any]]
 
 
 class Line(NamedTuple):
-    """A line along an edge.
+    """A line along an edge; its middle is in widths of the runway outside of the expected edge."""
 
-    Attributes:
-        far: its middle at the far end, widths of the runway outside of the expected edge.
-        near: at the near end.
-        clearness: in usual ridges of the place.
-    """
-
-    far: float
-    near: float
-    clearness: float
+    far: float  # middle at the far end
+    near: float  # at the near end
+    clearness: float  # in usual ridges of the place
 
     @property
     def middle(self) -> float:
@@ -145,19 +139,12 @@ def _away(strip: Strip, points: Edges) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class _LineFan:
-    """All straight lines of a width along an edge.
+    """All straight lines of a width along an edge."""
 
-    Attributes:
-        reach: samples between a line's middle and what is beside it.
-        ends: (n, 2) middle at the far and at the near end, widths of the runway.
-        at: (rows, n) samples through which they go.
-        worth: (n,) factor of the clearness: those that run askew count less.
-    """
-
-    reach: int
-    ends: Numbers
-    at: NDArray[np.intp]
-    worth: Numbers
+    reach: int  # samples between a line's middle and what is beside it
+    ends: Numbers  # (n, 2) middle at the far and at the near end, widths of the runway
+    at: NDArray[np.intp]  # (rows, n) samples through which they go
+    worth: Numbers  # (n,) factor of the clearness: those that run askew count less
 
 
 @lru_cache

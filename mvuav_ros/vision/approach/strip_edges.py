@@ -55,19 +55,12 @@ class LevelledFrame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EdgePoints:
-    """Points of one edge on the levelled working image.
+    """Points of one edge on the levelled working image."""
 
-    Attributes:
-        rows: (n,) px.
-        columns: (n,) px.
-        weights: (n,) 0 to 1.
-        support: share of the rows searched that have a step there, 0 to 1.
-    """
-
-    rows: NDArray[np.float64]
-    columns: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    support: float
+    rows: NDArray[np.float64]  # (n,) px
+    columns: NDArray[np.float64]  # (n,) px
+    weights: NDArray[np.float64]  # (n,) 0 to 1
+    support: float  # share of the rows searched that have a step there, 0 to 1
 
 
 Edges = tuple[EdgePoints, EdgePoints]
@@ -76,23 +69,15 @@ Edges = tuple[EdgePoints, EdgePoints]
 
 @dataclass(frozen=True, eq=False)
 class EdgeSamples:
-    """The frame's pixels across both edges.
+    """The frame's pixels across both edges."""
 
-    Attributes:
-        pixels: (2 count, places) or (2 count, places, 3): rows of the left, then of the right edge.
-        expected: (2, count) columns of the edges, px of the levelled working image.
-        rows: (count,) likewise.
-        across: (places,) px from the expected column.
-        inside: (2, count, places) is on the frame.
-        base: samples over which a step is measured, even.
-    """
-
+    # (2 count, places) or (2 count, places, 3): rows of the left, then of the right edge
     pixels: NDArray[Any]
-    expected: NDArray[Any]
-    rows: NDArray[Any]
-    across: NDArray[Any]
-    inside: NDArray[np.bool_]
-    base: int
+    expected: NDArray[Any]  # (2, count) columns of the edges, px of the levelled working image
+    rows: NDArray[Any]  # (count,) likewise
+    across: NDArray[Any]  # (places,) px from the expected column
+    inside: NDArray[np.bool_]  # (2, count, places) is on the frame
+    base: int  # samples over which a step is measured, even
 
     def steps(self, channels: NDArray[Any]) -> NDArray[Any]:
         """(..., 2, count, places - base) rise of channels (..., 2 count, places) inwards.
@@ -148,17 +133,11 @@ class EdgeSamples:
 
 
 class _Lines(NamedTuple):
-    """All straight lines through samples across an edge.
+    """All straight lines through samples across an edge."""
 
-    Attributes:
-        at: (n, count) the sample in each row.
-        sample: the same in all samples.
-        worth: (n,) factor of the votes.
-    """
-
-    at: NDArray[np.intp]
-    sample: NDArray[np.intp]
-    worth: NDArray[np.float64]
+    at: NDArray[np.intp]  # (n, count) the sample in each row
+    sample: NDArray[np.intp]  # the same in all samples
+    worth: NDArray[np.float64]  # (n,) factor of the votes
 
 
 @lru_cache(maxsize=64)

@@ -41,17 +41,11 @@ from mvuav_ros.vision.approach.tuning import LINES, PROBABILITY, SEARCH, SHOULDE
 
 
 class Weighed(NamedTuple):
-    """What a frame says of strips that may be the runway.
+    """What a frame says of strips that may be the runway."""
 
-    Attributes:
-        strips: (n, 6), those that differ; the likeliest first.
-        shares: (n,) of the probability that it is one of them; they add up to 1.
-        log_odds: that it is one of them.
-    """
-
-    strips: Strips
-    shares: NDArray[np.float64]
-    log_odds: float
+    strips: Strips  # (n, 6), those that differ; the likeliest first
+    shares: NDArray[np.float64]  # (n,) of the probability that it is one of them; the sum is 1
+    log_odds: float  # that it is one of them
 
 
 def weigh(measured: Strips, odds: NDArray[np.float64]) -> Weighed:
@@ -94,19 +88,12 @@ def _distinct(
 
 
 class View(NamedTuple):
-    """A frame as the tracks see it.
-
-    Attributes:
-        frame: the frame itself.
-        working: its working image, levelled.
-        sight: where edges may meet on it.
-        registration: of the working images.
-    """
+    """A frame as the tracks see it."""
 
     frame: LevelledFrame
-    working: LevelledImage
-    sight: Sight
-    registration: Registration
+    working: LevelledImage  # its working image
+    sight: Sight  # where edges may meet on that
+    registration: Registration  # of the working images
 
 
 def tolerance(width: float) -> float:
