@@ -244,7 +244,7 @@ class RoadTrack(FollowedStrip):
             ROAD.low_end - ROAD.high_end
         )
         if sharp > ROAD.min_sharp:
-            self.follow_ends(float(depth[first]), end)
+            self.follow_ends(float(one.rows[first]), float(strip[1]) + end)
             self.open_end = last >= len(depth) - 1
         return run * sharp * min(max(low, 0.0), 1.0), sharp
 

@@ -25,7 +25,6 @@ from mvuav_ros.vision.approach.evidence import (
     shrunk_by,
 )
 from mvuav_ros.vision.approach.strip_edges import Strip, Strips
-from mvuav_ros.vision.approach.strips import surrounding_box
 from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
 
 _ROUGH_WEIGHTS = np.rint(5 * WEIGHTS).astype(np.int16)
@@ -388,14 +387,18 @@ class LevelledImage:
     def _part_on(self, level: int, strips: Strips) -> Part | None:
         """The part of a level of the pyramid around strips, if it is large enough."""
         known = _scaled(strips, 0.5**level)
-        box = surrounding_box(known)
+        x, y, left, right, _, near = known.T
+        near_left, near_right = x + left * near, x + right * near
+        margin = max(STRIP.side_margin * (near_right - near_left).max(), STRIP.min_side_margin)
         height, width = (side >> level for side in self.size)
-        left, top = max(0, int(box[0])), max(0, int(box[1]))
-        right, bottom = min(width, int(box[2]) + 1), min(height, int(box[3]) + 1)
-        if right - left < SEARCH.min_part or bottom - top < SEARCH.min_part:
+        first = max(0, int(np.minimum(near_left, x).min() - margin))
+        end = min(width, int(np.maximum(near_right, x).max() + margin) + 1)
+        top = max(0, int(y.min() - STRIP.margin_above))
+        bottom = min(height, int((y + STRIP.depth_below * near).max() + 4) + 1)
+        if end - first < SEARCH.min_part or bottom - top < SEARCH.min_part:
             return None
-        known[:, :2] -= (left, top)
-        return Part(self._part(level, (left, top, right, bottom)), known, level, (left, top))
+        known[:, :2] -= (first, top)
+        return Part(self._part(level, (first, top, end, bottom)), known, level, (first, top))
 
     def refined(self, strips: Strips, level: int) -> Strips:
         """Strips that were aligned on a level of the pyramid, aligned on the finer ones as well."""

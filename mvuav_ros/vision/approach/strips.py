@@ -32,32 +32,6 @@ def strips_through(
     return found
 
 
-def surrounding_box(strips: Strips) -> tuple[float, float, float, float]:
-    """The part of an image that is needed to describe strips."""
-    x, y, left, right, _, near = strips.T
-    first, last = x + left * near, x + right * near
-    margin = max(STRIP.side_margin * float((last - first).max()), STRIP.min_side_margin)
-    return (
-        float(np.minimum(first, x).min()) - margin,
-        float(y.min()) - STRIP.margin_above,
-        float(np.maximum(last, x).max()) + margin,
-        float((y + STRIP.depth_below * near).max()) + 4,
-    )
-
-
-def overlap(strip: Strip, other: Strip) -> bool:
-    """Whether two strips share half of the narrower one, and meet at about the same place."""
-    (x, y, a, b, _, near), (x2, y2, a2, b2, _, _) = strip.tolist(), other.tolist()
-    left, right = x + a * near, x + b * near
-    first, last = x2 + a2 * (y + near - y2), x2 + b2 * (y + near - y2)
-    width, its = right - left, max(last - first, 1e-6)
-    return bool(
-        min(last, right) - max(first, left) > 0.5 * min(width, its)
-        and abs(y2 - y) < 0.6 * near
-        and width / 3 < its < 3 * width
-    )
-
-
 def points_along(
     mean: NDArray[np.float64], rows: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> Edges:
@@ -257,15 +231,25 @@ class FollowedStrip:
         return np.array([*self.shape.vanishing_point, left, right, self.far, self.near])
 
     def covers(self, strip: Strip) -> bool:
-        """Whether a strip may be the same: around, within or beside it."""
-        return overlap(self.strip(), strip)
+        """Whether they share half of the narrower one, and meet at about the same place."""
+        (x, y, a, b, _, near), (x2, y2, a2, b2, _, _) = self.strip().tolist(), strip.tolist()
+        left, right = x + a * near, x + b * near
+        first, last = x2 + a2 * (y + near - y2), x2 + b2 * (y + near - y2)
+        width, its = right - left, max(last - first, 1e-6)
+        return bool(
+            min(last, right) - max(first, left) > 0.5 * min(width, its)
+            and abs(y2 - y) < 0.6 * near
+            and width / 3 < its < 3 * width
+        )
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""
         self.shape.turn(old, new)
 
-    def follow_ends(self, far: float, near: float) -> None:
-        """Take in where the ends are in the newest frame, rows below the vanishing point."""
+    def follow_ends(self, far_row: float, near_row: float) -> None:
+        """Take in the rows of both ends in the newest frame."""
+        _, y = self.shape.vanishing_point
+        far, near = max(far_row - y, 1.0), near_row - y
         if not math.isfinite(near):
             return
         share = max(STRIP.end_memory, 1.0 / self.age)

@@ -40,18 +40,14 @@ from mvuav_ros.vision.approach.strips import (
 from mvuav_ros.vision.approach.tuning import LINES, PROBABILITY, SEARCH, SHOULDERS, TRACK, TRACKER
 
 
-class Weighed(NamedTuple):
-    """What a frame says of strips that may be the runway."""
-
-    strips: Strips  # (n, 6), those that differ; the likeliest first
-    shares: NDArray[np.float64]  # (n,) of the probability that it is one of them; the sum is 1
-    log_odds: float  # that it is one of them
-
-
-def weigh(measured: Strips, odds: NDArray[np.float64]) -> Weighed:
+def weigh(measured: Strips, odds: NDArray[np.float64]) -> tuple[Strips, NDArray[np.float64], float]:
     """Weigh strips (m, 6) by their log odds (m,), minus infinity of what is no strip in the frame.
 
     Paint and rubber within a runway are seen more often than it: the wider counts more.
+
+    Returns:
+        Those that differ, likeliest first; how the probability is shared among them; and the log
+        odds that the runway is one of them.
     """
     best = measured[int(odds.argmax())]
     columns = columns_at(measured, best[1] + np.array([SEARCH.first_row, 1.0]) * best[5])
@@ -62,7 +58,7 @@ def weigh(measured: Strips, odds: NDArray[np.float64]) -> Weighed:
     temperature = float(np.interp(_width(best), (narrow, wide), (hot, cold)))
     weight = np.exp(below / temperature) * widths
     log_odds = float(odds[kept[0]]) + math.log(float(np.exp(below).sum()))
-    return Weighed(measured[kept], weight / weight.sum(), log_odds)
+    return measured[kept], weight / weight.sum(), log_odds
 
 
 def _width(strip: Strip) -> float:
@@ -96,11 +92,6 @@ class View(NamedTuple):
     registration: Registration  # of the working images
 
 
-def tolerance(width: float) -> float:
-    """Px by which an edge may be wrong where the near end is so many px wide."""
-    return max(TRACK.min_tolerance, TRACK.tolerance_share * width)
-
-
 def support(edges: Edges) -> float:
     """Of the less certain edge, 0 to 1."""
     return min(edge.support for edge in edges)
@@ -109,12 +100,9 @@ def support(edges: Edges) -> float:
 class EdgeKind(IntEnum):
     """What a runway's edges are measured by."""
 
-    STRIPS = 0
-    """The mean of the strips that it may be."""
-    STEP = 1
-    """The step from land to pavement, on the frame itself."""
-    LINE = 2
-    """The outer side of the lines along both sides."""
+    STRIPS = 0  # the mean of the strips that it may be
+    STEP = 1  # the step from land to pavement, on the frame itself
+    LINE = 2  # the outer side of the lines along both sides
 
 
 class EdgeKinds:
@@ -233,8 +221,7 @@ class RunwayTrack(FollowedStrip):
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
-        young = self.age <= TRACK.young
-        if self._rested < period and self.age > 1 and not young:
+        if self._rested < period and self.age > TRACK.young:
             # About a mean of strips, steps that are not there say nothing of their kind.
             if shown and self.points is not None and self.kinds.likeliest is not EdgeKind.STRIPS:
                 strip = self.strip()
@@ -286,11 +273,13 @@ class RunwayTrack(FollowedStrip):
         corners = columns_at(strips, rows)
         mean = np.tensordot(shares, corners, axes=1)
         self._spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
-        near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance(float(mean[1, 1] - mean[0, 1]))
+        width = float(mean[1, 1] - mean[0, 1])
+        tolerance = max(TRACK.min_tolerance, TRACK.tolerance_share * width)
+        near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance
         self.agreement += self._memory * (float(shares[near].sum()) - self.agreement)
         through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)
-        self._ends_at(rows)
+        self.follow_ends(*rows.tolist())
         self.open_end = bool(features[int(odds.argmax()), _OPEN] > 0.5)
         return True
 
@@ -368,11 +357,7 @@ class RunwayTrack(FollowedStrip):
         if found is None:
             return
         if found[1] > 0.5 * self.near:
-            self._ends_at(strip[1] + found)
+            self.follow_ends(*(strip[1] + found).tolist())
         middle = strip[0] + 0.5 * (strip[2] + strip[3]) * self.near
         _, last = view.frame.level.to_frame(middle, strip[1] + self.near)
         self.open_end = bool(last > view.frame.image.shape[0] - 2 * view.frame.level.factor)
-
-    def _ends_at(self, rows: NDArray[np.float64]) -> None:
-        _, y = self.shape.vanishing_point
-        self.follow_ends(max(float(rows[0]) - y, 1.0), float(rows[1]) - y)
