@@ -246,7 +246,7 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
     middle = inside[0].mean(axis=1) - scene.darkest
     spread = max(scene.brightest - scene.darkest, 0.0) + 1
     return {
-        'region': np.minimum(_length(in_common(one, other).mean(axis=2)), 8),
+        'region': np.minimum(np.linalg.norm(in_common(one, other).mean(axis=2), axis=0), 8),
         'dark_inside': np.clip(middle / spread, 0, 1),
         'greyness': _greyness(inside, before, after),
         'roughness': np.log(texture.mean(axis=1)),
@@ -279,7 +279,7 @@ def _of_the_near_end(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
     means, _ = image.means(rows, start + _BEGIN * width, start + _END * width)
     into, past = means[:, :, :3].mean(axis=2), means[:, :, 3:].mean(axis=2)
     texture = _texture(image, np.rint(y + near).astype(np.intp), x + (left + right) / 2 * near)
-    steps = _length((into - past) / texture[:, None]).T
+    steps = np.linalg.norm((into - past) / texture[:, None], axis=0).T
     return {'near_end_beside': np.clip(steps[0] - np.maximum(steps[1], steps[2]), -8, 8)}
 
 
@@ -306,8 +306,3 @@ def _texture(image: EvidenceMap, rows: Any, columns: Any) -> Numbers:
     row = np.clip(rows, 0, image.height - 1)
     column = np.clip(np.rint(columns).astype(np.intp), 0, image.width - 1)
     return np.asarray(image.texture[row, column] + 1.5)
-
-
-def _length(values: Numbers) -> Numbers:
-    """Of vectors of channels, which come first."""
-    return np.asarray(np.sqrt((values**2).sum(axis=0)))

@@ -197,7 +197,7 @@ class ApproachDetector:
         level = found.level
         x, y, left, right, far, near = (float(v) for v in track.strip())
         (far_left, near_left), (far_right, near_right), along_middle = (
-            (_point(level, x + slope * far, y + far), _point(level, x + slope * near, y + near))
+            (level.to_frame(x + slope * far, y + far), level.to_frame(x + slope * near, y + near))
             for slope in (left, right, 0.5 * (left + right))
         )
         segments: dict[LineRole, Segment] = {
@@ -213,7 +213,7 @@ class ApproachDetector:
         return replace(
             empty,
             lines=self._rows(segments, track.points, found.confidence),
-            vanishing_point=_point(level, x, y),
+            vanishing_point=level.to_frame(x, y),
             corners=(near_left, near_right, far_right, far_left),
             guidance=self._guidance(found),
             status='' if track.points else f'{self._parameters.target} not seen: predicted',
@@ -283,17 +283,12 @@ def _slope_sigma(meeting: float, found: Found) -> float:
     return min(math.hypot(GUIDANCE.slope_sigma, wrong), GUIDANCE.bank_sigma)
 
 
-def _point(level: Derotation, x: float, y: float) -> Point:
-    on_x, on_y = level.to_frame(x, y)
-    return float(on_x), float(on_y)
-
-
 def _across(found: Found) -> tuple[Point, Point] | None:
     """Where the horizon crosses the sides of the frame, if it is known and does."""
     level, row = found.level, found.horizon_row
     if row is None:
         return None
-    (x1, y1), (x2, y2) = _point(level, 0.0, row), _point(level, 1.0, row)
+    (x1, y1), (x2, y2) = level.to_frame(0.0, row), level.to_frame(1.0, row)
     if x1 == x2:  # Upright, as where an attitude is in the optical axes
         return None
     down = (y2 - y1) / (x2 - x1)

@@ -99,7 +99,7 @@ def find_side_lines(
     if outwards[1, -1] >= LINES.max_width:
         return None
     columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
-    pixels, _, _ = frame.at(columns, rows[:, None])
+    pixels, _ = frame.at(columns, rows[:, None])
     one, other = _distinct(brightness_of(pixels).reshape(columns.shape))
     left, right = (0.0, 0.0) if known is None else _away(strip, known)
     share, cost = (1.0, LINES.away_from_colour_cost) if coloured else (0.5, LINES.away_cost)

@@ -33,12 +33,11 @@ class LevelledFrame(NamedTuple):
 
     def at(
         self, columns: NDArray[Any], rows: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """The frame at places (2, count, places) of the levelled working image, interpolated.
 
         Returns:
-            The pixels, (2 count, places) or (2 count, places, 3), and the frame's columns and
-            rows, each as ``columns``.
+            The pixels, (2 count, places) or (2 count, places, 3); and which are on the frame.
         """
         on_x, on_y = self.level.to_frame(columns, rows)
         flat = (-1, columns.shape[-1])
@@ -50,7 +49,9 @@ class LevelledFrame(NamedTuple):
         )
         border = cv2.BORDER_REPLICATE
         pixels = cv2.remap(self.image, places, parts, cv2.INTER_LINEAR, borderMode=border)
-        return np.asarray(pixels), on_x, on_y
+        height, width = self.image.shape[:2]
+        inside = (on_x > 0) & (on_x < width - 1) & (on_y > 0) & (on_y < height - 1)
+        return np.asarray(pixels), inside
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,11 +169,9 @@ def sample_edges(
     if far_off:
         sample *= max(1.0, EDGES.far_reach * width / reach)
     across = np.arange(-steps, steps + 1) * sample
-    pixels, on_x, on_y = frame.at(expected[:, :, None] + across, rows[:, None])
+    pixels, inside = frame.at(expected[:, :, None] + across, rows[:, None])
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = max(2, int(np.clip(width / EDGES.widths_per_step, 2, 4) / sample))
-    height, columns = frame.image.shape[:2]
-    inside = (on_x > 0) & (on_x < columns - 1) & (on_y > 0) & (on_y < height - 1)
     return EdgeSamples(pixels, expected, rows, across, inside, 2 * (base // 2))
 
 
@@ -281,10 +280,8 @@ def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:
     rows, edges, outwards = rows_of(strip, np.linspace(SHOULDERS.first_row, 1.0, SHOULDERS.rows))
     across = np.arange(-SHOULDERS.inside, SHOULDERS.beyond, SHOULDERS.step)
     columns = edges[:, :, None] + outwards[:, :, None] * across
-    pixels, on_x, on_y = frame.at(columns, rows[:, None])
-    height, width = frame.image.shape[:2]
-    on_frame = (on_x >= 0) & (on_x < width) & (on_y >= 0) & (on_y < height)
-    seen = on_frame.all(axis=(0, 2))
+    pixels, inside = frame.at(columns, rows[:, None])
+    seen = np.asarray(inside.all(axis=(0, 2)))
     if 2 * np.count_nonzero(seen) < SHOULDERS.rows:
         return None
     window = max(2, round(SHOULDERS.window / (float(np.median(outwards[1])) * SHOULDERS.step)))

@@ -149,8 +149,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         """Frames from one share of the search to the next."""
         if self.certain:
             return TRACKER.period_certain
-        first = self._rounds < TRACKER.first_rounds
-        return TRACKER.period_first if first else TRACKER.period_later
+        return TRACKER.period_later if self._rounds else TRACKER.period_first
 
     def _search(self, view: View, sight: Sight) -> Candidates:
         """What is likeliest at once; after that the next few rows on one level at one depth."""

@@ -340,9 +340,8 @@ class TrackerTuning:
     max_tracks: int = 3  # followed at a time
     chunk: int = 8  # rows of vanishing points searched in one frame
     period_first: int = 2  # frames from one share of the search to the next without a runway
-    period_later: int = 4  # the same after ``first_rounds``
+    period_later: int = 4  # the same once all was searched
     period_certain: int = 24  # the same with a runway
-    first_rounds: int = 1  # through all that is searched
     max_weighed: int = 14  # of the strips that a share of the search finds
     best_period: int = 6  # frames from one weighing of the best track to the next
     others_period: int = 12  # the same of others
