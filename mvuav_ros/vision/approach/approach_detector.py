@@ -84,7 +84,6 @@ class ApproachDetector:
         self._last_stamp_ns: int | None = None
         self._finder: Finder | None = None
         self._had_attitude = False
-        self._veto = ''
         self._shown: FollowedStrip | None = None
         self._last: dict[LineRole, NormalForm] = {}
 
@@ -134,7 +133,9 @@ class ApproachDetector:
             return replace(empty, lines=self._rows({}, None), status=status)
         if self._finder is None:
             self._finder = Finder(self._parameters.target)
-        found = self._finder.step(image, self._horizon_of(attitude), self._veto)
+        horizon, self.attitude_problem = self._horizon_of(attitude)
+        veto = _UPSIDE_DOWN if _UPSIDE_DOWN in self.attitude_problem else ''
+        found = self._finder.step(image, horizon, veto)
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
             self._last = {}
@@ -145,34 +146,30 @@ class ApproachDetector:
             return replace(empty, lines=self._rows({}, None), status=status)
         return self._with_shape(empty, found.track, found)
 
-    def _horizon_of(self, attitude: Attitude | HorizonLine | None) -> HorizonLine | None:
-        """Where attitude says that the horizon is; None where the image must say it."""
-        self.attitude_problem = self._veto = ''
+    def _horizon_of(
+        self, attitude: Attitude | HorizonLine | None
+    ) -> tuple[HorizonLine | None, str]:
+        """Where attitude says that the horizon is, or why the image must say it."""
         source = self._parameters.horizon_source
         if source == 'image':
-            return None
+            return None, ''
         if attitude is None:
-            if source == 'imu' or self._had_attitude:
-                self.attitude_problem = "no attitude for this image: the horizon is the image's"
-            return None
+            missed = source == 'imu' or self._had_attitude
+            return None, "no attitude for this image: the horizon is the image's" if missed else ''
         self._had_attitude = True
         if isinstance(attitude, HorizonLine):
             if math.isfinite(attitude.row) and abs(attitude.slope) < 0.5 * math.pi:
-                return attitude
-            self.attitude_problem = "the horizon given is none: the horizon is the image's"
-            return None
+                return attitude, ''
+            return None, "the horizon given is none: the horizon is the image's"
         camera = self._checked_camera()
         if camera is None:
-            self.attitude_problem = 'attitude is of no use without a calibrated camera_info'
-            return None
+            return None, 'attitude is of no use without a calibrated camera_info'
         if is_upside_down(attitude, self._mount):
-            self._veto = _UPSIDE_DOWN
-            self.attitude_problem = _UPSIDE_DOWN + ': see camera_mount_rpy_deg'
-            return None
+            return None, _UPSIDE_DOWN + ': see camera_mount_rpy_deg'
         horizon = horizon_from(attitude, camera, self._mount)
         if horizon is None:
-            self.attitude_problem = "the attitude shows no horizon: the horizon is the image's"
-        return horizon
+            return None, "the attitude shows no horizon: the horizon is the image's"
+        return horizon, ''
 
     def _doubt(self, found: Found) -> str:
         """Why nothing is reported; empty if the track is."""

@@ -198,7 +198,7 @@ class HorizonFinder:
         """Look at all slopes in all rows of a small image."""
         size = HORIZON.width, HORIZON.height
         small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
-        steps = self._steps(small)
+        steps = _steps(small)
         # Of steps alike, the upper one: sky is above all land.
         lower = (HORIZON.row_cost * np.arange(HORIZON.height, dtype=np.float32))[:, None]
         steps -= lower + HORIZON.texture_cost * _texture_above(small)
@@ -216,21 +216,17 @@ class HorizonFinder:
             float(self._slopes[best] + step * vertex(sums[:, row], best)),
         )
 
-    def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
-        """How much brighter it is above each place than below, capped."""
-        total = np.zeros((HORIZON.height + 1, HORIZON.width), np.float32)
-        np.cumsum(blue, axis=0, dtype=np.float32, out=total[1:])
-        steps = np.zeros((HORIZON.height, HORIZON.width), np.float32)
-        middle = total[HORIZON.step_rows : -HORIZON.step_rows]
-        # The boundary between rows y - 1 and y counts half to each.
-        between = (
-            2 * middle - total[: -2 * HORIZON.step_rows] - total[2 * HORIZON.step_rows :]
-        ) / HORIZON.step_rows
-        np.clip(between, 0, HORIZON.max_step, out=between)
-        steps[HORIZON.step_rows : HORIZON.height - HORIZON.step_rows] = 0.5 * (
-            between[:-1] + between[1:]
-        )
-        return steps
+
+def _steps(blue: NDArray[Any]) -> NDArray[np.float32]:
+    """How much brighter it is above each place than below, capped."""
+    rows = HORIZON.step_rows
+    sums = cv2.boxFilter(blue, cv2.CV_32F, (1, rows), normalize=False)
+    # The boundary between two rows counts half to each.
+    between = np.clip((sums[:-rows] - sums[rows:]) / rows, 0, HORIZON.max_step)
+    between = between[rows // 2 : len(between) - rows // 2]
+    steps = np.zeros(blue.shape, np.float32)
+    steps[rows:-rows] = 0.5 * (between[:-1] + between[1:])
+    return steps
 
 
 def _is_below_sky(blue: NDArray[Any], line: NDArray[np.intp], strength: float) -> bool:

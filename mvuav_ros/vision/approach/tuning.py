@@ -47,7 +47,7 @@ class HorizonTuning:
     height: int = 60  # px, likewise
     slope_step_deg: float = 1.5  # between slopes that are tried
     max_roll_deg: float = 66.0  # of the slopes that are tried
-    step_rows: int = 3  # rows above and below, whose difference is a step
+    step_rows: int = 3  # odd; rows above and below, whose difference is a step
     max_step: float = 24.0  # grey levels; more counts as that
     min_strength: float = 3.0  # grey levels of the mean step across a horizon
     max_texture: float = 0.4  # texture above a horizon per step across it
