@@ -167,11 +167,7 @@ def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
 def _sampled(
     image: EvidenceMap, of: Profile, slopes: Numbers, depth: Numbers
 ) -> tuple[Numbers, NDArray[np.bool_]]:
-    """Evidence that pairs of edges of (2, n, pairs) slopes have in common at (n, rows) depths.
-
-    Returns:
-        That, and where it is known: (n, pairs, rows).
-    """
+    """(n, pairs, rows) what edges of (2, n, pairs) slopes have in common, and where it is known."""
     x, y = of.strips[:, 0, None, None], of.strips[:, 1, None]
     rows = np.rint(y + depth).astype(np.intp)[:, None, :]
     common, inside = image.in_common(rows, x + slopes[..., None] * depth[:, None, :])

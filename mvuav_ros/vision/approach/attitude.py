@@ -1,8 +1,4 @@
-"""Where the horizon is, and the image turned until it is level.
-
-A sensor's attitude says it, or the image itself: as the straight line that has bright sky above it
-and darker land below.
-"""
+"""Where the horizon is, by attitude or in the image, and the image turned until it is level."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""From a frame to maps of what may be an edge: steps of brightness and colour, and painted lines.
-
-Everything is measured in units of the local texture, so that the same numbers hold for grey and
-for colour, for haze and for sun, for 8 and for 16 bits.
-"""
+"""Maps of steps of brightness and colour, and of painted lines, in units of the local texture."""
 
 from __future__ import annotations
 
@@ -151,12 +147,10 @@ class EvidenceMap:
         return int(self.evidence.shape[1])
 
     def packed(self, blank: int) -> NDArray[np.int32]:
-        """All four channels of a pixel in one number, coarse, below so many rows without evidence.
+        """((blank + height) * width,) all channels of a pixel in one number, coarse.
 
-        Nor is there any in the first and the last column, which stand for all beside the image.
-
-        Returns:
-            ((blank + height) * width,).
+        The blank rows above have no evidence, nor have the first and the last column, which stand
+        for all beside the image.
         """
         coarse = np.zeros((blank + self.height, self.width, CHANNELS), np.int8)
         inner = coarse[blank:, 1:-1]

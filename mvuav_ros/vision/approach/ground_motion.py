@@ -1,9 +1,4 @@
-"""How the surroundings of a strip move between frames, and what stands still while they do.
-
-The ground moves as a plane does, and what is far away as the camera turns: from some frames to the
-next both are about an affine map. What stands still where that map says that it should have moved
-does not belong to them (burned-in text, a window's frame), and its edges are no evidence.
-"""
+"""How the surroundings of a strip move between frames, and what stands still while they do."""
 
 from __future__ import annotations
 
@@ -93,11 +88,12 @@ def _box(
 class Overlaid:
     """Learns from working images of one size what is laid over the view.
 
-    Attributes:
-        mask: (height, width) uint8, 255 where the picture is overlaid; None where nowhere.
+    From some frames to the next the ground moves as a plane does. What stands still where that
+    says that it should have moved is burned-in text, or a window's frame: no evidence.
     """
 
     def __init__(self) -> None:
+        # (height, width), 255 where the picture is overlaid; None where nowhere.
         self.mask: NDArray[np.uint8] | None = None
         self._votes: NDArray[np.float32] | None = None
         self._first: NDArray[np.uint8] | None = None

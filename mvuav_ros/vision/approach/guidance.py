@@ -29,13 +29,8 @@ def locate(
 ) -> Guidance:
     """Where the camera is in the runway's frame; nothing is known of edges with too few points.
 
-    Args:
-        edges: of the runway on the levelled working image.
-        near_row: of the near end on it, if that is in sight.
-        level: of the frame.
-        slope_sigma: rad, of its slope.
-        camera: calibrated for frames of that size.
-        runway_width: from edge to edge, m.
+    The near end's row on the levelled working image is known if it is in sight. The level's slope
+    has a standard deviation, rad; the runway is so many m wide from edge to edge.
     """
     rows, measured, noise = np.zeros(4), np.zeros(6), np.zeros((6, 6))
     for ends, points in zip((slice(0, 2), slice(2, 4)), edges, strict=True):
@@ -105,8 +100,7 @@ def _pose(
 ) -> Vector:
     """x, y, z, roll, pitch, yaw.
 
-    Of the columns of the left and the right edge at (4,) rows, the error of the horizon's slope
-    (rad), and the row of the near end (NaN if unknown).
+    Of the columns of both edges at (4,) rows, the slope's error (rad), and the near end's row.
     """
     rays = _rays(values[:4], rows, level, camera)
     left, right = np.cross(rays[0], rays[1]), np.cross(rays[2], rays[3])

@@ -1,8 +1,4 @@
-"""Roads' lanes and pipelines: where they may be, and how they are followed.
-
-Both go on to the lower end of the image. The edges of a lane are painted lines, brighter than the
-lane; those of a pipeline are steps to the land on both sides.
-"""
+"""Lanes between painted lines, and pipelines: where they may be, and how they are followed."""
 
 from __future__ import annotations
 
@@ -163,20 +159,17 @@ def _lines(mask: NDArray[np.uint8]) -> list[Line]:
 
 
 class RoadTrack(FollowedStrip):
-    """A strip that goes on to the lower end of the image, and how well it has done.
-
-    Attributes:
-        quality: contrast of both edges over the logarithm of depth, times their support, averaged
-            over the last frames; the log odds are its logarithm.
-        evidence: sum of quality above the target's ``start_score``, limited.
-    """
+    """A strip that goes on to the lower end of the image, and how well it has done."""
 
     max_misses = 10
 
     def __init__(self, target: Target, strip: Strip) -> None:
         super().__init__(strip, math.log(target.start_score))
         self.target = target
-        self.quality = self.evidence = 0.0
+        # Contrast of both edges over the logarithm of depth, times their support, averaged over
+        # the last frames; the log odds are its logarithm.
+        self.quality = 0.0
+        self.evidence = 0.0  # sum of quality above the target's ``start_score``, limited
         self._look = EdgeLook(wide=False, painted=target.painted)
 
     @property

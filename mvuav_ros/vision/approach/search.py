@@ -59,14 +59,10 @@ class Fan:
         self._width = width
 
     def find(self, packed: NDArray[np.int32], row: float) -> NDArray[np.float64]:
-        """The best strips whose vanishing points lie on a row.
+        """(m, 7) the best strips whose vanishing points lie on a row, and their scores.
 
-        Args:
-            packed: evidence, as `EvidenceMap.packed`, below `BLANK` rows.
-            row: of the vanishing points.
-
-        Returns:
-            (m, 7): as `Strips`, and the score: evidence per row, in textures.
+        A score is evidence per row, in textures. It is packed as `EvidenceMap.packed`, below
+        `BLANK` rows.
         """
         top = round(row)
         first, last = top + BLANK + self.rows[0], top + BLANK + self.rows[-1]
@@ -298,13 +294,7 @@ NO_CANDIDATES = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
 
 
 class LevelledImage:
-    """A levelled working image and what is known of it, each part computed when it is asked for.
-
-    Attributes:
-        size: height and width, px.
-        level: by which it is turned; not at all if none is given.
-        whole_scene: what the image is like, at full scale, once it was asked for.
-    """
+    """A levelled working image and what is known of it, each part computed when it is asked for."""
 
     def __init__(
         self,
@@ -313,7 +303,7 @@ class LevelledImage:
         scene: Scene | None = None,
         overlaid: NDArray[np.uint8] | None = None,
     ) -> None:
-        """Begin with pixels of 256 grey levels.
+        """Begin with pixels of 256 grey levels, turned by a level.
 
         The scene of a frame just before, and where something is laid over the view (not 0), may be
         known.
@@ -321,7 +311,7 @@ class LevelledImage:
         height, width = self.size = pixels.shape[:2]
         self._given = pixels
         self.level = level or Derotation(width, height, 1, 0.0)
-        self.whole_scene = scene
+        self.whole_scene = scene  # at full scale, once it was asked for
         self._overlaid = overlaid
 
     def at_slope(self, slope: float) -> LevelledImage:

@@ -1,10 +1,4 @@
-"""A runway's edges from the bright lines along its sides: they end where its pavement ends.
-
-Painted side stripes, and concrete beside a streak of rubber, are the clearest thing in a runway far
-away. Their inner sides look like the edges of a darker strip, and their middles like painted lines;
-the runway's edge is where the line's outer side is. Beside the side stripe there may be a
-shoulder's line outside and markings or rubber inside.
-"""
+"""A runway's edges: the outer sides of the bright lines along it, stripes or bare concrete."""
 
 from __future__ import annotations
 
@@ -43,13 +37,8 @@ def choose(
     """Which lines are the runway's, among those along its left and its right edge.
 
     Markings within the runway are fainter than its side line. Of two clear lines on both sides, as
-    far apart, the outer ones are the shoulders'.
-
-    Args:
-        left: at least one line.
-        right: likewise.
-        expected: where the edges are expected, widths outside of where `Line` counts from.
-        away_cost: log odds lost per width from there.
+    far apart, the outer ones are the shoulders'. Log odds are lost per width from where the edges
+    are expected, widths outside of where `Line` counts from.
     """
     both = left, right
     middles = [np.array([line.middle for line in lines]) for lines in both]

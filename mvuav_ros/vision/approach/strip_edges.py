@@ -1,9 +1,4 @@
-"""Where exactly a strip's two edges are on the frame, near where they are expected.
-
-A strip is (6,) numbers on the levelled working image: the vanishing point's x and y, the columns by
-which the left and the right edge move to the right per row below it, and the rows from it to the
-far and to the near end, px. Edges are steps of brightness and colour, or painted lines.
-"""
+"""Where exactly a strip's two edges are on the frame, near where they are expected."""
 
 from __future__ import annotations
 
@@ -21,6 +16,8 @@ from mvuav_ros.vision.approach.tuning import EDGES, SHOULDERS
 from mvuav_ros.vision.point_operations import Pixels
 
 Strip = NDArray[np.float64]
+"""(6,) on the levelled working image: the vanishing point's x and y, the columns by which the left
+and the right edge move to the right per row, and the rows from it to the far and the near end."""
 Strips = NDArray[np.float64]
 """(n, 6), likewise."""
 
@@ -178,11 +175,7 @@ def sample_edges(
 def rows_of(
     strip: Strip, along: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """A strip's width and edges in some rows.
-
-    Args:
-        strip: (6,).
-        along: (n,) where the rows are, from 0, the far end, to 1.
+    """A strip's edges in n rows, from 0, the far end, to 1.
 
     Returns:
         The rows (n,), the columns of the left and of the right edge (2, n), and the width, at

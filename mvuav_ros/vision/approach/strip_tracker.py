@@ -42,24 +42,17 @@ TrackT = TypeVar('TrackT', bound=FollowedStrip)
 
 
 class StripTracker(Generic[TrackT]):
-    """Several strips followed at a time: a runway, a road or a pipeline.
-
-    Attributes:
-        tracks: those that are followed.
-        best: the one that is shown.
-        below_horizon: whether the target is looked for below the horizon alone.
-        level: the last frame's derotation.
-        registration: of the working images.
-    """
+    """Several strips followed at a time: a runway, a road or a pipeline."""
 
     below_horizon = True
+    """The target is looked for below the horizon alone."""
 
     def __init__(self, max_tracks: int, switch_margin: float) -> None:
         """How many are followed, and by what log odds another must be better than that shown."""
         self.tracks: list[TrackT] = []
-        self.best: TrackT | None = None
+        self.best: TrackT | None = None  # the one that is shown
         self._max_tracks, self._switch_margin = max_tracks, switch_margin
-        self.level: Derotation | None = None
+        self.level: Derotation | None = None  # of the last frame
         self.registration = Registration()
         self._frame = 0
 

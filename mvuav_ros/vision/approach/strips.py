@@ -82,10 +82,7 @@ _DIAGONAL = np.arange(4)
 class Shape:
     """Two edges, each x = p + a (y - reference row), on the levelled working image.
 
-    Attributes:
-        state: (4,) p and a of the left edge, p and a of the right edge.
-        covariance: (4, 4).
-        reference: row, px.
+    The state is (4,): p and a of the left edge, p and a of the right edge.
     """
 
     def __init__(self, strip: Strip) -> None:
@@ -166,30 +163,20 @@ class Shape:
 
 
 class FollowedStrip:
-    """A strip that is followed, whatever it is: what the tracker needs to know of it.
-
-    Attributes:
-        shape: its edges.
-        far: rows from the vanishing point to the far end, px of the working image; smoothed.
-        near: likewise to the near end.
-        near_seen: the same in the newest frame alone.
-        open_end: its near end is out of sight.
-        age: frames.
-        misses: looks in a row in which it was not seen.
-        points: of the edges in the newest frame, if seen.
-        log_odds: how likely it is what is looked for, averaged over the last frames.
-    """
+    """A strip that is followed, whatever it is: what the tracker needs to know of it."""
 
     max_misses: ClassVar[int]
 
     def __init__(self, strip: Strip, log_odds: float) -> None:
         self.shape = Shape(strip)
+        # Rows from the vanishing point to both ends, px of the working image; smoothed.
         self.far, self.near = float(strip[4]), float(strip[5])
-        self.near_seen = self.near
-        self.open_end = False
-        self.age = self.misses = 0
-        self.points: Edges | None = None
-        self.log_odds = log_odds
+        self.near_seen = self.near  # in the newest frame alone
+        self.open_end = False  # the near end is out of sight
+        self.age = 0  # frames
+        self.misses = 0  # looks in a row in which it was not seen
+        self.points: Edges | None = None  # in the newest frame, if seen
+        self.log_odds = log_odds  # that it is what is looked for, averaged over the last frames
 
     @property
     def rank(self) -> float:

@@ -1,9 +1,4 @@
-"""One possible runway followed from frame to frame, as several strips that may be it.
-
-A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
-of them is the runway one frame seldom shows. In every few frames those around what is followed are
-weighed, and what is followed and reported is their mean: the filter of its edges remembers it.
-"""
+"""One possible runway followed from frame to frame: the mean of strips within strips."""
 
 from __future__ import annotations
 
@@ -139,29 +134,26 @@ _OPEN = FEATURES.index('open_end')
 class RunwayTrack(FollowedStrip):
     """The mean of strips that overlap, and how likely one of them is the runway.
 
-    Attributes:
-        moved: frames that differed from the one before.
-        distinct: share of the last frames in which the edges are clear lines or colours, or
-            steps where lines are not looked for.
-        shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
-        agreement: probability of the strips that are where the mean is; of the kind by which
-            the edges are measured while it is locked.
-        locked: it is followed by its edges alone.
-        above_horizon: it lies above a horizon that has been known for longer.
+    Which of them is the runway, its shoulders, a side stripe or a streak of rubber, one frame
+    seldom shows. Every few frames they are weighed; the filter of the edges remembers their mean.
     """
 
     max_misses = 4
 
     def __init__(self, strip: Strip, log_odds: float) -> None:
         super().__init__(strip, log_odds)
-        self.moved = 0
+        self.moved = 0  # frames that differed from the one before
+        # Shares of the last frames: with edges that are clear lines or colours, or steps where
+        # lines are not looked for; and with pavement that goes on beyond both edges.
         self.distinct = self.shoulders = 0.0
+        # Probability of the strips that are where the mean is, or of the edges' kind while locked.
         self.agreement = 1.0
+        self.locked = False  # followed by its edges alone
+        self.above_horizon = False  # of a horizon that has been known for longer
         self._found = [strip]
         self._look, self.kinds = EdgeLook(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested, self._memory = 0, 1.0
-        self.locked = self.above_horizon = False
 
     @property
     def other_edges(self) -> float:
