@@ -118,18 +118,17 @@ FEATURES = (
 
 @dataclass(frozen=True)
 class Scene:
-    """What the whole image is like, for features that compare with it."""
+    """What the whole working image is like, for features that compare with it."""
 
-    width: float  # of the levelled working image, px of the map
+    width: float  # px
     darkest: float  # 10th percentile of brightness, grey levels
     brightest: float  # 95th percentile
-    first_column: float = 0.0  # of the map on the whole image, px of the map
 
 
 def describe(
-    image: EvidenceMap, strips: Strips, scene: Scene, level: int
+    image: EvidenceMap, strips: Strips, scene: Scene, level: int, first_column: int = 0
 ) -> tuple[NDArray[np.float64], Strips]:
-    """Features of strips on a level's map; NaN where the image does not show them.
+    """Features of strips on a map of a part of a level; NaN where the image does not show them.
 
     Returns:
         (n, features) in the order of `FEATURES`, and the strips with the ends that were found.
@@ -137,7 +136,7 @@ def describe(
     measured = profile(image, strips)
     values = (
         _of_the_run(image, measured)
-        | _of_the_shape(measured, scene, level)
+        | _of_the_shape(measured, scene, level, first_column)
         | _of_the_surface(image, measured, scene)
         | _of_the_near_end(image, measured)
         | _of_the_sky(image, measured)
@@ -206,7 +205,7 @@ def _above(image: EvidenceMap, strips: Strips) -> Numbers:
     return np.where(y < APPEARANCE.min_sky_row, np.nan, result)
 
 
-def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
+def _of_the_shape(of: Profile, scene: Scene, level: int, first_column: int) -> dict[str, Numbers]:
     x, _, left, right, far, near = of.strips.T
     ratio = np.maximum(right - left, 0.05)
     width = ratio * near
@@ -218,7 +217,7 @@ def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
         'width': np.log(np.maximum(width, 1)) + level * np.log(2),
         'depth': np.log(np.maximum(near, 1)) + level * np.log(2),
         'aspect': np.log(width / np.maximum(near - far, 1)),
-        'aside': np.abs((x + scene.first_column) / scene.width - 0.5) * 2,
+        'aside': np.abs((x + first_column) * 2**level / scene.width - 0.5) * 2,
     }
 
 

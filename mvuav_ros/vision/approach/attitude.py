@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.tuning import ATTITUDE, HORIZON
+from mvuav_ros.vision.approach.tuning import HORIZON
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_rpy
 from mvuav_ros.vision.runway.normal_form import NormalForm
@@ -38,7 +38,7 @@ def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
 def is_upside_down(attitude: Attitude, mount: NDArray[np.float64]) -> bool:
     """Whether a camera on `mount_matrix` would see the ground above the sky: a wrong attitude."""
     up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
-    return bool(attitude.valid and up[1] > ATTITUDE.min_upside_down)
+    return bool(attitude.valid and up[1] > HORIZON.min_upside_down)
 
 
 def horizon_from(
@@ -53,11 +53,11 @@ def horizon_from(
     up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
     axis = np.array([0.0, 0.0, 1.0])
     level = axis - (axis @ up) * up
-    if np.linalg.norm(level) < math.cos(ATTITUDE.max_pitch):
+    if np.linalg.norm(level) < math.cos(HORIZON.max_pitch):
         return None
     level /= np.linalg.norm(level)
     right = np.cross(level, up)
-    rays = np.stack([level - ATTITUDE.half_base * right, level + ATTITUDE.half_base * right])
+    rays = np.stack([level - HORIZON.half_base * right, level + HORIZON.half_base * right])
     if (rays[:, 2] <= 0).any():
         return None
     (x1, y1), (x2, y2) = camera.project(rays)

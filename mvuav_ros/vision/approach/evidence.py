@@ -47,17 +47,9 @@ def as_grey(image: Pixels) -> Pixels:
     return image
 
 
-def grey_levels(pixels: Pixels) -> NDArray[np.float32]:
-    """The pixels as 256 grey levels, those of 16 bits too."""
-    levels = pixels.astype(np.float32)
-    if pixels.dtype == np.uint16:
-        levels /= 256
-    return levels
-
-
 def opponent_channels(pixels: Pixels) -> list[NDArray[np.float32]]:
     """Brightness alone of a grey image, else the three channels of `OPPONENT`; grey levels."""
-    levels = grey_levels(pixels)
+    levels = pixels.astype(np.float32)
     if pixels.ndim == 2:
         return [levels]
     return [np.ascontiguousarray(channel) for channel in cv2.split(cv2.transform(levels, OPPONENT))]
@@ -65,7 +57,7 @@ def opponent_channels(pixels: Pixels) -> list[NDArray[np.float32]]:
 
 def brightness_of(pixels: Pixels) -> NDArray[np.float32]:
     """Of `opponent_channels` the first alone."""
-    levels = grey_levels(pixels)
+    levels = pixels.astype(np.float32)
     return levels if pixels.ndim == 2 else np.asarray(cv2.transform(levels, OPPONENT[:1]))
 
 

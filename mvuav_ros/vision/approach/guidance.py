@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE, Guidance
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.strip_edges import EdgePoints, Edges
-from mvuav_ros.vision.approach.tuning import GUIDANCE
+from mvuav_ros.vision.approach.tuning import EDGES, GUIDANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, rpy
 
@@ -79,7 +79,7 @@ def _fitted(points: EdgePoints, factor: int) -> tuple[Vector, Vector, Matrix] | 
     error = columns - at_ends @ design
     spread = float((weights * error**2).sum() / weights.sum())
     least = (GUIDANCE.min_spread / factor) ** 2
-    covariance = inverse * (max(spread, least) * GUIDANCE.correlated_rows)
+    covariance = inverse * (max(spread, least) * EDGES.correlated_rows)
     covariance += np.eye(2) * (GUIDANCE.edge_bias / factor) ** 2
     return at_ends, ends, covariance
 

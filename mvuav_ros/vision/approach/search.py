@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +25,7 @@ from mvuav_ros.vision.approach.evidence import (
 )
 from mvuav_ros.vision.approach.strip_edges import Strip, Strips
 from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
+from mvuav_ros.vision.point_operations import intensity
 
 _ROUGH_WEIGHTS = np.rint(5 * WEIGHTS).astype(np.int16)
 _FIRST, _SECOND = np.triu_indices(SEARCH.edges_kept, 1)
@@ -321,15 +321,12 @@ class LevelledImage:
         level = replace(self.level, slope=slope)
         return LevelledImage(self._given, level, overlaid=self._overlaid)
 
-    def scene(self, level: int, column: int = 0) -> Scene:
-        """What the image is like, in the coordinates of a part of a level of the pyramid."""
+    def scene(self) -> Scene:
+        """What the image is like."""
         if self.whole_scene is None:
-            pixels = self._given[::4, ::4]
-            gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-            darkest, brightest = np.percentile(gray, (10, 95)).tolist()
-            self.whole_scene = Scene(float(self.size[1]), darkest, brightest)
-        scene = self.whole_scene
-        return Scene(scene.width / 2**level, scene.darkest, scene.brightest, column)
+            gray = intensity(self._given[::4, ::4])
+            self.whole_scene = Scene(self.size[1], *np.percentile(gray, (10, 95)).tolist())
+        return self.whole_scene
 
     def search(self, level: int, jobs: list[Job], most: int) -> Candidates:
         """The best runways that a level of the pyramid shows, aligned and described."""
@@ -353,7 +350,7 @@ class LevelledImage:
         valid &= aligned[:, 3] - aligned[:, 2] <= _widest(aligned[:, 1] + top)
         if not valid.any():
             return NO_CANDIDATES
-        features, strips = describe(image, aligned[valid], self.scene(level), level)
+        features, strips = describe(image, aligned[valid], self.scene(), level)
         strips[:, 1] += top
         return Candidates(_scaled(strips, 2**level), features)
 
@@ -453,8 +450,9 @@ def describe_around(
         return None
     measured[~valid] = strips[~valid]
     features = np.zeros((len(strips), len(FEATURES)))
-    scene = working.scene(part.level, part.place[0])
-    features[valid], measured[valid] = describe(part.map, measured[valid], scene, part.level)
+    features[valid], measured[valid] = describe(
+        part.map, measured[valid], working.scene(), part.level, part.place[0]
+    )
     return working.refined(part.whole(measured), part.level), features, valid
 
 

@@ -99,7 +99,7 @@ class EdgeSamples:
 
         The straight line with the most steps is chosen, then the steps' own places near it.
         """
-        base, size = self.base, max(size, 1e-6)
+        base = self.base
         _, count, places = steps.shape
         lines = _straight_lines(count, places)
         votes = steps.reshape(2, -1).take(lines.sample, axis=1).sum(axis=2) * lines.worth

@@ -168,7 +168,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         odds = log_odds_of(found.features)
         least = float(odds.max(initial=-np.inf)) - TRACKER.max_below_best
         fresh: list[RunwayTrack] = []
-        for index in np.argsort(-odds, kind='stable')[: TRACKER.max_taken]:
+        for index in np.argsort(-odds, kind='stable'):
             strip = found.strips[index]
             if odds[index] < max(TRACKER.min_start_odds, least):
                 break

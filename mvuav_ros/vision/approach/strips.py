@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation, turn_edge
 from mvuav_ros.vision.approach.strip_edges import EdgePoints, Edges, Strip, Strips
-from mvuav_ros.vision.approach.tuning import STRIP
+from mvuav_ros.vision.approach.tuning import EDGES, STRIP
 
 
 def columns_at(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -141,7 +141,7 @@ class Shape:
         information = np.linalg.inv(self.covariance)
         vector = information @ self.state
         for first, points in zip((0, 2), edges, strict=True):
-            weight = points.weights / (STRIP.point_sigma**2 * STRIP.correlated_rows)
+            weight = points.weights / (STRIP.point_sigma**2 * EDGES.correlated_rows)
             depth = points.rows - self.reference
             # Sums, not products of matrices: BLAS rounds as the arrays happen to lie in memory.
             by_depth = weight * depth

@@ -28,22 +28,16 @@ class DetectorTuning:
 
 
 @dataclass(frozen=True)
-class AttitudeTuning:
-    """Of the horizon from attitude."""
+class HorizonTuning:
+    """Of the horizon, chosen on runs 3 and 5 and the stills of the tuned half."""
 
-    # rad, of the camera's axis; beyond, the horizon is nowhere near the image
+    # rad, of the camera's axis by attitude; beyond, the horizon is nowhere near the image
     max_pitch: float = math.radians(80.0)
     # cosine between image's down and world's up: banked beyond 107 deg
     min_upside_down: float = 0.3
-    # tangent of half the angle between the horizon's two points that give its slope
+    # tangent of half the angle between the horizon's two points that give its slope by attitude
     half_base: float = 0.05
-
-
-@dataclass(frozen=True)
-class HorizonTuning:
-    """Of the horizon in the image. Chosen on runs 3 and 5 and the stills of the tuned half."""
-
-    width: int = 80  # px of the small image in which it is looked for
+    width: int = 80  # px of the small image in which it is looked for without attitude
     height: int = 60  # px, likewise
     slope_step_deg: float = 1.5  # between slopes that are tried
     max_roll_deg: float = 66.0  # of the slopes that are tried
@@ -100,6 +94,7 @@ class EdgesTuning:
     """Of edges measured on the frame itself. Run 3 and the simulator's flights."""
 
     max_rows: int = 40  # rows in which an edge is measured
+    correlated_rows: float = 3.0  # neighbouring rows that err alike
     sample: float = 0.5  # px between samples across an edge
     reach: float = 0.35  # widths searched on both sides of the expected edge
     min_reach: float = 3.0  # px, likewise
@@ -279,7 +274,6 @@ class StripTuning:
     min_below_top: float = 8.0  # px; less is a letter at the top. Text on the motorway
     max_above: float = 1.0  # heights of the image by which the vanishing point may lie above it
     point_sigma: float = 0.7  # px of one edge point
-    correlated_rows: float = 3.0  # neighbouring rows that err alike
     yaw_sigma: float = 1.2  # px per frame
     pitch_sigma: float = 0.8  # px per frame
     slope_sigma: float = 0.006  # columns per row and frame of an edge
@@ -353,7 +347,6 @@ class TrackerTuning:
     # log odds lost by what lies above a horizon that the image has shown for longer. Text in run 3
     above_horizon_odds: float = 1.0
     switch_margin: float = 0.7  # log odds by which another track must be better than the one shown
-    max_taken: int = 24  # candidates of one search that are followed
     max_below_best: float = 6.0  # log odds below the best candidate
 
 
@@ -410,7 +403,6 @@ class GuidanceTuning:
     min_spread: float = 0.05  # px of the frame
     near_sigma: float = 1.0  # px of the working image: of the near end's row
     beginning_sigma: float = 10.0  # m: markings and overruns blur where the pavement begins
-    correlated_rows: float = 3.0  # that err alike
     slope_sigma: float = math.radians(0.06)  # rad, of the horizon's slope
     bank_sigma: float = math.radians(10.0)  # rad, of a slope of 0 where no horizon is known
     # Half widths of the image by which edges meet off a horizon that has the right slope. Of 82
@@ -422,7 +414,6 @@ class GuidanceTuning:
 
 
 DETECTOR = DetectorTuning()
-ATTITUDE = AttitudeTuning()
 HORIZON = HorizonTuning()
 MOTION = MotionTuning()
 EDGES = EdgesTuning()
