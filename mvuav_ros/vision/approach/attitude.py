@@ -31,8 +31,7 @@ class HorizonLine:
 
 def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
     """Body axes from the camera's own (x forward, y left, z up), turned about fixed axes."""
-    roll, pitch, yaw = (math.radians(angle) for angle in rpy_deg)
-    return from_rpy(roll, pitch, yaw)
+    return from_rpy(*map(math.radians, rpy_deg))
 
 
 def is_upside_down(attitude: Attitude, mount: NDArray[np.float64]) -> bool:

@@ -18,9 +18,8 @@ class Registration:
     """Compares each working image with the last one."""
 
     def __init__(self) -> None:
-        self._last: NDArray[np.uint8] | None = None
-        self.gray = np.zeros((0, 0), np.uint8)
-        """The newest working image."""
+        self.gray = self._last = np.zeros((0, 0), np.uint8)
+        """The newest working image, and the one before."""
         self.moving = False
         """The newest image differs from the last one; a still says nothing new."""
         self.unchanged = 0
@@ -28,12 +27,12 @@ class Registration:
 
     def take(self, pixels: NDArray[Any]) -> None:
         """Take in the next working image, (height, width) or (height, width, 3)."""
+        self._last = self.gray
         # A copy: the caller may use the image's memory for the next one.
         gray = pixels.copy() if pixels.ndim == 2 else cv2.extractChannel(pixels, 1)
-        self._last = self.gray if self.gray.size else None
         self.gray = np.asarray(gray)
-        same = np.array_equal(self.gray, self._last) if self._last is not None else False
-        self.moving = self._last is not None and not same
+        same = np.array_equal(self.gray, self._last)
+        self.moving = self._last.size > 0 and not same
         self.unchanged = self.unchanged + 1 if same else 0
 
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
@@ -41,33 +40,26 @@ class Registration:
 
         Both are on the levelled working image; the shift is 0 where nobody can know.
         """
-        last, now = self._last, self.gray
-        if last is None:
-            return 0.0, 0.0
-        box = _box(strip, level, last.shape)
+        box = _box(strip, level, self._last.shape)
         if box is None:
             return 0.0, 0.0
-        first, top, end, bottom = box
-        part = last[top:bottom, first:end]
-        around = now[
-            top - MOTION.reach : bottom + MOTION.reach, first - MOTION.reach : end + MOTION.reach
-        ]
+        (first, end), (top, bottom) = box
+        reach = MOTION.reach
+        around = self.gray[top - reach : bottom + reach, first - reach : end + reach]
+        part = self._last[top:bottom, first:end]
         alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
-        row, column = np.unravel_index(int(alike.argmax()), alike.shape)
-        end_of_reach = 2 * MOTION.reach
+        row, column = (int(place) for place in np.unravel_index(alike.argmax(), alike.shape))
         # What is most alike at the end of the reach is more so beyond: a torn picture.
-        if not alike[row, column] > MOTION.min_correlation or {0, end_of_reach} & {row, column}:
+        if not alike[row, column] > MOTION.min_correlation or {0, 2 * reach} & {row, column}:
             return 0.0, 0.0
-        right = column - MOTION.reach + vertex(alike[row], int(column))
-        down = row - MOTION.reach + vertex(alike[:, column], int(row))
+        right = column - reach + vertex(alike[row], column)
+        down = row - reach + vertex(alike[:, column], row)
         cos, sin = math.cos(level.slope), math.sin(level.slope)
         return cos * right + sin * down, -sin * right + cos * down
 
 
-def _box(
-    strip: Strip, level: Derotation, size: tuple[int, ...]
-) -> tuple[int, int, int, int] | None:
-    """First column, first row, column and row after the last one of what is compared."""
+def _box(strip: Strip, level: Derotation, size: tuple[int, ...]) -> list[tuple[int, int]] | None:
+    """First column and the one after the last, and the same of rows, of what is compared."""
     x, y, left, right, _, near = strip.tolist()
     frame = level.to_frame(x + 0.25 * (left + right) * near, y + 0.5 * near)
     box = []
@@ -81,8 +73,7 @@ def _box(
         if end - first < MOTION.min_side // 2:
             return None
         box.append((first, end))
-    (first, end), (top, bottom) = box
-    return first, top, end, bottom
+    return box
 
 
 class Overlaid:

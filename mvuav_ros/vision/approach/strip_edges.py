@@ -101,15 +101,15 @@ class EdgeSamples:
         """
         base = self.base
         _, count, places = steps.shape
-        lines = _straight_lines(count, places)
-        votes = steps.reshape(2, -1).take(lines.sample, axis=1).sum(axis=2) * lines.worth
+        lines, samples, worth = _straight_lines(count, places)
+        votes = steps.reshape(2, -1).take(samples, axis=1).sum(axis=2) * worth
         if not self.inside.all():
             # What is in view of a line speaks for the rest of it.
             inside = self._steps_inside.reshape(2, -1)
-            seen = inside.take(lines.sample, axis=1).sum(axis=2)
+            seen = inside.take(samples, axis=1).sum(axis=2)
             votes *= count / np.maximum(seen, EDGES.min_seen * count)
         best = votes.argmax(axis=1)
-        near_line = lines.at[best][:, :, None] + np.arange(-base // 2 - 1, base // 2 + 2)
+        near_line = lines[best][:, :, None] + np.arange(-base // 2 - 1, base // 2 + 2)
         valid = (near_line >= 0) & (near_line < places)
         near_line = np.clip(near_line, 0, places - 1)
         local = np.take_along_axis(steps, near_line, axis=2) * valid
@@ -120,7 +120,7 @@ class EdgeSamples:
         weights = np.clip(total / (base * size), 0.0, 1.0)
         weights *= weights > EDGES.min_step_share
         # Where there are steps everywhere, the best line is not worth much.
-        rank = int(EDGES.usual_rank * lines.worth.size)
+        rank = int(EDGES.usual_rank * worth.size)
         usual = np.partition(votes, rank, axis=1)[:, rank]
         support = np.clip((votes.max(axis=1) - usual) / (count * size), 0.0, 1.0)
         left, right = (
@@ -130,16 +130,15 @@ class EdgeSamples:
         return left, right
 
 
-class _Lines(NamedTuple):
-    """All straight lines through samples across an edge."""
-
-    at: NDArray[np.intp]  # (n, count) the sample in each row
-    sample: NDArray[np.intp]  # the same in all samples
-    worth: NDArray[np.float64]  # (n,) factor of the votes
-
-
 @lru_cache(maxsize=64)
-def _straight_lines(count: int, places: int) -> _Lines:
+def _straight_lines(
+    count: int, places: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """All n straight lines through samples across an edge.
+
+    Returns:
+        (n, count) their places in each row, the same among all samples, and (n,) factors of votes.
+    """
     ends = np.arange(0, places, 2)
     far, near = (v.ravel() for v in np.meshgrid(ends, ends, indexing='ij'))
     along = np.linspace(0.0, 1.0, count)
@@ -147,7 +146,7 @@ def _straight_lines(count: int, places: int) -> _Lines:
     middle = 0.5 * (places - 1)
     # Of equal lines the expected one.
     away = (np.abs(far - middle) + np.abs(near - middle)) / places
-    return _Lines(at, at + np.arange(count) * places, 1.0 - 0.3 * away)
+    return at, at + np.arange(count) * places, 1.0 - 0.3 * away
 
 
 def sample_edges(

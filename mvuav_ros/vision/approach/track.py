@@ -150,7 +150,7 @@ class RunwayTrack(FollowedStrip):
         self.agreement = 1.0
         self.locked = False  # followed by its edges alone
         self.above_horizon = False  # of a horizon that has been known for longer
-        self._found = [strip]
+        self._found = strip[None]  # by a search, since it was weighed
         self._look, self.kinds = EdgeLook(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested, self._memory = 0, 1.0
@@ -186,12 +186,12 @@ class RunwayTrack(FollowedStrip):
 
     def add(self, strip: Strip) -> None:
         """Take in what a search has found, in the next frame."""
-        self._found.append(strip)
+        self._found = np.concatenate([self._found, strip[None]])
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""
-        found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
-        self._found = [strip for strip in found if np.isfinite(strip).all()]
+        found = turn_strips(self._found, old, new)
+        self._found = found[np.isfinite(found).all(axis=1)]
         super().turn(old, new)
 
     def step(self, view: View, period: int, *, shown: bool = False) -> None:
@@ -232,7 +232,7 @@ class RunwayTrack(FollowedStrip):
             self._see_ends(view)
             self.locked = self.points is not None
         seen = self.locked or self._weigh(view)
-        self._found = []
+        self._found = self._found[:0]
         if seen:
             self.misses = 0
             return
@@ -252,8 +252,7 @@ class RunwayTrack(FollowedStrip):
 
     def _weigh(self, view: View) -> bool:
         """Weigh all strips that may be the runway; whether there are any."""
-        found = np.array(self._found).reshape(-1, 6)
-        seen = describe_around(view.working, self.strip(), found, TRACK.strips_around)
+        seen = describe_around(view.working, self.strip(), self._found, TRACK.strips_around)
         if seen is None:
             return False
         measured, features, valid = seen
