@@ -87,33 +87,26 @@ class Overlaid:
         # (height, width), 255 where the picture is overlaid; None where nowhere.
         self.mask: NDArray[np.uint8] | None = None
         self._votes: NDArray[np.float32] | None = None
-        self._first: NDArray[np.uint8] | None = None
-        self._corners: NDArray[np.float32] | None = None
+        self._first = np.zeros((0, 0), np.uint8)
+        self._corners = np.zeros((0, 1, 2), np.float32)
         self._age, self._period = 0, MOTION.period
 
     def take(self, gray: NDArray[np.uint8]) -> None:
         """Take in the next working image, (height, width); it may not be changed later."""
         self._age += 1
-        if self._first is None or self._corners is None:
-            self._begin(gray)
-            return
-        if self._age % self._period:
-            return
-        seen = self._compare(gray)
-        if seen or self._age >= MOTION.max_period:
-            self._begin(gray)
-
-    def _begin(self, gray: NDArray[np.uint8]) -> None:
+        if len(self._corners):
+            if self._age % self._period:
+                return
+            if not self._compare(gray) and self._age < MOTION.max_period:
+                return
         self._first, self._age = gray, 0
         found = cv2.goodFeaturesToTrack(
             gray, MOTION.max_corners, 0.005, MOTION.corner_distance, blockSize=3
         )
-        self._corners = None if found is None else np.asarray(found, np.float32)
+        self._corners = self._corners[:0] if found is None else np.asarray(found, np.float32)
 
     def _compare(self, gray: NDArray[np.uint8]) -> bool:
         """Whether the ground has moved, so that other corners are better."""
-        assert self._first is not None
-        assert self._corners is not None
         now, found, _ = cv2.calcOpticalFlowPyrLK(
             self._first,
             gray,
@@ -141,11 +134,11 @@ class Overlaid:
             return True
         there = np.asarray(cv2.perspectiveTransform(old[:, None], plane))[:, 0]
         expected = np.linalg.norm(there - old, axis=1)
-        overlaid = ~moving & (expected > MOTION.min_moved)
-        if not (expected > MOTION.min_moved).any():
+        should_move = expected > MOTION.min_moved
+        if not should_move.any():
             return False
         self._period = min(self._period + 1, MOTION.period)
-        self._vote(old[overlaid], new[way > MOTION.min_moved], gray.shape)
+        self._vote(old[~moving & should_move], new[way > MOTION.min_moved], gray.shape)
         return True
 
     def _vote(self, still: Any, moved: Any, size: tuple[int, ...]) -> None:
@@ -157,8 +150,8 @@ class Overlaid:
         votes = self._votes
         votes *= 1.0 - MOTION.forgotten
         # Beside a letter that stands still there may be digits that change.
-        around = cv2.dilate(self._counted(still), np.ones((3, 3), np.uint8))
-        votes += np.minimum(around, 1.0) - self._counted(moved)
+        around = cv2.dilate(_counted(still, votes.shape), np.ones((3, 3), np.uint8))
+        votes += np.minimum(around, 1.0) - _counted(moved, votes.shape)
         np.clip(votes, 0.0, MOTION.max_votes, out=votes)
         cells = np.where(votes >= MOTION.min_votes, 255, 0).astype(np.uint8)
         # Along a line that stands still there are no corners.
@@ -170,12 +163,12 @@ class Overlaid:
         mask = np.repeat(np.repeat(cells, MOTION.cell, axis=0), MOTION.cell, axis=1)
         self.mask = np.ascontiguousarray(mask[:height, :width])
 
-    def _counted(self, places: Any) -> NDArray[np.float32]:
-        """How many places (n, 2) lie in each cell."""
-        assert self._votes is not None
-        rows, columns = self._votes.shape
-        column, row = (places / MOTION.cell).astype(np.intp).T
-        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        cells = row[inside] * columns + column[inside]
-        counts = np.bincount(cells, minlength=rows * columns)
-        return counts.reshape(rows, columns).astype(np.float32)
+
+def _counted(places: Any, cells: tuple[int, ...]) -> NDArray[np.float32]:
+    """How many places (n, 2) lie in each of so many rows and columns of cells."""
+    rows, columns = cells
+    column, row = (places / MOTION.cell).astype(np.intp).T
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    number = row[inside] * columns + column[inside]
+    counts = np.bincount(number, minlength=rows * columns)
+    return counts.reshape(rows, columns).astype(np.float32)
