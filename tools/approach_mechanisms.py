@@ -52,6 +52,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'kinds over many frames': [(tuning.TRACK, 'kind_leave', 1.0)],
     'mean of strips': [(tuning.TRACK, 'hot', (20.0, 0.02)), (tuning.TRACK, 'cold', (40.0, 0.02))],
     'third track': [(tuning.TRACKER, 'max_tracks', 2)],
+    'young and dim': [(tuning.TRACK, 'dim_odds', -math.inf)],
     'weighed every sixth frame': [
         (tuning.TRACKER, 'best_period', 1),
         (tuning.TRACKER, 'others_period', 1),
