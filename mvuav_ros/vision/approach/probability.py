@@ -16,7 +16,6 @@ from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.tuning import PROBABILITY
 
 _FILE = 'probability.json'
-_DEPTH = FEATURES.index('depth')
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +32,14 @@ class EvidenceWeights:
     inward: NDArray[np.float64]  # (features, units) weights of the hidden units
     bias: NDArray[np.float64]  # (units,) of the hidden units
     outward: NDArray[np.float64]  # (units,) what each unit adds
-    offset: float  # log odds of a strip with average features and no unit
+    offset: NDArray[np.float64]  # () log odds of a strip with average features and no unit
 
     def log_odds(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of (n, features) in the order of `FEATURES`; what is NaN counts as usual.
 
         Example:
             >>> one = np.ones(1)
-            >>> weights = EvidenceWeights(0 * one, one, 2 * one, one[None], 0 * one, one, -1.0)
+            >>> weights = EvidenceWeights(0 * one, one, 2 * one, one[None], 0 * one, one, -one)
             >>> weights.log_odds(np.array([[0.0], [np.nan], [1.0]])).round(2).tolist()
             [-1.0, -1.0, 1.76]
         """
@@ -91,7 +90,7 @@ class Report(NamedTuple):
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) log odds of strips with (n, features): of those seen from near by with other weights."""
-    near_by = features[:, _DEPTH] > PROBABILITY.min_near_by
+    near_by = features[:, FEATURES.index('depth')] > PROBABILITY.min_near_by
     odds = np.empty(len(features))
     for name, chosen in (('ahead', ~near_by), ('near_by', near_by)):
         if chosen.any():
@@ -107,10 +106,7 @@ def evidence_weights(which: str) -> EvidenceWeights:
     """
     if tuple(_fitted()['features']) != FEATURES:
         raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
-    data = dict(_fitted()[which])
-    offset = float(data.pop('offset'))
-    arrays = {name: np.array(values) for name, values in data.items()}
-    return EvidenceWeights(**arrays, offset=offset)
+    return EvidenceWeights(**{name: np.array(value) for name, value in _fitted()[which].items()})
 
 
 @cache

@@ -27,11 +27,9 @@ from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.track import RunwayTrack, View
 from mvuav_ros.vision.approach.tuning import SEARCH, TRACKER
 
-_Chunk = tuple[SearchRange, int, int, list[float]]
-"""What is searched in one frame: range, level, depth, and rows."""
 
-
-def _chunks(where: SearchRange) -> Iterator[_Chunk]:
+def _chunks(where: SearchRange) -> Iterator[tuple[SearchRange, int, int, list[float]]]:
+    """What is searched in one frame after the other: range, level, depth, and rows."""
     for level in range(SEARCH.levels):
         for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level):
             for start in range(0, len(rows), TRACKER.chunk):

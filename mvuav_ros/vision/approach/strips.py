@@ -32,12 +32,14 @@ def strips_through(
     return found
 
 
-def points_along(
-    mean: NDArray[np.float64], rows: NDArray[np.float64], spread: NDArray[np.float64]
-) -> Edges:
-    """The mean's edges as points, the fewer the less they are known."""
+def points_along(strip: Strip, rows: NDArray[np.float64], spread: NDArray[np.float64]) -> Edges:
+    """A mean strip's edges between two rows as points, the fewer the less they are known.
+
+    Their spread is (2, 2) px, of the left and of the right edge in these rows.
+    """
     at = rows[0] + _SHARES * (rows[1] - rows[0])
-    columns = mean[:, :1] + _SHARES * (mean[:, 1:] - mean[:, :1])
+    ends = columns_at(strip[None], rows)[0]
+    columns = ends[:, :1] + _SHARES * (ends[:, 1:] - ends[:, :1])
     weights = 1.0 / (1.0 + spread.max(axis=1) ** 2)
     left, right = (
         EdgePoints(at, edge, np.full(STRIP.points, weight), 1.0)

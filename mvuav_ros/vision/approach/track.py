@@ -128,9 +128,6 @@ class EdgeKinds:
         return EdgeKind(int(self._shares.argmax()))
 
 
-_OPEN = FEATURES.index('open_end')
-
-
 class RunwayTrack(FollowedStrip):
     """The mean of strips that overlap, and how likely one of them is the runway.
 
@@ -272,7 +269,7 @@ class RunwayTrack(FollowedStrip):
         through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)
         self.follow_ends(*rows.tolist())
-        self.open_end = bool(features[int(odds.argmax()), _OPEN] > 0.5)
+        self.open_end = bool(features[int(odds.argmax()), FEATURES.index('open_end')] > 0.5)
         return True
 
     def _measure(
@@ -282,11 +279,11 @@ class RunwayTrack(FollowedStrip):
 
         The others are measured, and which is the likeliest is asked, in weighings alone.
         """
-        corners = columns_at(strip[None], rows)[0]
-        width = float(corners[1, 1] - corners[0, 1])
+        left, right = columns_at(strip[None], rows)[0, :, 1].tolist()
+        width = right - left
         measured: dict[EdgeKind, Edges | None] = {}
         if weighed and not self.locked:
-            measured[EdgeKind.STRIPS] = points_along(corners, rows, self._spread)
+            measured[EdgeKind.STRIPS] = points_along(strip, rows, self._spread)
         evidence: dict[EdgeKind, float] = {}
         if weighed or self.kinds.likeliest is EdgeKind.STEP:
             edges, odds = self._find_steps(view, strip, weighed=weighed)
@@ -320,8 +317,7 @@ class RunwayTrack(FollowedStrip):
     def _predicted(self) -> Edges:
         """Points along the edges as followed."""
         strip = self.strip()
-        rows = strip[1] + strip[4:6]
-        return points_along(columns_at(strip[None], rows)[0], rows, self._spread)
+        return points_along(strip, strip[1] + strip[4:6], self._spread)
 
     def _find_steps(self, view: View, strip: Strip, *, weighed: bool) -> tuple[Edges | None, float]:
         """The steps along both edges, if they are seen, and the log odds of that kind."""
