@@ -178,7 +178,7 @@ _ALIGN_WEIGHTS = np.array(SEARCH.weights)
 def align(image: EvidenceMap, strips: Strips) -> tuple[Strips, NDArray[np.bool_]]:
     """Move both edges by turns to the most evidence that they have in common.
 
-    They are moved at `TUNING.first_row` of the near end's depth and at the near end.
+    They are moved at `SEARCH.first_row` of the near end's depth and at the near end.
 
     Returns:
         The strips, and which of them are still strips that can be measured.
