@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.evidence import MIRROR, UNIT, EvidenceMap, in_common
+from mvuav_ros.vision.approach.evidence import UNIT, EvidenceMap, in_common
 from mvuav_ros.vision.approach.strip_edges import Strips
 from mvuav_ros.vision.approach.tuning import APPEARANCE, SEARCH
 
@@ -21,29 +21,18 @@ Numbers = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Strips row by row; arrays are (n, rows) unless said.
+    """Strips row by row; arrays are (n, rows) unless said."""
 
-    Attributes:
-        strips: (n, 6), with the ends that were found.
-        rows: of the map.
-        edges: (2, n, rows) columns of the left and of the right edge.
-        visible: both edges are in the image.
-        parts: (n, rows, 4) what both edges have in common, in textures, with the strip's sign.
-        total: their weighted sum, limited.
-        inside: rows from the far to the near end.
-        run: (n,) sum of `total` above the bias over the logarithm of depth.
-        last: (n,) index of the near end's row.
-    """
-
-    strips: Strips
-    rows: NDArray[np.intp]
-    edges: Numbers
-    visible: NDArray[np.bool_]
+    strips: Strips  # (n, 6), with the ends that were found
+    rows: NDArray[np.intp]  # of the map
+    edges: Numbers  # (2, n, rows) columns of the left and of the right edge
+    visible: NDArray[np.bool_]  # both edges are in the image
+    # (n, rows, 4) what both edges have in common, in textures, with the strip's sign
     parts: Numbers
-    total: Numbers
-    inside: NDArray[np.bool_]
-    run: Numbers
-    last: NDArray[np.intp]
+    total: Numbers  # their weighted sum, limited
+    inside: NDArray[np.bool_]  # rows from the far to the near end
+    run: Numbers  # (n,) sum of ``total`` above the bias over the logarithm of depth
+    last: NDArray[np.intp]  # (n,) index of the near end's row
 
     def mean(self, values: Any) -> Numbers:
         """(n,) mean over the strip's rows."""
@@ -90,11 +79,7 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     rows = np.rint(y + _ROWS).astype(np.intp)
     depth = rows - y
     edges = x + strips.T[2:4, :, None] * depth
-    found, seen = image.at(rows, edges)
-    visible = seen[0] & seen[1]
-    evidence = found.astype(np.float32) * np.float32(1 / UNIT)
-    evidence[1] *= MIRROR
-    common = in_common(evidence[0], evidence[1])
+    common, visible = image.in_common(rows, edges)
     known = (depth > SEARCH.first_row * expected) & (depth <= expected)
     # Each channel has the sign that it has on most of the rows.
     sign = np.where((common * known[..., None]).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
@@ -133,25 +118,17 @@ FEATURES = (
 
 @dataclass(frozen=True)
 class Scene:
-    """What the whole image is like, for features that compare with it.
+    """What the whole working image is like, for features that compare with it."""
 
-    Attributes:
-        width: of the levelled working image, px of the map.
-        darkest: 10th percentile of brightness, grey levels.
-        brightest: 95th percentile.
-        first_column: of the map on the whole image, px of the map.
-    """
-
-    width: float
-    darkest: float
-    brightest: float
-    first_column: float = 0.0
+    width: float  # px
+    darkest: float  # 10th percentile of brightness, grey levels
+    brightest: float  # 95th percentile
 
 
 def describe(
-    image: EvidenceMap, strips: Strips, scene: Scene, level: int
+    image: EvidenceMap, strips: Strips, scene: Scene, level: int, first_column: int = 0
 ) -> tuple[NDArray[np.float64], Strips]:
-    """Features of strips on a level's map; NaN where the image does not show them.
+    """Features of strips on a map of a part of a level; NaN where the image does not show them.
 
     Returns:
         (n, features) in the order of `FEATURES`, and the strips with the ends that were found.
@@ -159,7 +136,7 @@ def describe(
     measured = profile(image, strips)
     values = (
         _of_the_run(image, measured)
-        | _of_the_shape(measured, scene, level)
+        | _of_the_shape(measured, scene, level, first_column)
         | _of_the_surface(image, measured, scene)
         | _of_the_near_end(image, measured)
         | _of_the_sky(image, measured)
@@ -189,18 +166,11 @@ def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
 def _sampled(
     image: EvidenceMap, of: Profile, slopes: Numbers, depth: Numbers
 ) -> tuple[Numbers, NDArray[np.bool_]]:
-    """Evidence that pairs of edges of (2, n, pairs) slopes have in common at (n, rows) depths.
-
-    Returns:
-        That, and where it is known: (n, pairs, rows).
-    """
+    """(n, pairs, rows) what edges of (2, n, pairs) slopes have in common, and where it is known."""
     x, y = of.strips[:, 0, None, None], of.strips[:, 1, None]
     rows = np.rint(y + depth).astype(np.intp)[:, None, :]
-    found, inside = image.at(rows, x + slopes[..., None] * depth[:, None, :])
-    values = found.astype(np.float32) * np.float32(1 / UNIT)
-    values[1] *= MIRROR
-    common = np.abs(in_common(values[0], values[1]))
-    return np.minimum(common @ WEIGHTS, APPEARANCE.max_gain), inside[0] & inside[1]
+    common, inside = image.in_common(rows, x + slopes[..., None] * depth[:, None, :])
+    return np.minimum(np.abs(common) @ WEIGHTS, APPEARANCE.max_gain), inside
 
 
 def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:
@@ -235,7 +205,7 @@ def _above(image: EvidenceMap, strips: Strips) -> Numbers:
     return np.where(y < APPEARANCE.min_sky_row, np.nan, result)
 
 
-def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
+def _of_the_shape(of: Profile, scene: Scene, level: int, first_column: int) -> dict[str, Numbers]:
     x, _, left, right, far, near = of.strips.T
     ratio = np.maximum(right - left, 0.05)
     width = ratio * near
@@ -247,7 +217,7 @@ def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
         'width': np.log(np.maximum(width, 1)) + level * np.log(2),
         'depth': np.log(np.maximum(near, 1)) + level * np.log(2),
         'aspect': np.log(width / np.maximum(near - far, 1)),
-        'aside': np.abs((x + scene.first_column) / scene.width - 0.5) * 2,
+        'aside': np.abs((x + first_column) * 2**level / scene.width - 0.5) * 2,
     }
 
 
@@ -271,7 +241,7 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
     middle = inside[0].mean(axis=1) - scene.darkest
     spread = max(scene.brightest - scene.darkest, 0.0) + 1
     return {
-        'region': np.minimum(_length(in_common(one, other).mean(axis=2)), 8),
+        'region': np.minimum(np.linalg.norm(in_common(one, other).mean(axis=2), axis=0), 8),
         'dark_inside': np.clip(middle / spread, 0, 1),
         'greyness': _greyness(inside, before, after),
         'roughness': np.log(texture.mean(axis=1)),
@@ -304,7 +274,7 @@ def _of_the_near_end(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
     means, _ = image.means(rows, start + _BEGIN * width, start + _END * width)
     into, past = means[:, :, :3].mean(axis=2), means[:, :, 3:].mean(axis=2)
     texture = _texture(image, np.rint(y + near).astype(np.intp), x + (left + right) / 2 * near)
-    steps = _length((into - past) / texture[:, None]).T
+    steps = np.linalg.norm((into - past) / texture[:, None], axis=0).T
     return {'near_end_beside': np.clip(steps[0] - np.maximum(steps[1], steps[2]), -8, 8)}
 
 
@@ -331,8 +301,3 @@ def _texture(image: EvidenceMap, rows: Any, columns: Any) -> Numbers:
     row = np.clip(rows, 0, image.height - 1)
     column = np.clip(np.rint(columns).astype(np.intp), 0, image.width - 1)
     return np.asarray(image.texture[row, column] + 1.5)
-
-
-def _length(values: Numbers) -> Numbers:
-    """Of vectors of channels, which come first."""
-    return np.asarray(np.sqrt((values**2).sum(axis=0)))

@@ -12,7 +12,6 @@ from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.approach_results import ROLES, ApproachResult, Guidance, Point
 from mvuav_ros.vision.approach.attitude import (
     Derotation,
-    Horizon,
     HorizonFinder,
     HorizonLine,
     horizon_from,
@@ -21,10 +20,10 @@ from mvuav_ros.vision.approach.attitude import (
     mount_matrix,
 )
 from mvuav_ros.vision.approach.evidence import BitDepth, as_grey, shrink_levels
-from mvuav_ros.vision.approach.guidance import fit_edge, locate
+from mvuav_ros.vision.approach.guidance import locate
 from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.sight import Sight
-from mvuav_ros.vision.approach.strip_edges import LevelledFrame
+from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame
 from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tuning import DETECTOR, GUIDANCE, SEARCH
@@ -84,7 +83,7 @@ class ApproachDetector:
         self._size: tuple[int, int] | None = None
         self._last_stamp_ns: int | None = None
         self._finder: Finder | None = None
-        self._had_attitude = self._upside_down = False
+        self._had_attitude = False
         self._shown: FollowedStrip | None = None
         self._last: dict[LineRole, NormalForm] = {}
 
@@ -126,89 +125,77 @@ class ApproachDetector:
         if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
             raise ValueError(f'stamp {stamp_ns} ns is before {self._last_stamp_ns} ns: see reset')
         self._last_stamp_ns = stamp_ns
+        empty = ApproachResult(
+            stamp_ns, width, height, (), guidance=self._guidance(None), status='', image=image
+        )
         if min(height, width) < DETECTOR.min_side:
             status = f'the frame is too small ({width} x {height})'
-            return self._absent(image, stamp_ns, status)
+            return replace(empty, lines=self._rows({}, None), status=status)
         if self._finder is None:
             self._finder = Finder(self._parameters.target)
-        found = self._finder.step(image, self._horizon_of(attitude))
-        if self._upside_down:
-            found = replace(found, confidence=0.0, veto=_UPSIDE_DOWN)
+        horizon, self.attitude_problem = self._horizon_of(attitude)
+        veto = _UPSIDE_DOWN if _UPSIDE_DOWN in self.attitude_problem else ''
+        found = self._finder.step(image, horizon, veto)
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
             self._last = {}
             self._shown = found.track
-        if found.track is None or self._doubtful(found):
-            result = self._absent(image, stamp_ns, self._why_absent(found))
-        else:
-            result = self._present(image, stamp_ns, found.track, found)
-        return replace(result, horizon=_across(found), confidence=found.confidence)
+        empty = replace(empty, horizon=_across(found), confidence=found.confidence)
+        status = self._doubt(found)
+        if found.track is None or status:
+            return replace(empty, lines=self._rows({}, None), status=status)
+        return self._with_shape(empty, found.track, found)
 
-    def _horizon_of(self, attitude: Attitude | HorizonLine | None) -> HorizonLine | None:
-        """Where attitude says that the horizon is; None where the image must say it."""
-        self.attitude_problem = ''
-        self._upside_down = False
+    def _horizon_of(
+        self, attitude: Attitude | HorizonLine | None
+    ) -> tuple[HorizonLine | None, str]:
+        """Where attitude says that the horizon is, or why the image must say it."""
         source = self._parameters.horizon_source
         if source == 'image':
-            return None
+            return None, ''
         if attitude is None:
-            if source == 'imu' or self._had_attitude:
-                self.attitude_problem = "no attitude for this image: the horizon is the image's"
-            return None
+            missed = source == 'imu' or self._had_attitude
+            return None, "no attitude for this image: the horizon is the image's" if missed else ''
         self._had_attitude = True
         if isinstance(attitude, HorizonLine):
             if math.isfinite(attitude.row) and abs(attitude.slope) < 0.5 * math.pi:
-                return attitude
-            self.attitude_problem = "the horizon given is none: the horizon is the image's"
-            return None
+                return attitude, ''
+            return None, "the horizon given is none: the horizon is the image's"
         camera = self._checked_camera()
         if camera is None:
-            self.attitude_problem = 'attitude is of no use without a calibrated camera_info'
-            return None
+            return None, 'attitude is of no use without a calibrated camera_info'
         if is_upside_down(attitude, self._mount):
-            self._upside_down = True
-            self.attitude_problem = _UPSIDE_DOWN + ': see camera_mount_rpy_deg'
-            return None
+            return None, _UPSIDE_DOWN + ': see camera_mount_rpy_deg'
         horizon = horizon_from(attitude, camera, self._mount)
         if horizon is None:
-            self.attitude_problem = "the attitude shows no horizon: the horizon is the image's"
-        return horizon
+            return None, "the attitude shows no horizon: the horizon is the image's"
+        return horizon, ''
 
-    def _doubtful(self, found: Found) -> bool:
-        """Only a runway's confidence is a probability."""
-        runway = self._parameters.target == 'runway'
-        return bool(found.veto) or (runway and found.confidence < self._parameters.min_confidence)
-
-    def _why_absent(self, found: Found) -> str:
+    def _doubt(self, found: Found) -> str:
+        """Why nothing is reported; empty if the track is."""
         target = self._parameters.target
-        status = f'no {target}'
         if found.veto:
-            return f'{status}: {found.veto}'
+            return f'no {target}: {found.veto}'
+        status = f'no {target}'
         if found.track is not None:
+            # Only a runway's confidence is a probability.
+            if target != 'runway' or found.confidence >= self._parameters.min_confidence:
+                return ''
             status += f': the likeliest has confidence {found.confidence:.2f}'
         # A road is looked for without a horizon.
         if found.horizon_row is None and target != 'road':
             status += ': no horizon in view: give attitude'
         return status
 
-    def _absent(self, image: Pixels, stamp_ns: int, status: str) -> ApproachResult:
-        height, width = image.shape[:2]
-        lines = self._rows({}, {}, 0.0)
-        guidance = None if self._usable_camera() is None else Guidance()
-        return ApproachResult(
-            stamp_ns, width, height, lines, guidance=guidance, status=status, image=image
-        )
-
-    def _present(
-        self, image: Pixels, stamp_ns: int, track: FollowedStrip, found: Found
+    def _with_shape(
+        self, empty: ApproachResult, track: FollowedStrip, found: Found
     ) -> ApproachResult:
-        height, width = image.shape[:2]
+        """A result with the track's edges, ends and guidance."""
         level = found.level
         x, y, left, right, far, near = (float(v) for v in track.strip())
-        middle = 0.5 * (left + right)
         (far_left, near_left), (far_right, near_right), along_middle = (
-            (_point(level, x + slope * far, y + far), _point(level, x + slope * near, y + near))
-            for slope in (left, right, middle)
+            (level.to_frame(x + slope * far, y + far), level.to_frame(x + slope * near, y + near))
+            for slope in (left, right, 0.5 * (left + right))
         )
         segments: dict[LineRole, Segment] = {
             LineRole.LEFT_EDGE: (far_left, near_left),
@@ -220,37 +207,31 @@ class ApproachDetector:
             segments[LineRole.FAR_END] = (far_left, far_right)
             if not track.open_end:
                 segments[LineRole.NEAR_END] = (near_left, near_right)
-        votes = {
-            role: float(np.count_nonzero(points.weights))
-            for role, points in zip(ROLES, track.points or (), strict=False)
-        }
-        lines = self._rows(segments, votes, found.confidence)
-        return ApproachResult(
-            stamp_ns,
-            width,
-            height,
-            lines,
-            _point(level, x, y),
+        return replace(
+            empty,
+            lines=self._rows(segments, track.points, found.confidence),
+            vanishing_point=level.to_frame(x, y),
             corners=(near_left, near_right, far_right, far_left),
-            guidance=self._guidance(track, found),
+            guidance=self._guidance(found),
             status='' if track.points else f'{self._parameters.target} not seen: predicted',
-            image=image,
         )
 
     def _rows(
         self,
         segments: dict[LineRole, Segment],
-        votes: dict[LineRole, float],
-        confidence: float,
+        edges: Edges | None,
+        confidence: float = 0.0,
     ) -> tuple[RunwayLine, ...]:
         """The result's rows, one for each of `ROLES`, of the ends of the lines that are there.
 
+        The first two are voted for by the points of both edges.
         Each role's line is compared with the one before, as the thesis does (section 4.3.2.4). A
         flagged line is reported as it is: the shape was followed as a whole, and an older line
         would no longer be one of its edges.
         """
         assert self._size is not None
         height, width = self._size
+        votes = [float(np.count_nonzero(edge.weights)) for edge in edges or ()]
         rows, old, self._last = [], self._last, {}
         for index, role in enumerate(ROLES):
             segment = segments.get(role)
@@ -260,13 +241,10 @@ class ApproachDetector:
             line = self._last[role] = line_through(*segment[0], *segment[1])
             flags = jumps(line, old.get(role, line), self._parameters)
             ends = _confine(line, segment, (width, height))
-            number = votes.get(role, math.nan)
+            number = votes[index] if index < len(votes) else math.nan
             rows.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
         self._statistics.add(rows)
         return tuple(rows)
-
-    def _usable_camera(self) -> CameraModel | None:
-        return self._checked_camera() if self._parameters.runway_width > 0 else None
 
     def _checked_camera(self) -> CameraModel | None:
         """The calibration, if it is of frames of this size."""
@@ -278,20 +256,19 @@ class ApproachDetector:
             return None
         return self._camera
 
-    def _guidance(self, track: FollowedStrip, found: Found) -> Guidance | None:
-        camera = self._usable_camera()
-        if camera is None:
+    def _guidance(self, found: Found | None) -> Guidance | None:
+        """From what was found; None where nobody asked for it or the camera is not known."""
+        camera = self._checked_camera()
+        width = self._parameters.runway_width
+        if camera is None or not width > 0:
             return None
-        if track.points is None:
-            return Guidance()
-        level = found.level
-        left, right = (fit_edge(points, level.factor) for points in track.points)
-        if left is None or right is None:
+        track = None if found is None else found.track
+        if found is None or track is None or track.points is None:
             return Guidance()
         _, y = track.shape.vanishing_point
         near_row = None if track.open_end else y + track.near_seen
-        width = self._parameters.runway_width
-        return locate(left, right, near_row, level, _slope_sigma(y, found), camera, width)
+        sigma = _slope_sigma(y, found)
+        return locate(track.points, near_row, found.level, sigma, camera, width)
 
 
 def _slope_sigma(meeting: float, found: Found) -> float:
@@ -303,17 +280,12 @@ def _slope_sigma(meeting: float, found: Found) -> float:
     return min(math.hypot(GUIDANCE.slope_sigma, wrong), GUIDANCE.bank_sigma)
 
 
-def _point(level: Derotation, x: float, y: float) -> Point:
-    on_x, on_y = level.to_frame(x, y)
-    return float(on_x), float(on_y)
-
-
 def _across(found: Found) -> tuple[Point, Point] | None:
     """Where the horizon crosses the sides of the frame, if it is known and does."""
     level, row = found.level, found.horizon_row
     if row is None:
         return None
-    (x1, y1), (x2, y2) = _point(level, 0.0, row), _point(level, 1.0, row)
+    (x1, y1), (x2, y2) = level.to_frame(0.0, row), level.to_frame(1.0, row)
     if x1 == x2:  # Upright, as where an attitude is in the optical axes
         return None
     down = (y2 - y1) / (x2 - x1)
@@ -323,21 +295,13 @@ def _across(found: Found) -> tuple[Point, Point] | None:
 
 @dataclass(frozen=True)
 class Found:
-    """What a frame shows.
+    """What a frame shows."""
 
-    Attributes:
-        track: of the target, if there is one.
-        confidence: of the track.
-        level: the frame's derotation.
-        horizon_row: on the levelled working image, if it is known.
-        veto: why no track is reported, whatever its confidence was; empty if nothing forbids it.
-    """
-
-    track: FollowedStrip | None
-    confidence: float
-    level: Derotation
-    horizon_row: float | None
-    veto: str = ''
+    track: FollowedStrip | None  # of the target, if there is one
+    confidence: float  # of the track
+    level: Derotation  # of the frame
+    horizon_row: float | None  # on the levelled working image, if it is known
+    veto: str = ''  # why no track is reported, however confident; empty if nothing forbids it
 
 
 class Finder:
@@ -351,28 +315,27 @@ class Finder:
         self._seen = 0
         self._depth = BitDepth()
 
-    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
-        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
+    def step(self, image: Pixels, known: HorizonLine | None, veto: str) -> Found:
+        """Take in the next frame, of which the horizon may be known, or why it shows nothing."""
         image = as_grey(self._depth.levels(image))
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
         sight = Sight.unknown(height)
         level = Derotation(width, height, factor, 0.0)
-        horizon: HorizonLine | Horizon | None = None
         if self.tracker.below_horizon:
             self._horizon = self._horizon or HorizonFinder(height, width)
-            horizon = attitude or self._horizon.find(pixels)
-        if horizon is not None:
-            level = Derotation(width, height, factor, horizon.slope)
-            if horizon is attitude:
-                row = level.row_of((horizon.row + 0.5) / factor - 0.5)
+            horizon = known or self._horizon.find(pixels)
+            if horizon is not None:
+                level = Derotation(width, height, factor, horizon.slope)
+            if known is not None:
+                row = level.row_of((known.row + 0.5) / factor - 0.5)
                 sight = Sight.from_attitude(row, level.slope)
-            else:
+            elif horizon is not None:
                 self._seen += 1
                 row = level.row_of(horizon.row)
                 sight = Sight.from_image(row, level.slope, height, self._seen)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
-        veto = self._veto(track, sight)
+        veto = veto or self._veto(track, sight)
         confidence = 0.0 if veto else self.tracker.confidence
         return Found(track, confidence, level, sight.row, veto)
 

@@ -26,10 +26,6 @@ UNKNOWN_VARIANCE = 1e12
 Point = tuple[float, float]
 
 
-def _unobserved() -> NDArray[np.float64]:
-    return np.diag([UNKNOWN_VARIANCE] * 6)
-
-
 @dataclass(frozen=True, eq=False)
 class Guidance:
     """The camera in the runway's frame; NaN with `UNKNOWN_VARIANCE` where it was not observed.
@@ -53,7 +49,7 @@ class Guidance:
     roll: float = math.nan
     pitch: float = math.nan
     yaw: float = math.nan
-    covariance: NDArray[np.float64] = field(default_factory=_unobserved)
+    covariance: NDArray[np.float64] = field(default_factory=lambda: UNKNOWN_VARIANCE * np.eye(6))
 
     @property
     def known(self) -> bool:

@@ -1,20 +1,16 @@
-"""Where the horizon is, and the image turned until it is level.
-
-A sensor's attitude says it, or the image itself: as the straight line that has bright sky above it
-and darker land below.
-"""
+"""Where the horizon is, by attitude or in the image, and the image turned until it is level."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.tuning import ATTITUDE, HORIZON
+from mvuav_ros.vision.approach.tuning import HORIZON
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_rpy
 from mvuav_ros.vision.runway.normal_form import NormalForm
@@ -22,10 +18,10 @@ from mvuav_ros.vision.runway.normal_form import NormalForm
 
 @dataclass(frozen=True)
 class HorizonLine:
-    """A straight horizon on the frame: y = row + (x - middle column) tan(slope).
+    """A straight horizon on an image: y = row + (x - middle column) tan(slope).
 
     Attributes:
-        row: where it crosses the frame's middle column, px.
+        row: where it crosses the middle column, px.
         slope: rad, right end down positive; the camera's roll is its negative.
     """
 
@@ -35,14 +31,13 @@ class HorizonLine:
 
 def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
     """Body axes from the camera's own (x forward, y left, z up), turned about fixed axes."""
-    roll, pitch, yaw = (math.radians(angle) for angle in rpy_deg)
-    return from_rpy(roll, pitch, yaw)
+    return from_rpy(*map(math.radians, rpy_deg))
 
 
 def is_upside_down(attitude: Attitude, mount: NDArray[np.float64]) -> bool:
     """Whether a camera on `mount_matrix` would see the ground above the sky: a wrong attitude."""
     up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
-    return bool(attitude.valid and up[1] > ATTITUDE.min_upside_down)
+    return bool(attitude.valid and up[1] > HORIZON.min_upside_down)
 
 
 def horizon_from(
@@ -57,11 +52,11 @@ def horizon_from(
     up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
     axis = np.array([0.0, 0.0, 1.0])
     level = axis - (axis @ up) * up
-    if np.linalg.norm(level) < math.cos(ATTITUDE.max_pitch):
+    if np.linalg.norm(level) < math.cos(HORIZON.max_pitch):
         return None
     level /= np.linalg.norm(level)
     right = np.cross(level, up)
-    rays = np.stack([level - ATTITUDE.half_base * right, level + ATTITUDE.half_base * right])
+    rays = np.stack([level - HORIZON.half_base * right, level + HORIZON.half_base * right])
     if (rays[:, 2] <= 0).any():
         return None
     (x1, y1), (x2, y2) = camera.project(rays)
@@ -78,19 +73,12 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Derotation:
-    """A turn of the working image about its middle.
+    """A turn of the working image about its middle."""
 
-    Attributes:
-        width: of the working image, px.
-        height: likewise.
-        factor: px of the frame per px of the working image.
-        slope: rad, of the horizon on the frame, right end down positive.
-    """
-
-    width: int
-    height: int
-    factor: int
-    slope: float
+    width: int  # of the working image, px
+    height: int  # likewise
+    factor: int  # px of the frame per px of the working image
+    slope: float  # rad, of the horizon on the frame, right end down positive
 
     @property
     def centre(self) -> tuple[float, float]:
@@ -169,39 +157,11 @@ def vertex(values: NDArray[Any], index: int) -> float:
     return 0.5 * (before - after) / bend if bend < 0 else 0.0
 
 
-class Horizon(NamedTuple):
-    """A line y = row + (x - centre column) tan(slope) on an image.
-
-    Attributes:
-        row: where it crosses the image's middle column, px.
-        slope: rad, right end down positive; the camera's roll is its negative.
-        strength: mean step across it, grey levels of blue; 0 where nothing was found.
-        texture: how much neighbouring columns differ right above it, grey levels of blue;
-            infinite where too little of that is in the image.
-        contrast: how much brighter all above it is than what is right below, grey levels of blue.
-    """
-
-    row: float
-    slope: float
-    strength: float
-    texture: float
-    contrast: float
-
-    @property
-    def trusted(self) -> bool:
-        """It looks like sky above it, not like the edge of treetops or walls, or like a road."""
-        return (
-            self.strength > HORIZON.min_strength
-            and self.texture < HORIZON.max_texture * self.strength
-            and self.contrast > HORIZON.min_contrast
-        )
-
-
 class HorizonFinder:
     """Finds the horizon on images of one size, and follows it from frame to frame."""
 
     def __init__(self, height: int, width: int) -> None:
-        self._last: Horizon | None = None
+        self._last: HorizonLine | None = None
         self._frames = 0
         across, self._down = width / HORIZON.width, height / HORIZON.height
         count = int(HORIZON.max_roll_deg / HORIZON.slope_step_deg)
@@ -211,8 +171,8 @@ class HorizonFinder:
         self._shift = np.rint(np.tan(self._slopes)[:, None] * columns / self._down).astype(np.intp)
         self._pad = int(np.abs(self._shift).max())
 
-    def find(self, pixels: NDArray[Any]) -> Horizon | None:
-        """In a working image of grey levels, or colours blue first; None without one."""
+    def find(self, pixels: NDArray[Any]) -> HorizonLine | None:
+        """On a working image of grey levels, or colours blue first; None without one."""
         # Of land and sky, blue differs most.
         blue = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
         last = None if self._frames % HORIZON.full_period == 0 else self._last
@@ -223,17 +183,17 @@ class HorizonFinder:
             if agreeing > HORIZON.min_agreement:
                 self._last = found
         if self._last is None:
-            found = self._search(blue)
-            if found.trusted:
+            coarse = self._search(blue)
+            if coarse is not None:
                 # The first fit is drawn towards the coarse line.
-                self._last = _refined(_refined(found, blue)[0], blue)[0]
+                self._last = _refined(_refined(coarse, blue)[0], blue)[0]
         return self._last
 
-    def _search(self, blue: NDArray[Any]) -> Horizon:
+    def _search(self, blue: NDArray[Any]) -> HorizonLine | None:
         """Look at all slopes in all rows of a small image."""
         size = HORIZON.width, HORIZON.height
         small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
-        steps = self._steps(small)
+        steps = _steps(small)
         # Of steps alike, the upper one: sky is above all land.
         lower = (HORIZON.row_cost * np.arange(HORIZON.height, dtype=np.float32))[:, None]
         steps -= lower + HORIZON.texture_cost * _texture_above(small)
@@ -241,47 +201,45 @@ class HorizonFinder:
         padded[:, self._pad : self._pad + HORIZON.height] = steps.T
         moved = np.lib.stride_tricks.sliding_window_view(padded, HORIZON.height, axis=1)
         sums = moved[np.arange(HORIZON.width), self._shift + self._pad].mean(axis=1)
-        best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
-        strength = float(sums[best, row])
-        if strength <= 0:
-            return Horizon(0.0, 0.0, 0.0, math.inf, 0.0)
-        slope = self._slopes[best] + math.radians(HORIZON.slope_step_deg) * vertex(
-            sums[:, row], int(best)
+        best, row = (int(index) for index in np.unravel_index(int(sums.argmax()), sums.shape))
+        if not _is_below_sky(small, row + self._shift[best], float(sums[best, row])):
+            return None
+        step = math.radians(HORIZON.slope_step_deg)
+        exact_row = row + vertex(sums[best], row)
+        return HorizonLine(
+            (exact_row + 0.5) * self._down - 0.5,
+            float(self._slopes[best] + step * vertex(sums[:, row], best)),
         )
-        exact_row = int(row) + vertex(sums[best], int(row))
-        line = int(row) + self._shift[best]
-        exact_row = (exact_row + 0.5) * self._down - 0.5
-        return Horizon(exact_row, float(slope), strength, *self._sky(small, line))
 
-    def _sky(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> tuple[float, float]:
-        """Texture and contrast of what is above the ``horizon``'s rows, as of `Horizon`."""
-        below = np.arange(HORIZON.height)[:, None] - horizon
-        near = (below < -HORIZON.step_rows) & (below > -HORIZON.step_rows - HORIZON.sky_rows)
-        near = near[:, 1:]
-        texture = math.inf
-        # Of what nothing can be seen, nobody knows that it is sky.
-        if near.sum() > HORIZON.min_sky_rows * HORIZON.width:
-            texture = float(cv2.absdiff(blue[:, 1:], blue[:, :-1])[near].mean())
-        above, land = below < 0, (below > 0) & (below <= HORIZON.sky_rows)
-        if not (land.any() and above.any()):
-            return texture, 0.0
-        return texture, float(blue[above].mean()) - float(blue[land].mean())
 
-    def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
-        """How much brighter it is above each place than below, capped."""
-        total = np.zeros((HORIZON.height + 1, HORIZON.width), np.float32)
-        np.cumsum(blue, axis=0, dtype=np.float32, out=total[1:])
-        steps = np.zeros((HORIZON.height, HORIZON.width), np.float32)
-        middle = total[HORIZON.step_rows : -HORIZON.step_rows]
-        # The boundary between rows y - 1 and y counts half to each.
-        between = (
-            2 * middle - total[: -2 * HORIZON.step_rows] - total[2 * HORIZON.step_rows :]
-        ) / HORIZON.step_rows
-        np.clip(between, 0, HORIZON.max_step, out=between)
-        steps[HORIZON.step_rows : HORIZON.height - HORIZON.step_rows] = 0.5 * (
-            between[:-1] + between[1:]
-        )
-        return steps
+def _steps(blue: NDArray[Any]) -> NDArray[np.float32]:
+    """How much brighter it is above each place than below, capped."""
+    rows = HORIZON.step_rows
+    sums = cv2.boxFilter(blue, cv2.CV_32F, (1, rows), normalize=False)
+    # The boundary between two rows counts half to each.
+    between = np.clip((sums[:-rows] - sums[rows:]) / rows, 0, HORIZON.max_step)
+    between = between[rows // 2 : len(between) - rows // 2]
+    steps = np.zeros(blue.shape, np.float32)
+    steps[rows:-rows] = 0.5 * (between[:-1] + between[1:])
+    return steps
+
+
+def _is_below_sky(blue: NDArray[Any], line: NDArray[np.intp], strength: float) -> bool:
+    """Whether it looks like sky above a line, not like treetops or walls, or a road.
+
+    The line has a row in each column of the small image; its strength is the mean step across it.
+    """
+    below = np.arange(HORIZON.height)[:, None] - line
+    near = (below < -HORIZON.step_rows) & (below > -HORIZON.step_rows - HORIZON.sky_rows)
+    near = near[:, 1:]
+    above, land = below < 0, (below > 0) & (below <= HORIZON.sky_rows)
+    # Of what nothing can be seen, nobody knows that it is sky.
+    in_view = near.sum() > HORIZON.min_sky_rows * HORIZON.width and land.any()
+    if strength <= HORIZON.min_strength or not in_view:
+        return False
+    texture = float(cv2.absdiff(blue[:, 1:], blue[:, :-1])[near].mean())
+    contrast = float(blue[above].mean()) - float(blue[land].mean())
+    return texture < HORIZON.max_texture * strength and contrast > HORIZON.min_contrast
 
 
 def _texture_above(blue: NDArray[Any]) -> NDArray[np.float32]:
@@ -298,7 +256,7 @@ def _texture_above(blue: NDArray[Any]) -> NDArray[np.float32]:
     return above
 
 
-def _refined(horizon: Horizon, blue: NDArray[Any]) -> tuple[Horizon, float]:
+def _refined(horizon: HorizonLine, blue: NDArray[Any]) -> tuple[HorizonLine, float]:
     """Fit a line, known to a few px, anew through the steepest step of every few columns.
 
     Returns the line, and the share of columns whose steps lie on it.
@@ -338,5 +296,4 @@ def _refined(horizon: Horizon, blue: NDArray[Any]) -> tuple[Horizon, float]:
         tangent = (weighted * places).sum() / (weighted * away).sum()
         row = mean_place - tangent * mean_away
     on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * HORIZON.min_strength)
-    found = horizon._replace(row=float(row), slope=math.atan(tangent))
-    return found, float(on_line.mean())
+    return HorizonLine(float(row), math.atan(tangent)), float(on_line.mean())

@@ -1,8 +1,4 @@
-"""From a frame to maps of what may be an edge: steps of brightness and colour, and painted lines.
-
-Everything is measured in units of the local texture, so that the same numbers hold for grey and
-for colour, for haze and for sun, for 8 and for 16 bits.
-"""
+"""Maps of steps of brightness and colour, and of painted lines, in units of the local texture."""
 
 from __future__ import annotations
 
@@ -51,17 +47,9 @@ def as_grey(image: Pixels) -> Pixels:
     return image
 
 
-def grey_levels(pixels: Pixels) -> NDArray[np.float32]:
-    """The pixels as 256 grey levels, those of 16 bits too."""
-    levels = pixels.astype(np.float32)
-    if pixels.dtype == np.uint16:
-        levels /= 256
-    return levels
-
-
 def opponent_channels(pixels: Pixels) -> list[NDArray[np.float32]]:
     """Brightness alone of a grey image, else the three channels of `OPPONENT`; grey levels."""
-    levels = grey_levels(pixels)
+    levels = pixels.astype(np.float32)
     if pixels.ndim == 2:
         return [levels]
     return [np.ascontiguousarray(channel) for channel in cv2.split(cv2.transform(levels, OPPONENT))]
@@ -69,7 +57,7 @@ def opponent_channels(pixels: Pixels) -> list[NDArray[np.float32]]:
 
 def brightness_of(pixels: Pixels) -> NDArray[np.float32]:
     """Of `opponent_channels` the first alone."""
-    levels = grey_levels(pixels)
+    levels = pixels.astype(np.float32)
     return levels if pixels.ndim == 2 else np.asarray(cv2.transform(levels, OPPONENT[:1]))
 
 
@@ -132,18 +120,12 @@ def in_common(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(frozen=True, eq=False)
 class EvidenceMap:
-    """A levelled image, or a part of it, as evidence.
+    """A levelled image, or a part of it, as evidence."""
 
-    Attributes:
-        sums: of the 1 or 3 opponent channels, grey levels.
-        evidence: (height, width, 4) int8 in `UNIT`: steps to the right, and paint.
-        texture: (height, width) of brightness, grey levels.
-        hidden: (height, width) where something is laid over the view, if anywhere.
-    """
-
-    sums: Table
-    evidence: NDArray[np.int8]
-    texture: NDArray[np.float32]
+    sums: Table  # of the 1 or 3 opponent channels, grey levels
+    evidence: NDArray[np.int8]  # (height, width, 4) in `UNIT`: steps to the right, and paint
+    texture: NDArray[np.float32]  # (height, width) of brightness, grey levels
+    # (height, width) where something is laid over the view, if anywhere
     hidden: NDArray[np.bool_] | None = None
 
     @property
@@ -157,12 +139,10 @@ class EvidenceMap:
         return int(self.evidence.shape[1])
 
     def packed(self, blank: int) -> NDArray[np.int32]:
-        """All four channels of a pixel in one number, coarse, below so many rows without evidence.
+        """((blank + height) * width,) all channels of a pixel in one number, coarse.
 
-        Nor is there any in the first and the last column, which stand for all beside the image.
-
-        Returns:
-            ((blank + height) * width,).
+        The blank rows above have no evidence, nor have the first and the last column, which stand
+        for all beside the image.
         """
         coarse = np.zeros((blank + self.height, self.width, CHANNELS), np.int8)
         inner = coarse[blank:, 1:-1]
@@ -172,7 +152,10 @@ class EvidenceMap:
         return coarse.view(np.int32).ravel()
 
     def at(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[np.int8], Any]:
-        """Evidence at the pixels nearest to places, 0 outside; and whether they are in view."""
+        """Evidence of left and right edges at columns (2, ...) in rows, and whether it is in view.
+
+        It is (2, ..., 4), 0 outside of the image. Steps of a right edge have the other sign.
+        """
         column = np.rint(columns).astype(np.int32)
         row = np.asarray(rows, np.int32)
         # As unsigned numbers those below 0 are too large as well.
@@ -183,7 +166,17 @@ class EvidenceMap:
         if self.hidden is not None:
             inside &= ~self.hidden.ravel().take(index)
         values *= inside
-        return values.view(np.int8).reshape((*column.shape, CHANNELS)), inside
+        evidence = values.view(np.int8).reshape((*column.shape, CHANNELS))
+        evidence[1] *= MIRROR
+        return evidence, inside
+
+    def in_common(
+        self, rows: NDArray[Any], columns: NDArray[Any]
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """What both edges of `at` have in common, in textures, and whether both are in view."""
+        found, inside = self.at(rows, columns)
+        common = in_common(found[0], found[1]).astype(np.float32)
+        return common * np.float32(1 / UNIT), inside[0] & inside[1]
 
     def means(
         self, rows: NDArray[Any], first: NDArray[Any], last: NDArray[Any]

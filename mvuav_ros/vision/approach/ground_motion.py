@@ -1,9 +1,4 @@
-"""How the surroundings of a strip move between frames, and what stands still while they do.
-
-The ground moves as a plane does, and what is far away as the camera turns: from some frames to the
-next both are about an affine map. What stands still where that map says that it should have moved
-does not belong to them (burned-in text, a window's frame), and its edges are no evidence.
-"""
+"""How the surroundings of a strip move between frames, and what stands still while they do."""
 
 from __future__ import annotations
 
@@ -23,9 +18,8 @@ class Registration:
     """Compares each working image with the last one."""
 
     def __init__(self) -> None:
-        self._last: NDArray[np.uint8] | None = None
-        self.gray = np.zeros((0, 0), np.uint8)
-        """The newest working image."""
+        self.gray = self._last = np.zeros((0, 0), np.uint8)
+        """The newest working image, and the one before."""
         self.moving = False
         """The newest image differs from the last one; a still says nothing new."""
         self.unchanged = 0
@@ -33,12 +27,12 @@ class Registration:
 
     def take(self, pixels: NDArray[Any]) -> None:
         """Take in the next working image, (height, width) or (height, width, 3)."""
+        self._last = self.gray
         # A copy: the caller may use the image's memory for the next one.
         gray = pixels.copy() if pixels.ndim == 2 else cv2.extractChannel(pixels, 1)
-        self._last = self.gray if self.gray.size else None
         self.gray = np.asarray(gray)
-        same = np.array_equal(self.gray, self._last) if self._last is not None else False
-        self.moving = self._last is not None and not same
+        same = np.array_equal(self.gray, self._last)
+        self.moving = self._last.size > 0 and not same
         self.unchanged = self.unchanged + 1 if same else 0
 
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
@@ -46,33 +40,26 @@ class Registration:
 
         Both are on the levelled working image; the shift is 0 where nobody can know.
         """
-        last, now = self._last, self.gray
-        if last is None:
-            return 0.0, 0.0
-        box = _box(strip, level, last.shape)
+        box = _box(strip, level, self._last.shape)
         if box is None:
             return 0.0, 0.0
-        first, top, end, bottom = box
-        part = last[top:bottom, first:end]
-        around = now[
-            top - MOTION.reach : bottom + MOTION.reach, first - MOTION.reach : end + MOTION.reach
-        ]
+        (first, end), (top, bottom) = box
+        reach = MOTION.reach
+        around = self.gray[top - reach : bottom + reach, first - reach : end + reach]
+        part = self._last[top:bottom, first:end]
         alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
-        row, column = np.unravel_index(int(alike.argmax()), alike.shape)
-        end_of_reach = 2 * MOTION.reach
+        row, column = (int(place) for place in np.unravel_index(alike.argmax(), alike.shape))
         # What is most alike at the end of the reach is more so beyond: a torn picture.
-        if not alike[row, column] > MOTION.min_correlation or {0, end_of_reach} & {row, column}:
+        if not alike[row, column] > MOTION.min_correlation or {0, 2 * reach} & {row, column}:
             return 0.0, 0.0
-        right = column - MOTION.reach + vertex(alike[row], int(column))
-        down = row - MOTION.reach + vertex(alike[:, column], int(row))
+        right = column - reach + vertex(alike[row], column)
+        down = row - reach + vertex(alike[:, column], row)
         cos, sin = math.cos(level.slope), math.sin(level.slope)
         return cos * right + sin * down, -sin * right + cos * down
 
 
-def _box(
-    strip: Strip, level: Derotation, size: tuple[int, ...]
-) -> tuple[int, int, int, int] | None:
-    """First column, first row, column and row after the last one of what is compared."""
+def _box(strip: Strip, level: Derotation, size: tuple[int, ...]) -> list[tuple[int, int]] | None:
+    """First column and the one after the last, and the same of rows, of what is compared."""
     x, y, left, right, _, near = strip.tolist()
     frame = level.to_frame(x + 0.25 * (left + right) * near, y + 0.5 * near)
     box = []
@@ -86,47 +73,40 @@ def _box(
         if end - first < MOTION.min_side // 2:
             return None
         box.append((first, end))
-    (first, end), (top, bottom) = box
-    return first, top, end, bottom
+    return box
 
 
 class Overlaid:
     """Learns from working images of one size what is laid over the view.
 
-    Attributes:
-        mask: (height, width) uint8, 255 where the picture is overlaid; None where nowhere.
+    From some frames to the next the ground moves as a plane does. What stands still where that
+    says that it should have moved is burned-in text, or a window's frame: no evidence.
     """
 
     def __init__(self) -> None:
+        # (height, width), 255 where the picture is overlaid; None where nowhere.
         self.mask: NDArray[np.uint8] | None = None
         self._votes: NDArray[np.float32] | None = None
-        self._first: NDArray[np.uint8] | None = None
-        self._corners: NDArray[np.float32] | None = None
+        self._first = np.zeros((0, 0), np.uint8)
+        self._corners = np.zeros((0, 1, 2), np.float32)
         self._age, self._period = 0, MOTION.period
 
     def take(self, gray: NDArray[np.uint8]) -> None:
         """Take in the next working image, (height, width); it may not be changed later."""
         self._age += 1
-        if self._first is None or self._corners is None:
-            self._begin(gray)
-            return
-        if self._age % self._period:
-            return
-        seen = self._compare(gray)
-        if seen or self._age >= MOTION.max_period:
-            self._begin(gray)
-
-    def _begin(self, gray: NDArray[np.uint8]) -> None:
+        if len(self._corners):
+            if self._age % self._period:
+                return
+            if not self._compare(gray) and self._age < MOTION.max_period:
+                return
         self._first, self._age = gray, 0
         found = cv2.goodFeaturesToTrack(
             gray, MOTION.max_corners, 0.005, MOTION.corner_distance, blockSize=3
         )
-        self._corners = None if found is None else np.asarray(found, np.float32)
+        self._corners = self._corners[:0] if found is None else np.asarray(found, np.float32)
 
     def _compare(self, gray: NDArray[np.uint8]) -> bool:
         """Whether the ground has moved, so that other corners are better."""
-        assert self._first is not None
-        assert self._corners is not None
         now, found, _ = cv2.calcOpticalFlowPyrLK(
             self._first,
             gray,
@@ -154,11 +134,11 @@ class Overlaid:
             return True
         there = np.asarray(cv2.perspectiveTransform(old[:, None], plane))[:, 0]
         expected = np.linalg.norm(there - old, axis=1)
-        overlaid = ~moving & (expected > MOTION.min_moved)
-        if not (expected > MOTION.min_moved).any():
+        should_move = expected > MOTION.min_moved
+        if not should_move.any():
             return False
         self._period = min(self._period + 1, MOTION.period)
-        self._vote(old[overlaid], new[way > MOTION.min_moved], gray.shape)
+        self._vote(old[~moving & should_move], new[way > MOTION.min_moved], gray.shape)
         return True
 
     def _vote(self, still: Any, moved: Any, size: tuple[int, ...]) -> None:
@@ -170,8 +150,8 @@ class Overlaid:
         votes = self._votes
         votes *= 1.0 - MOTION.forgotten
         # Beside a letter that stands still there may be digits that change.
-        around = cv2.dilate(self._counted(still), np.ones((3, 3), np.uint8))
-        votes += np.minimum(around, 1.0) - self._counted(moved)
+        around = cv2.dilate(_counted(still, votes.shape), np.ones((3, 3), np.uint8))
+        votes += np.minimum(around, 1.0) - _counted(moved, votes.shape)
         np.clip(votes, 0.0, MOTION.max_votes, out=votes)
         cells = np.where(votes >= MOTION.min_votes, 255, 0).astype(np.uint8)
         # Along a line that stands still there are no corners.
@@ -183,12 +163,12 @@ class Overlaid:
         mask = np.repeat(np.repeat(cells, MOTION.cell, axis=0), MOTION.cell, axis=1)
         self.mask = np.ascontiguousarray(mask[:height, :width])
 
-    def _counted(self, places: Any) -> NDArray[np.float32]:
-        """How many places (n, 2) lie in each cell."""
-        assert self._votes is not None
-        rows, columns = self._votes.shape
-        column, row = (places / MOTION.cell).astype(np.intp).T
-        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        cells = row[inside] * columns + column[inside]
-        counts = np.bincount(cells, minlength=rows * columns)
-        return counts.reshape(rows, columns).astype(np.float32)
+
+def _counted(places: Any, cells: tuple[int, ...]) -> NDArray[np.float32]:
+    """How many places (n, 2) lie in each of so many rows and columns of cells."""
+    rows, columns = cells
+    column, row = (places / MOTION.cell).astype(np.intp).T
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    number = row[inside] * columns + column[inside]
+    counts = np.bincount(number, minlength=rows * columns)
+    return counts.reshape(rows, columns).astype(np.float32)

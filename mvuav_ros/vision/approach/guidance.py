@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE, Guidance
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.strip_edges import EdgePoints
-from mvuav_ros.vision.approach.tuning import GUIDANCE
+from mvuav_ros.vision.approach.strip_edges import EdgePoints, Edges
+from mvuav_ros.vision.approach.tuning import EDGES, GUIDANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, rpy
 
@@ -20,73 +19,26 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class EdgeFit:
-    """One edge in one frame, on the levelled working image.
-
-    Attributes:
-        columns: (2,) px, where it crosses ``rows``.
-        rows: (2,) px, near its far and its near end.
-        covariance: (2, 2) of the columns.
-    """
-
-    columns: Vector
-    rows: Vector
-    covariance: Matrix
-
-
-def fit_edge(points: EdgePoints, factor: int) -> EdgeFit | None:
-    """Fit a straight line through an edge's points in one frame; None where they are too few.
-
-    ``factor`` is px of the frame per px of the working image.
-    """
-    used = points.weights > 0
-    if used.sum() < 4:
-        return None
-    rows, columns, weights = points.rows[used], points.columns[used], points.weights[used]
-    ends = np.array([rows.min(), rows.max()])
-    length = ends[1] - ends[0]
-    if length < 2.0:
-        return None
-    share = (rows - ends[0]) / length
-    design = np.stack([1.0 - share, share])
-    weighted = design * weights
-    inverse = np.linalg.inv(weighted @ design.T)
-    at_ends = inverse @ (weighted @ columns)
-    error = columns - at_ends @ design
-    spread = float((weights * error**2).sum() / weights.sum())
-    least = (GUIDANCE.min_spread / factor) ** 2
-    covariance = inverse * (max(spread, least) * GUIDANCE.correlated_rows)
-    covariance += np.eye(2) * (GUIDANCE.edge_bias / factor) ** 2
-    return EdgeFit(at_ends, ends, covariance)
-
-
 def locate(
-    left: EdgeFit,
-    right: EdgeFit,
+    edges: Edges,
     near_row: float | None,
     level: Derotation,
     slope_sigma: float,
     camera: CameraModel,
     runway_width: float,
 ) -> Guidance:
-    """Where the camera is in the runway's frame.
+    """Where the camera is in the runway's frame; nothing is known of edges with too few points.
 
-    Args:
-        left: edge.
-        right: edge.
-        near_row: row of the near end on the levelled working image, if it is in sight.
-        level: of the frame.
-        slope_sigma: rad, of its slope.
-        camera: calibrated for frames of that size.
-        runway_width: from edge to edge, m.
+    The near end's row on the levelled working image is known if it is in sight. The level's slope
+    has a standard deviation, rad; the runway is so many m wide from edge to edge.
     """
-    rows = np.concatenate([left.rows, right.rows])
-    measured = np.concatenate(
-        [left.columns, right.columns, [0.0, math.nan if near_row is None else near_row]]
-    )
-    noise = np.zeros((6, 6))
-    noise[:2, :2], noise[2:4, 2:4] = left.covariance, right.covariance
+    rows, measured, noise = np.zeros(4), np.zeros(6), np.zeros((6, 6))
+    for ends, points in zip((slice(0, 2), slice(2, 4)), edges, strict=True):
+        fitted = _fitted(points, level.factor)
+        if fitted is None:
+            return Guidance()
+        measured[ends], rows[ends], noise[ends, ends] = fitted
+    measured[5] = math.nan if near_row is None else near_row
     inwards = np.kron([1.0, -1.0], np.eye(2))
     noise[:4, :4] += (GUIDANCE.width_bias / level.factor) ** 2 * (inwards.T @ inwards)
     noise[4, 4] = slope_sigma**2
@@ -109,6 +61,29 @@ def locate(
     return Guidance(x, y, z, roll, pitch, yaw, covariance)
 
 
+def _fitted(points: EdgePoints, factor: int) -> tuple[Vector, Vector, Matrix] | None:
+    """Columns and rows of an edge's two ends on a straight line, and the columns' covariance."""
+    used = points.weights > 0
+    if used.sum() < 4:
+        return None
+    rows, columns, weights = points.rows[used], points.columns[used], points.weights[used]
+    ends = np.array([rows.min(), rows.max()])
+    length = ends[1] - ends[0]
+    if length < 2.0:
+        return None
+    share = (rows - ends[0]) / length
+    design = np.stack([1.0 - share, share])
+    weighted = design * weights
+    inverse = np.linalg.inv(weighted @ design.T)
+    at_ends = inverse @ (weighted @ columns)
+    error = columns - at_ends @ design
+    spread = float((weights * error**2).sum() / weights.sum())
+    least = (GUIDANCE.min_spread / factor) ** 2
+    covariance = inverse * (max(spread, least) * EDGES.correlated_rows)
+    covariance += np.eye(2) * (GUIDANCE.edge_bias / factor) ** 2
+    return at_ends, ends, covariance
+
+
 def _jacobian(function: Callable[[Vector], Vector], at: Vector) -> NDArray[np.float64]:
     """(6, n) slopes of a pose at n measurements; 0 where one of them is not known."""
     jacobian = np.zeros((6, at.size))
@@ -125,8 +100,7 @@ def _pose(
 ) -> Vector:
     """x, y, z, roll, pitch, yaw.
 
-    Of the columns of the left and the right edge at (4,) rows, the error of the horizon's slope
-    (rad), and the row of the near end (NaN if unknown).
+    Of the columns of both edges at (4,) rows, the slope's error (rad), and the near end's row.
     """
     rays = _rays(values[:4], rows, level, camera)
     left, right = np.cross(rays[0], rays[1]), np.cross(rays[2], rays[3])

@@ -16,7 +16,6 @@ from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.tuning import PROBABILITY
 
 _FILE = 'probability.json'
-_DEPTH = FEATURES.index('depth')
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,31 +24,22 @@ class EvidenceWeights:
 
     What a feature says depends on others: a strip whose near end is in the picture looks other than
     one that goes on below it. A sum over the features cannot know that, a hidden layer can.
-
-    Attributes:
-        mean: (features,) of the tuning half.
-        deviation: (features,) standard deviation there.
-        slopes: (features,) of the linear part, per standard deviation.
-        inward: (features, units) weights of the hidden units.
-        bias: (units,) of the hidden units.
-        outward: (units,) what each unit adds.
-        offset: log odds of a strip with average features and no unit.
     """
 
-    mean: NDArray[np.float64]
-    deviation: NDArray[np.float64]
-    slopes: NDArray[np.float64]
-    inward: NDArray[np.float64]
-    bias: NDArray[np.float64]
-    outward: NDArray[np.float64]
-    offset: float
+    mean: NDArray[np.float64]  # (features,) of the tuning half
+    deviation: NDArray[np.float64]  # (features,) standard deviation there
+    slopes: NDArray[np.float64]  # (features,) of the linear part, per standard deviation
+    inward: NDArray[np.float64]  # (features, units) weights of the hidden units
+    bias: NDArray[np.float64]  # (units,) of the hidden units
+    outward: NDArray[np.float64]  # (units,) what each unit adds
+    offset: NDArray[np.float64]  # () log odds of a strip with average features and no unit
 
     def log_odds(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of (n, features) in the order of `FEATURES`; what is NaN counts as usual.
 
         Example:
             >>> one = np.ones(1)
-            >>> weights = EvidenceWeights(0 * one, one, 2 * one, one[None], 0 * one, one, -1.0)
+            >>> weights = EvidenceWeights(0 * one, one, 2 * one, one[None], 0 * one, one, -one)
             >>> weights.log_odds(np.array([[0.0], [np.nan], [1.0]])).round(2).tolist()
             [-1.0, -1.0, 1.76]
         """
@@ -67,20 +57,13 @@ def standardised(
 
 
 class Report(NamedTuple):
-    """Evidence of whether a track's report is right.
+    """Evidence of whether a track's report is right."""
 
-    Attributes:
-        log_odds: of the track, averaged over its frames.
-        agreement: probability of the strips that are where the track's mean is.
-        moved: frames for which it was followed and that differed from the one before.
-        distinct: share of the last frames with clear lines along both sides, or clear colours.
-        other_edges: odds that an edge is elsewhere; 1 where the image shows two places for it.
-    """
-
-    log_odds: float
-    agreement: float
-    moved: int
-    distinct: float
+    log_odds: float  # of the track, averaged over its frames
+    agreement: float  # probability of the strips that are where the track's mean is
+    moved: int  # frames for which it was followed and that differed from the one before
+    distinct: float  # share of the last frames with clear lines along both sides, or clear colours
+    # odds that an edge is elsewhere; 1 where the image shows two places for it
     other_edges: float = 0.0
 
     def values(self) -> NDArray[np.float64]:
@@ -107,7 +90,7 @@ class Report(NamedTuple):
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) log odds of strips with (n, features): of those seen from near by with other weights."""
-    near_by = features[:, _DEPTH] > PROBABILITY.min_near_by
+    near_by = features[:, FEATURES.index('depth')] > PROBABILITY.min_near_by
     odds = np.empty(len(features))
     for name, chosen in (('ahead', ~near_by), ('near_by', near_by)):
         if chosen.any():
@@ -123,10 +106,7 @@ def evidence_weights(which: str) -> EvidenceWeights:
     """
     if tuple(_fitted()['features']) != FEATURES:
         raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
-    data = dict(_fitted()[which])
-    offset = float(data.pop('offset'))
-    arrays = {name: np.array(values) for name, values in data.items()}
-    return EvidenceWeights(**arrays, offset=offset)
+    return EvidenceWeights(**{name: np.array(value) for name, value in _fitted()[which].items()})
 
 
 @cache

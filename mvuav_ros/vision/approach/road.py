@@ -1,8 +1,4 @@
-"""Roads' lanes and pipelines: where they may be, and how they are followed.
-
-Both go on to the lower end of the image. The edges of a lane are painted lines, brighter than the
-lane; those of a pipeline are steps to the land on both sides.
-"""
+"""Lanes between painted lines, and pipelines: where they may be, and how they are followed."""
 
 from __future__ import annotations
 
@@ -32,30 +28,20 @@ class Target:
 
     Widths are in camera heights above the ground, which is what the image shows: the strip's
     edges move apart by that many pixels per pixel below the horizon, at any focal length.
-
-    Attributes:
-        painted: the edges are bright lines, not the borders of a surface. Painted lines are looked
-            for everywhere: the camera is taken to be level, its horizon where they meet. Other
-            strips are looked for below the horizon.
-        floor: grey levels; contrast of a row that speaks neither for nor against a strip.
-        narrowest: width over height.
-        widest: likewise.
-        farthest_aside: most offset, in widths.
-        least_support: of the edges, 0 to 1, below which a shape counts as not seen.
-        start_score: quality above which a frame speaks for a shape.
-        keep_score: quality below which a shape is no longer believed.
-        narrow_odds: power of the narrower's width by which it is preferred: within a road with
-            lines along both sides a lane lies between one of them and the line in the middle.
     """
 
+    # The edges are bright lines, not the borders of a surface. Painted lines are looked for
+    # everywhere: the camera is taken to be level, its horizon where they meet.
     painted: bool
-    floor: float
-    narrowest: float
-    widest: float
-    farthest_aside: float
-    least_support: float
-    start_score: float
-    keep_score: float
+    floor: float  # grey levels: contrast of a row that speaks neither for nor against a strip
+    narrowest: float  # width over height
+    widest: float  # likewise
+    farthest_aside: float  # most offset, in widths
+    least_support: float  # of the edges, 0 to 1, below which a shape counts as not seen
+    start_score: float  # quality above which a frame speaks for a shape
+    keep_score: float  # quality below which a shape is no longer believed
+    # Power of the narrower's width by which it is preferred: within a road with lines along both
+    # sides a lane lies between one of them and the line in the middle.
     narrow_odds: float
 
 
@@ -96,11 +82,9 @@ def find_strips(pixels: NDArray[Any], target: Target, row: float | None) -> Stri
     height, width = pixels.shape[:2]
     top = int(ROAD.highest * height) if row is None else int(max(row + ROAD.first_depth, 0.0))
     top = min(top, height - ROAD.min_land)
-    marks = [_lines(mask) for mask in _marks(pixels[top:], target.painted)]
     found: list[tuple[float, tuple[float, ...]]] = []
-    # A pipeline may be darker or brighter than the land.
-    pairs = [product(marks[0], marks[-1]), product(marks[-1], marks[0])][: len(marks)]
-    for (left_end, left, votes), (right_end, right, its_votes) in chain(*pairs):
+    pairs = (product(*sides) for sides in _sides(pixels[top:], target.painted))
+    for (left_end, left, votes), (right_end, right, its_votes) in chain.from_iterable(pairs):
         if row is None:
             depth = (right_end - left_end) / max(right - left, 1e-3)
             if not 1.0 - ROAD.lowest < depth / height < 1.0 - ROAD.highest:
@@ -128,17 +112,15 @@ def _possible(left: float, right: float, target: Target) -> bool:
     return target.narrowest < ratio < target.widest and aside < target.farthest_aside * ratio
 
 
-def _marks(pixels: NDArray[Any], painted: bool) -> list[NDArray[np.uint8]]:
-    """1 where a row has a narrow bright place, or where it becomes brighter, and darker."""
+def _sides(pixels: NDArray[Any], painted: bool) -> list[tuple[list[Line], list[Line]]]:
+    """Lines that may be left and right edges: along paint, or along steps of opposite signs."""
     channels = np.stack(opponent_channels(pixels))
-    marks = [np.zeros(pixels.shape[:2], np.uint8) for _ in range(1 if painted else 2)]
     if painted:
         reach = ROAD.paint_reach
         brightness = channels[0]
-        inner = brightness[:, reach:-reach] - ROAD.paint_contrast
-        bright = inner > np.maximum(brightness[:, : -2 * reach], brightness[:, 2 * reach :])
-        marks[0][:, reach:-reach] = bright
-        return marks
+        beside = np.maximum(brightness[:, : -2 * reach], brightness[:, 2 * reach :])
+        lines = _lines(brightness[:, reach:-reach] - ROAD.paint_contrast > beside, reach)
+        return [(lines, lines)]
     smooth = np.stack([cv2.blur(channel, (3, 3)) for channel in channels])
     steps = smooth[:, :, 4:] - smooth[:, :, :-4]
     most = np.abs(steps).argmax(axis=0)
@@ -146,13 +128,14 @@ def _marks(pixels: NDArray[Any], painted: bool) -> list[NDArray[np.uint8]]:
     size = np.abs(step)
     peak = size[:, 1:-1] >= np.maximum(size[:, :-2], size[:, 2:])
     peak &= size[:, 1:-1] > np.percentile(size[::3], ROAD.usual_steps)
-    for mark, sign in zip(marks, (1, -1), strict=True):
-        mark[:, 3:-3] = peak & (sign * step[:, 1:-1] > 0)
-    return marks
+    rises, falls = (_lines(peak & (sign * step[:, 1:-1] > 0), 3) for sign in (1, -1))
+    # A pipeline may be darker or brighter than the land.
+    return [(rises, falls), (falls, rises)]
 
 
-def _lines(mask: NDArray[np.uint8]) -> list[Line]:
-    """Straight lines through the places marked, strongest first."""
+def _lines(marked: NDArray[np.bool_], margin: int) -> list[Line]:
+    """Straight lines through places marked in an image but for its sides, strongest first."""
+    mask = np.pad(marked.astype(np.uint8), ((0, 0), (margin, margin)))
     found = cv2.HoughLinesWithAccumulator(mask, 1.0, math.radians(1.5), ROAD.min_votes)
     lines: list[Line] = []
     for rho, theta, votes in () if found is None else found.reshape(-1, 3)[:200].tolist():
@@ -173,20 +156,17 @@ def _lines(mask: NDArray[np.uint8]) -> list[Line]:
 
 
 class RoadTrack(FollowedStrip):
-    """A strip that goes on to the lower end of the image, and how well it has done.
-
-    Attributes:
-        quality: contrast of both edges over the logarithm of depth, times their support, averaged
-            over the last frames; the log odds are its logarithm.
-        evidence: sum of quality above the target's ``start_score``, limited.
-    """
+    """A strip that goes on to the lower end of the image, and how well it has done."""
 
     max_misses = 10
 
     def __init__(self, target: Target, strip: Strip) -> None:
         super().__init__(strip, math.log(target.start_score))
         self.target = target
-        self.quality = self.evidence = 0.0
+        # Contrast of both edges over the logarithm of depth, times their support, averaged over
+        # the last frames; the log odds are its logarithm.
+        self.quality = 0.0
+        self.evidence = 0.0  # sum of quality above the target's ``start_score``, limited
         self._look = EdgeLook(wide=False, painted=target.painted)
 
     @property
@@ -254,7 +234,7 @@ class RoadTrack(FollowedStrip):
             ROAD.low_end - ROAD.high_end
         )
         if sharp > ROAD.min_sharp:
-            self.follow_ends(float(depth[first]), end)
+            self.follow_ends(float(one.rows[first]), float(strip[1]) + end)
             self.open_end = last >= len(depth) - 1
         return run * sharp * min(max(low, 0.0), 1.0), sharp
 

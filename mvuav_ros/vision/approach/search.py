@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,8 +24,8 @@ from mvuav_ros.vision.approach.evidence import (
     shrunk_by,
 )
 from mvuav_ros.vision.approach.strip_edges import Strip, Strips
-from mvuav_ros.vision.approach.strips import surrounding_box
 from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
+from mvuav_ros.vision.point_operations import intensity
 
 _ROUGH_WEIGHTS = np.rint(5 * WEIGHTS).astype(np.int16)
 _FIRST, _SECOND = np.triu_indices(SEARCH.edges_kept, 1)
@@ -60,14 +59,10 @@ class Fan:
         self._width = width
 
     def find(self, packed: NDArray[np.int32], row: float) -> NDArray[np.float64]:
-        """The best strips whose vanishing points lie on a row.
+        """(m, 7) the best strips whose vanishing points lie on a row, and their scores.
 
-        Args:
-            packed: evidence, as `EvidenceMap.packed`, below `BLANK` rows.
-            row: of the vanishing points.
-
-        Returns:
-            (m, 7): as `Strips`, and the score: evidence per row, in textures.
+        A score is evidence per row, in textures. It is packed as `EvidenceMap.packed`, below
+        `BLANK` rows.
         """
         top = round(row)
         first, last = top + BLANK + self.rows[0], top + BLANK + self.rows[-1]
@@ -183,7 +178,7 @@ _ALIGN_WEIGHTS = np.array(SEARCH.weights)
 def align(image: EvidenceMap, strips: Strips) -> tuple[Strips, NDArray[np.bool_]]:
     """Move both edges by turns to the most evidence that they have in common.
 
-    They are moved at `TUNING.first_row` of the near end's depth and at the near end.
+    They are moved at `SEARCH.first_row` of the near end's depth and at the near end.
 
     Returns:
         The strips, and which of them are still strips that can be measured.
@@ -233,13 +228,8 @@ def _rows(y: Any, near: Any) -> NDArray[np.intp]:
 
 
 def _signed(image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any]) -> NDArray[np.int8]:
-    """(2, rows, ..., 4) evidence at columns (2, ..., rows) of the left and of the right edge.
-
-    That of the right one has the signs of steps turned.
-    """
-    signed = image.at(rows, columns)[0]
-    signed[1] *= MIRROR
-    return np.ascontiguousarray(np.moveaxis(signed, -2, 1))
+    """(2, rows, ..., 4) evidence of edges at columns (2, ..., rows)."""
+    return np.ascontiguousarray(np.moveaxis(image.at(rows, columns)[0], -2, 1))
 
 
 def _agreement(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.float64]:
@@ -304,13 +294,7 @@ NO_CANDIDATES = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
 
 
 class LevelledImage:
-    """A levelled working image and what is known of it, each part computed when it is asked for.
-
-    Attributes:
-        size: height and width, px.
-        level: by which it is turned; not at all if none is given.
-        whole_scene: what the image is like, at full scale, once it was asked for.
-    """
+    """A levelled working image and what is known of it, each part computed when it is asked for."""
 
     def __init__(
         self,
@@ -319,7 +303,7 @@ class LevelledImage:
         scene: Scene | None = None,
         overlaid: NDArray[np.uint8] | None = None,
     ) -> None:
-        """Begin with pixels of 256 grey levels.
+        """Begin with pixels of 256 grey levels, turned by a level.
 
         The scene of a frame just before, and where something is laid over the view (not 0), may be
         known.
@@ -327,7 +311,7 @@ class LevelledImage:
         height, width = self.size = pixels.shape[:2]
         self._given = pixels
         self.level = level or Derotation(width, height, 1, 0.0)
-        self.whole_scene = scene
+        self.whole_scene = scene  # at full scale, once it was asked for
         self._overlaid = overlaid
 
     def at_slope(self, slope: float) -> LevelledImage:
@@ -337,15 +321,12 @@ class LevelledImage:
         level = replace(self.level, slope=slope)
         return LevelledImage(self._given, level, overlaid=self._overlaid)
 
-    def scene(self, level: int, column: int = 0) -> Scene:
-        """What the image is like, in the coordinates of a part of a level of the pyramid."""
+    def scene(self) -> Scene:
+        """What the image is like."""
         if self.whole_scene is None:
-            pixels = self._given[::4, ::4]
-            gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-            darkest, brightest = np.percentile(gray, (10, 95)).tolist()
-            self.whole_scene = Scene(float(self.size[1]), darkest, brightest)
-        scene = self.whole_scene
-        return Scene(scene.width / 2**level, scene.darkest, scene.brightest, column)
+            gray = intensity(self._given[::4, ::4])
+            self.whole_scene = Scene(self.size[1], *np.percentile(gray, (10, 95)).tolist())
+        return self.whole_scene
 
     def search(self, level: int, jobs: list[Job], most: int) -> Candidates:
         """The best runways that a level of the pyramid shows, aligned and described."""
@@ -369,7 +350,7 @@ class LevelledImage:
         valid &= aligned[:, 3] - aligned[:, 2] <= _widest(aligned[:, 1] + top)
         if not valid.any():
             return NO_CANDIDATES
-        features, strips = describe(image, aligned[valid], self.scene(level), level)
+        features, strips = describe(image, aligned[valid], self.scene(), level)
         strips[:, 1] += top
         return Candidates(_scaled(strips, 2**level), features)
 
@@ -393,14 +374,18 @@ class LevelledImage:
     def _part_on(self, level: int, strips: Strips) -> Part | None:
         """The part of a level of the pyramid around strips, if it is large enough."""
         known = _scaled(strips, 0.5**level)
-        box = surrounding_box(known)
+        x, y, left, right, _, near = known.T
+        near_left, near_right = x + left * near, x + right * near
+        margin = max(STRIP.side_margin * (near_right - near_left).max(), STRIP.min_side_margin)
         height, width = (side >> level for side in self.size)
-        left, top = max(0, int(box[0])), max(0, int(box[1]))
-        right, bottom = min(width, int(box[2]) + 1), min(height, int(box[3]) + 1)
-        if right - left < SEARCH.min_part or bottom - top < SEARCH.min_part:
+        first = max(0, int(np.minimum(near_left, x).min() - margin))
+        end = min(width, int(np.maximum(near_right, x).max() + margin) + 1)
+        top = max(0, int(y.min() - STRIP.margin_above))
+        bottom = min(height, int((y + STRIP.depth_below * near).max() + 4) + 1)
+        if end - first < SEARCH.min_part or bottom - top < SEARCH.min_part:
             return None
-        known[:, :2] -= (left, top)
-        return Part(self._part(level, (left, top, right, bottom)), known, level, (left, top))
+        known[:, :2] -= (first, top)
+        return Part(self._part(level, (first, top, end, bottom)), known, level, (first, top))
 
     def refined(self, strips: Strips, level: int) -> Strips:
         """Strips that were aligned on a level of the pyramid, aligned on the finer ones as well."""
@@ -432,19 +417,12 @@ _ALONG = np.linspace(0.0, 1.0, 12)
 
 
 class Part(NamedTuple):
-    """A part of an image.
-
-    Attributes:
-        map: its evidence.
-        strips: (n, 6) on the map.
-        level: of the pyramid.
-        place: its first column and row on the level's image, px.
-    """
+    """A part of an image."""
 
     map: EvidenceMap
-    strips: Strips
-    level: int
-    place: tuple[int, int]
+    strips: Strips  # (n, 6) on the map
+    level: int  # of the pyramid
+    place: tuple[int, int]  # the map's first column and row on the level's image, px
 
     def whole(self, strips: Strips) -> Strips:
         """Strips of the map as they are on the image."""
@@ -472,8 +450,9 @@ def describe_around(
         return None
     measured[~valid] = strips[~valid]
     features = np.zeros((len(strips), len(FEATURES)))
-    scene = working.scene(part.level, part.place[0])
-    features[valid], measured[valid] = describe(part.map, measured[valid], scene, part.level)
+    features[valid], measured[valid] = describe(
+        part.map, measured[valid], working.scene(), part.level, part.place[0]
+    )
     return working.refined(part.whole(measured), part.level), features, valid
 
 

@@ -1,10 +1,4 @@
-"""A runway's edges from the bright lines along its sides: they end where its pavement ends.
-
-Painted side stripes, and concrete beside a streak of rubber, are the clearest thing in a runway far
-away. Their inner sides look like the edges of a darker strip, and their middles like painted lines;
-the runway's edge is where the line's outer side is. Beside the side stripe there may be a
-shoulder's line outside and markings or rubber inside.
-"""
+"""A runway's edges: the outer sides of the bright lines along it, stripes or bare concrete."""
 
 from __future__ import annotations
 
@@ -25,17 +19,11 @@ Numbers = NDArray[np.floating[Any]]
 
 
 class Line(NamedTuple):
-    """A line along an edge.
+    """A line along an edge; its middle is in widths of the runway outside of the expected edge."""
 
-    Attributes:
-        far: its middle at the far end, widths of the runway outside of the expected edge.
-        near: at the near end.
-        clearness: in usual ridges of the place.
-    """
-
-    far: float
-    near: float
-    clearness: float
+    far: float  # middle at the far end
+    near: float  # at the near end
+    clearness: float  # in usual ridges of the place
 
     @property
     def middle(self) -> float:
@@ -49,13 +37,8 @@ def choose(
     """Which lines are the runway's, among those along its left and its right edge.
 
     Markings within the runway are fainter than its side line. Of two clear lines on both sides, as
-    far apart, the outer ones are the shoulders'.
-
-    Args:
-        left: at least one line.
-        right: likewise.
-        expected: where the edges are expected, widths outside of where `Line` counts from.
-        away_cost: log odds lost per width from there.
+    far apart, the outer ones are the shoulders'. Log odds are lost per width from where the edges
+    are expected, widths outside of where `Line` counts from.
     """
     both = left, right
     middles = [np.array([line.middle for line in lines]) for lines in both]
@@ -105,7 +88,7 @@ def find_side_lines(
     if outwards[1, -1] >= LINES.max_width:
         return None
     columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
-    pixels, _, _ = frame.at(columns, rows[:, None])
+    pixels, _ = frame.at(columns, rows[:, None])
     one, other = _distinct(brightness_of(pixels).reshape(columns.shape))
     left, right = (0.0, 0.0) if known is None else _away(strip, known)
     share, cost = (1.0, LINES.away_from_colour_cost) if coloured else (0.5, LINES.away_cost)
@@ -145,19 +128,12 @@ def _away(strip: Strip, points: Edges) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class _LineFan:
-    """All straight lines of a width along an edge.
+    """All straight lines of a width along an edge."""
 
-    Attributes:
-        reach: samples between a line's middle and what is beside it.
-        ends: (n, 2) middle at the far and at the near end, widths of the runway.
-        at: (rows, n) samples through which they go.
-        worth: (n,) factor of the clearness: those that run askew count less.
-    """
-
-    reach: int
-    ends: Numbers
-    at: NDArray[np.intp]
-    worth: Numbers
+    reach: int  # samples between a line's middle and what is beside it
+    ends: Numbers  # (n, 2) middle at the far and at the near end, widths of the runway
+    at: NDArray[np.intp]  # (rows, n) samples through which they go
+    worth: Numbers  # (n,) factor of the clearness: those that run askew count less
 
 
 @lru_cache

@@ -17,20 +17,14 @@ class SearchRange(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """Where edges may meet on the levelled working image.
+    """Where edges may meet on the levelled working image."""
 
-    Attributes:
-        row: of the horizon, px, if it is known.
-        ranges: hypotheses of where it is; the first has the frame's slope, as have all without
-            a horizon.
-        meeting: row of the vanishing point and its standard deviation, px; known with an attitude.
-        seen: frames in which a horizon was seen.
-    """
-
-    row: float | None
+    row: float | None  # of the horizon, px, if it is known
+    # hypotheses of where it is; the first has the frame's slope, as have all without a horizon
     ranges: list[SearchRange]
+    # row of the vanishing point and its standard deviation, px; known with an attitude
     meeting: tuple[float, float] | None = None
-    seen: float = 0.0
+    seen: float = 0.0  # frames in which a horizon was seen
 
     @classmethod
     def unknown(cls, height: int) -> Sight:

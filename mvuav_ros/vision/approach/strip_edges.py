@@ -1,9 +1,4 @@
-"""Where exactly a strip's two edges are on the frame, near where they are expected.
-
-A strip is (6,) numbers on the levelled working image: the vanishing point's x and y, the columns by
-which the left and the right edge move to the right per row below it, and the rows from it to the
-far and to the near end, px. Edges are steps of brightness and colour, or painted lines.
-"""
+"""Where exactly a strip's two edges are on the frame, near where they are expected."""
 
 from __future__ import annotations
 
@@ -21,6 +16,8 @@ from mvuav_ros.vision.approach.tuning import EDGES, SHOULDERS
 from mvuav_ros.vision.point_operations import Pixels
 
 Strip = NDArray[np.float64]
+"""(6,) on the levelled working image: the vanishing point's x and y, the columns by which the left
+and the right edge move to the right per row, and the rows from it to the far and the near end."""
 Strips = NDArray[np.float64]
 """(n, 6), likewise."""
 
@@ -33,12 +30,11 @@ class LevelledFrame(NamedTuple):
 
     def at(
         self, columns: NDArray[Any], rows: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """The frame at places (2, count, places) of the levelled working image, interpolated.
 
         Returns:
-            The pixels, (2 count, places) or (2 count, places, 3), and the frame's columns and
-            rows, each as ``columns``.
+            The pixels, (2 count, places) or (2 count, places, 3); and which are on the frame.
         """
         on_x, on_y = self.level.to_frame(columns, rows)
         flat = (-1, columns.shape[-1])
@@ -50,24 +46,19 @@ class LevelledFrame(NamedTuple):
         )
         border = cv2.BORDER_REPLICATE
         pixels = cv2.remap(self.image, places, parts, cv2.INTER_LINEAR, borderMode=border)
-        return np.asarray(pixels), on_x, on_y
+        height, width = self.image.shape[:2]
+        inside = (on_x > 0) & (on_x < width - 1) & (on_y > 0) & (on_y < height - 1)
+        return np.asarray(pixels), inside
 
 
 @dataclass(frozen=True, eq=False)
 class EdgePoints:
-    """Points of one edge on the levelled working image.
+    """Points of one edge on the levelled working image."""
 
-    Attributes:
-        rows: (n,) px.
-        columns: (n,) px.
-        weights: (n,) 0 to 1.
-        support: share of the rows searched that have a step there, 0 to 1.
-    """
-
-    rows: NDArray[np.float64]
-    columns: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    support: float
+    rows: NDArray[np.float64]  # (n,) px
+    columns: NDArray[np.float64]  # (n,) px
+    weights: NDArray[np.float64]  # (n,) 0 to 1
+    support: float  # share of the rows searched that have a step there, 0 to 1
 
 
 Edges = tuple[EdgePoints, EdgePoints]
@@ -76,23 +67,15 @@ Edges = tuple[EdgePoints, EdgePoints]
 
 @dataclass(frozen=True, eq=False)
 class EdgeSamples:
-    """The frame's pixels across both edges.
+    """The frame's pixels across both edges."""
 
-    Attributes:
-        pixels: (2 count, places) or (2 count, places, 3): rows of the left, then of the right edge.
-        expected: (2, count) columns of the edges, px of the levelled working image.
-        rows: (count,) likewise.
-        across: (places,) px from the expected column.
-        inside: (2, count, places) is on the frame.
-        base: samples over which a step is measured, even.
-    """
-
+    # (2 count, places) or (2 count, places, 3): rows of the left, then of the right edge
     pixels: NDArray[Any]
-    expected: NDArray[Any]
-    rows: NDArray[Any]
-    across: NDArray[Any]
-    inside: NDArray[np.bool_]
-    base: int
+    expected: NDArray[Any]  # (2, count) columns of the edges, px of the levelled working image
+    rows: NDArray[Any]  # (count,) likewise
+    across: NDArray[Any]  # (places,) px from the expected column
+    inside: NDArray[np.bool_]  # (2, count, places) is on the frame
+    base: int  # samples over which a step is measured, even
 
     def steps(self, channels: NDArray[Any]) -> NDArray[Any]:
         """(..., 2, count, places - base) rise of channels (..., 2 count, places) inwards.
@@ -116,17 +99,17 @@ class EdgeSamples:
 
         The straight line with the most steps is chosen, then the steps' own places near it.
         """
-        base, size = self.base, max(size, 1e-6)
+        base = self.base
         _, count, places = steps.shape
-        lines = _straight_lines(count, places)
-        votes = steps.reshape(2, -1).take(lines.sample, axis=1).sum(axis=2) * lines.worth
+        lines, samples, worth = _straight_lines(count, places)
+        votes = steps.reshape(2, -1).take(samples, axis=1).sum(axis=2) * worth
         if not self.inside.all():
             # What is in view of a line speaks for the rest of it.
             inside = self._steps_inside.reshape(2, -1)
-            seen = inside.take(lines.sample, axis=1).sum(axis=2)
+            seen = inside.take(samples, axis=1).sum(axis=2)
             votes *= count / np.maximum(seen, EDGES.min_seen * count)
         best = votes.argmax(axis=1)
-        near_line = lines.at[best][:, :, None] + np.arange(-base // 2 - 1, base // 2 + 2)
+        near_line = lines[best][:, :, None] + np.arange(-base // 2 - 1, base // 2 + 2)
         valid = (near_line >= 0) & (near_line < places)
         near_line = np.clip(near_line, 0, places - 1)
         local = np.take_along_axis(steps, near_line, axis=2) * valid
@@ -137,7 +120,7 @@ class EdgeSamples:
         weights = np.clip(total / (base * size), 0.0, 1.0)
         weights *= weights > EDGES.min_step_share
         # Where there are steps everywhere, the best line is not worth much.
-        rank = int(EDGES.usual_rank * lines.worth.size)
+        rank = int(EDGES.usual_rank * worth.size)
         usual = np.partition(votes, rank, axis=1)[:, rank]
         support = np.clip((votes.max(axis=1) - usual) / (count * size), 0.0, 1.0)
         left, right = (
@@ -147,22 +130,15 @@ class EdgeSamples:
         return left, right
 
 
-class _Lines(NamedTuple):
-    """All straight lines through samples across an edge.
-
-    Attributes:
-        at: (n, count) the sample in each row.
-        sample: the same in all samples.
-        worth: (n,) factor of the votes.
-    """
-
-    at: NDArray[np.intp]
-    sample: NDArray[np.intp]
-    worth: NDArray[np.float64]
-
-
 @lru_cache(maxsize=64)
-def _straight_lines(count: int, places: int) -> _Lines:
+def _straight_lines(
+    count: int, places: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """All n straight lines through samples across an edge.
+
+    Returns:
+        (n, count) their places in each row, the same among all samples, and (n,) factors of votes.
+    """
     ends = np.arange(0, places, 2)
     far, near = (v.ravel() for v in np.meshgrid(ends, ends, indexing='ij'))
     along = np.linspace(0.0, 1.0, count)
@@ -170,7 +146,7 @@ def _straight_lines(count: int, places: int) -> _Lines:
     middle = 0.5 * (places - 1)
     # Of equal lines the expected one.
     away = (np.abs(far - middle) + np.abs(near - middle)) / places
-    return _Lines(at, at + np.arange(count) * places, 1.0 - 0.3 * away)
+    return at, at + np.arange(count) * places, 1.0 - 0.3 * away
 
 
 def sample_edges(
@@ -189,22 +165,16 @@ def sample_edges(
     if far_off:
         sample *= max(1.0, EDGES.far_reach * width / reach)
     across = np.arange(-steps, steps + 1) * sample
-    pixels, on_x, on_y = frame.at(expected[:, :, None] + across, rows[:, None])
+    pixels, inside = frame.at(expected[:, :, None] + across, rows[:, None])
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = max(2, int(np.clip(width / EDGES.widths_per_step, 2, 4) / sample))
-    height, columns = frame.image.shape[:2]
-    inside = (on_x > 0) & (on_x < columns - 1) & (on_y > 0) & (on_y < height - 1)
     return EdgeSamples(pixels, expected, rows, across, inside, 2 * (base // 2))
 
 
 def rows_of(
     strip: Strip, along: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """A strip's width and edges in some rows.
-
-    Args:
-        strip: (6,).
-        along: (n,) where the rows are, from 0, the far end, to 1.
+    """A strip's edges in n rows, from 0, the far end, to 1.
 
     Returns:
         The rows (n,), the columns of the left and of the right edge (2, n), and the width, at
@@ -302,10 +272,8 @@ def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:
     rows, edges, outwards = rows_of(strip, np.linspace(SHOULDERS.first_row, 1.0, SHOULDERS.rows))
     across = np.arange(-SHOULDERS.inside, SHOULDERS.beyond, SHOULDERS.step)
     columns = edges[:, :, None] + outwards[:, :, None] * across
-    pixels, on_x, on_y = frame.at(columns, rows[:, None])
-    height, width = frame.image.shape[:2]
-    on_frame = (on_x >= 0) & (on_x < width) & (on_y >= 0) & (on_y < height)
-    seen = on_frame.all(axis=(0, 2))
+    pixels, inside = frame.at(columns, rows[:, None])
+    seen = np.asarray(inside.all(axis=(0, 2)))
     if 2 * np.count_nonzero(seen) < SHOULDERS.rows:
         return None
     window = max(2, round(SHOULDERS.window / (float(np.median(outwards[1])) * SHOULDERS.step)))

@@ -27,11 +27,9 @@ from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.track import RunwayTrack, View
 from mvuav_ros.vision.approach.tuning import SEARCH, TRACKER
 
-_Chunk = tuple[SearchRange, int, int, list[float]]
-"""What is searched in one frame: range, level, depth, and rows."""
 
-
-def _chunks(where: SearchRange) -> Iterator[_Chunk]:
+def _chunks(where: SearchRange) -> Iterator[tuple[SearchRange, int, int, list[float]]]:
+    """What is searched in one frame after the other: range, level, depth, and rows."""
     for level in range(SEARCH.levels):
         for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level):
             for start in range(0, len(rows), TRACKER.chunk):
@@ -42,24 +40,17 @@ TrackT = TypeVar('TrackT', bound=FollowedStrip)
 
 
 class StripTracker(Generic[TrackT]):
-    """Several strips followed at a time: a runway, a road or a pipeline.
-
-    Attributes:
-        tracks: those that are followed.
-        best: the one that is shown.
-        below_horizon: whether the target is looked for below the horizon alone.
-        level: the last frame's derotation.
-        registration: of the working images.
-    """
+    """Several strips followed at a time: a runway, a road or a pipeline."""
 
     below_horizon = True
+    """The target is looked for below the horizon alone."""
 
     def __init__(self, max_tracks: int, switch_margin: float) -> None:
         """How many are followed, and by what log odds another must be better than that shown."""
         self.tracks: list[TrackT] = []
-        self.best: TrackT | None = None
+        self.best: TrackT | None = None  # the one that is shown
         self._max_tracks, self._switch_margin = max_tracks, switch_margin
-        self.level: Derotation | None = None
+        self.level: Derotation | None = None  # of the last frame
         self.registration = Registration()
         self._frame = 0
 
@@ -149,8 +140,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         """Frames from one share of the search to the next."""
         if self.certain:
             return TRACKER.period_certain
-        first = self._rounds < TRACKER.first_rounds
-        return TRACKER.period_first if first else TRACKER.period_later
+        return TRACKER.period_later if self._rounds else TRACKER.period_first
 
     def _search(self, view: View, sight: Sight) -> Candidates:
         """What is likeliest at once; after that the next few rows on one level at one depth."""
@@ -176,7 +166,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         odds = log_odds_of(found.features)
         least = float(odds.max(initial=-np.inf)) - TRACKER.max_below_best
         fresh: list[RunwayTrack] = []
-        for index in np.argsort(-odds, kind='stable')[: TRACKER.max_taken]:
+        for index in np.argsort(-odds, kind='stable'):
             strip = found.strips[index]
             if odds[index] < max(TRACKER.min_start_odds, least):
                 break

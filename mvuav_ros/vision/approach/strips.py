@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation, turn_edge
 from mvuav_ros.vision.approach.strip_edges import EdgePoints, Edges, Strip, Strips
-from mvuav_ros.vision.approach.tuning import STRIP
+from mvuav_ros.vision.approach.tuning import EDGES, STRIP
 
 
 def columns_at(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -32,38 +32,14 @@ def strips_through(
     return found
 
 
-def surrounding_box(strips: Strips) -> tuple[float, float, float, float]:
-    """The part of an image that is needed to describe strips."""
-    x, y, left, right, _, near = strips.T
-    first, last = x + left * near, x + right * near
-    margin = max(STRIP.side_margin * float((last - first).max()), STRIP.min_side_margin)
-    return (
-        float(np.minimum(first, x).min()) - margin,
-        float(y.min()) - STRIP.margin_above,
-        float(np.maximum(last, x).max()) + margin,
-        float((y + STRIP.depth_below * near).max()) + 4,
-    )
+def points_along(strip: Strip, rows: NDArray[np.float64], spread: NDArray[np.float64]) -> Edges:
+    """A mean strip's edges between two rows as points, the fewer the less they are known.
 
-
-def overlap(strip: Strip, other: Strip) -> bool:
-    """Whether two strips share half of the narrower one, and meet at about the same place."""
-    (x, y, a, b, _, near), (x2, y2, a2, b2, _, _) = strip.tolist(), other.tolist()
-    left, right = x + a * near, x + b * near
-    first, last = x2 + a2 * (y + near - y2), x2 + b2 * (y + near - y2)
-    width, its = right - left, max(last - first, 1e-6)
-    return bool(
-        min(last, right) - max(first, left) > 0.5 * min(width, its)
-        and abs(y2 - y) < 0.6 * near
-        and width / 3 < its < 3 * width
-    )
-
-
-def points_along(
-    mean: NDArray[np.float64], rows: NDArray[np.float64], spread: NDArray[np.float64]
-) -> Edges:
-    """The mean's edges as points, the fewer the less they are known."""
+    Their spread is (2, 2) px, of the left and of the right edge in these rows.
+    """
     at = rows[0] + _SHARES * (rows[1] - rows[0])
-    columns = mean[:, :1] + _SHARES * (mean[:, 1:] - mean[:, :1])
+    ends = columns_at(strip[None], rows)[0]
+    columns = ends[:, :1] + _SHARES * (ends[:, 1:] - ends[:, :1])
     weights = 1.0 / (1.0 + spread.max(axis=1) ** 2)
     left, right = (
         EdgePoints(at, edge, np.full(STRIP.points, weight), 1.0)
@@ -108,10 +84,7 @@ _DIAGONAL = np.arange(4)
 class Shape:
     """Two edges, each x = p + a (y - reference row), on the levelled working image.
 
-    Attributes:
-        state: (4,) p and a of the left edge, p and a of the right edge.
-        covariance: (4, 4).
-        reference: row, px.
+    The state is (4,): p and a of the left edge, p and a of the right edge.
     """
 
     def __init__(self, strip: Strip) -> None:
@@ -170,7 +143,7 @@ class Shape:
         information = np.linalg.inv(self.covariance)
         vector = information @ self.state
         for first, points in zip((0, 2), edges, strict=True):
-            weight = points.weights / (STRIP.point_sigma**2 * STRIP.correlated_rows)
+            weight = points.weights / (STRIP.point_sigma**2 * EDGES.correlated_rows)
             depth = points.rows - self.reference
             # Sums, not products of matrices: BLAS rounds as the arrays happen to lie in memory.
             by_depth = weight * depth
@@ -192,30 +165,20 @@ class Shape:
 
 
 class FollowedStrip:
-    """A strip that is followed, whatever it is: what the tracker needs to know of it.
-
-    Attributes:
-        shape: its edges.
-        far: rows from the vanishing point to the far end, px of the working image; smoothed.
-        near: likewise to the near end.
-        near_seen: the same in the newest frame alone.
-        open_end: its near end is out of sight.
-        age: frames.
-        misses: looks in a row in which it was not seen.
-        points: of the edges in the newest frame, if seen.
-        log_odds: how likely it is what is looked for, averaged over the last frames.
-    """
+    """A strip that is followed, whatever it is: what the tracker needs to know of it."""
 
     max_misses: ClassVar[int]
 
     def __init__(self, strip: Strip, log_odds: float) -> None:
         self.shape = Shape(strip)
+        # Rows from the vanishing point to both ends, px of the working image; smoothed.
         self.far, self.near = float(strip[4]), float(strip[5])
-        self.near_seen = self.near
-        self.open_end = False
-        self.age = self.misses = 0
-        self.points: Edges | None = None
-        self.log_odds = log_odds
+        self.near_seen = self.near  # in the newest frame alone
+        self.open_end = False  # the near end is out of sight
+        self.age = 0  # frames
+        self.misses = 0  # looks in a row in which it was not seen
+        self.points: Edges | None = None  # in the newest frame, if seen
+        self.log_odds = log_odds  # that it is what is looked for, averaged over the last frames
 
     @property
     def rank(self) -> float:
@@ -257,15 +220,25 @@ class FollowedStrip:
         return np.array([*self.shape.vanishing_point, left, right, self.far, self.near])
 
     def covers(self, strip: Strip) -> bool:
-        """Whether a strip may be the same: around, within or beside it."""
-        return overlap(self.strip(), strip)
+        """Whether they share half of the narrower one, and meet at about the same place."""
+        (x, y, a, b, _, near), (x2, y2, a2, b2, _, _) = self.strip().tolist(), strip.tolist()
+        left, right = x + a * near, x + b * near
+        first, last = x2 + a2 * (y + near - y2), x2 + b2 * (y + near - y2)
+        width, its = right - left, max(last - first, 1e-6)
+        return bool(
+            min(last, right) - max(first, left) > 0.5 * min(width, its)
+            and abs(y2 - y) < 0.6 * near
+            and width / 3 < its < 3 * width
+        )
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""
         self.shape.turn(old, new)
 
-    def follow_ends(self, far: float, near: float) -> None:
-        """Take in where the ends are in the newest frame, rows below the vanishing point."""
+    def follow_ends(self, far_row: float, near_row: float) -> None:
+        """Take in the rows of both ends in the newest frame."""
+        _, y = self.shape.vanishing_point
+        far, near = max(far_row - y, 1.0), near_row - y
         if not math.isfinite(near):
             return
         share = max(STRIP.end_memory, 1.0 / self.age)

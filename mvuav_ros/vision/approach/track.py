@@ -1,9 +1,4 @@
-"""One possible runway followed from frame to frame, as several strips that may be it.
-
-A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
-of them is the runway one frame seldom shows. In every few frames those around what is followed are
-weighed, and what is followed and reported is their mean: the filter of its edges remembers it.
-"""
+"""One possible runway followed from frame to frame: the mean of strips within strips."""
 
 from __future__ import annotations
 
@@ -40,24 +35,14 @@ from mvuav_ros.vision.approach.strips import (
 from mvuav_ros.vision.approach.tuning import LINES, PROBABILITY, SEARCH, SHOULDERS, TRACK, TRACKER
 
 
-class Weighed(NamedTuple):
-    """What a frame says of strips that may be the runway.
-
-    Attributes:
-        strips: (n, 6), those that differ; the likeliest first.
-        shares: (n,) of the probability that it is one of them; they add up to 1.
-        log_odds: that it is one of them.
-    """
-
-    strips: Strips
-    shares: NDArray[np.float64]
-    log_odds: float
-
-
-def weigh(measured: Strips, odds: NDArray[np.float64]) -> Weighed:
+def weigh(measured: Strips, odds: NDArray[np.float64]) -> tuple[Strips, NDArray[np.float64], float]:
     """Weigh strips (m, 6) by their log odds (m,), minus infinity of what is no strip in the frame.
 
     Paint and rubber within a runway are seen more often than it: the wider counts more.
+
+    Returns:
+        Those that differ, likeliest first; how the probability is shared among them; and the log
+        odds that the runway is one of them.
     """
     best = measured[int(odds.argmax())]
     columns = columns_at(measured, best[1] + np.array([SEARCH.first_row, 1.0]) * best[5])
@@ -68,7 +53,7 @@ def weigh(measured: Strips, odds: NDArray[np.float64]) -> Weighed:
     temperature = float(np.interp(_width(best), (narrow, wide), (hot, cold)))
     weight = np.exp(below / temperature) * widths
     log_odds = float(odds[kept[0]]) + math.log(float(np.exp(below).sum()))
-    return Weighed(measured[kept], weight / weight.sum(), log_odds)
+    return measured[kept], weight / weight.sum(), log_odds
 
 
 def _width(strip: Strip) -> float:
@@ -94,24 +79,12 @@ def _distinct(
 
 
 class View(NamedTuple):
-    """A frame as the tracks see it.
-
-    Attributes:
-        frame: the frame itself.
-        working: its working image, levelled.
-        sight: where edges may meet on it.
-        registration: of the working images.
-    """
+    """A frame as the tracks see it."""
 
     frame: LevelledFrame
-    working: LevelledImage
-    sight: Sight
-    registration: Registration
-
-
-def tolerance(width: float) -> float:
-    """Px by which an edge may be wrong where the near end is so many px wide."""
-    return max(TRACK.min_tolerance, TRACK.tolerance_share * width)
+    working: LevelledImage  # its working image
+    sight: Sight  # where edges may meet on that
+    registration: Registration  # of the working images
 
 
 def support(edges: Edges) -> float:
@@ -122,12 +95,9 @@ def support(edges: Edges) -> float:
 class EdgeKind(IntEnum):
     """What a runway's edges are measured by."""
 
-    STRIPS = 0
-    """The mean of the strips that it may be."""
-    STEP = 1
-    """The step from land to pavement, on the frame itself."""
-    LINE = 2
-    """The outer side of the lines along both sides."""
+    STRIPS = 0  # the mean of the strips that it may be
+    STEP = 1  # the step from land to pavement, on the frame itself
+    LINE = 2  # the outer side of the lines along both sides
 
 
 class EdgeKinds:
@@ -158,35 +128,29 @@ class EdgeKinds:
         return EdgeKind(int(self._shares.argmax()))
 
 
-_OPEN = FEATURES.index('open_end')
-
-
 class RunwayTrack(FollowedStrip):
     """The mean of strips that overlap, and how likely one of them is the runway.
 
-    Attributes:
-        moved: frames that differed from the one before.
-        distinct: share of the last frames in which the edges are clear lines or colours, or
-            steps where lines are not looked for.
-        shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
-        agreement: probability of the strips that are where the mean is; of the kind by which
-            the edges are measured while it is locked.
-        locked: it is followed by its edges alone.
-        above_horizon: it lies above a horizon that has been known for longer.
+    Which of them is the runway, its shoulders, a side stripe or a streak of rubber, one frame
+    seldom shows. Every few frames they are weighed; the filter of the edges remembers their mean.
     """
 
     max_misses = 4
 
     def __init__(self, strip: Strip, log_odds: float) -> None:
         super().__init__(strip, log_odds)
-        self.moved = 0
+        self.moved = 0  # frames that differed from the one before
+        # Shares of the last frames: with edges that are clear lines or colours, or steps where
+        # lines are not looked for; and with pavement that goes on beyond both edges.
         self.distinct = self.shoulders = 0.0
+        # Probability of the strips that are where the mean is, or of the edges' kind while locked.
         self.agreement = 1.0
-        self._found = [strip]
+        self.locked = False  # followed by its edges alone
+        self.above_horizon = False  # of a horizon that has been known for longer
+        self._found = strip[None]  # by a search, since it was weighed
         self._look, self.kinds = EdgeLook(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested, self._memory = 0, 1.0
-        self.locked = self.above_horizon = False
 
     @property
     def other_edges(self) -> float:
@@ -219,12 +183,12 @@ class RunwayTrack(FollowedStrip):
 
     def add(self, strip: Strip) -> None:
         """Take in what a search has found, in the next frame."""
-        self._found.append(strip)
+        self._found = np.concatenate([self._found, strip[None]])
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""
-        found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
-        self._found = [strip for strip in found if np.isfinite(strip).all()]
+        found = turn_strips(self._found, old, new)
+        self._found = found[np.isfinite(found).all(axis=1)]
         super().turn(old, new)
 
     def step(self, view: View, period: int, *, shown: bool = False) -> None:
@@ -266,7 +230,7 @@ class RunwayTrack(FollowedStrip):
             self._see_ends(view)
             self.locked = self.points is not None
         seen = self.locked or self._weigh(view)
-        self._found = []
+        self._found = self._found[:0]
         if seen:
             self.misses = 0
             return
@@ -286,8 +250,7 @@ class RunwayTrack(FollowedStrip):
 
     def _weigh(self, view: View) -> bool:
         """Weigh all strips that may be the runway; whether there are any."""
-        found = np.array(self._found).reshape(-1, 6)
-        seen = describe_around(view.working, self.strip(), found, TRACK.strips_around)
+        seen = describe_around(view.working, self.strip(), self._found, TRACK.strips_around)
         if seen is None:
             return False
         measured, features, valid = seen
@@ -299,12 +262,14 @@ class RunwayTrack(FollowedStrip):
         corners = columns_at(strips, rows)
         mean = np.tensordot(shares, corners, axes=1)
         self._spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
-        near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance(float(mean[1, 1] - mean[0, 1]))
+        width = float(mean[1, 1] - mean[0, 1])
+        tolerance = max(TRACK.min_tolerance, TRACK.tolerance_share * width)
+        near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance
         self.agreement += self._memory * (float(shares[near].sum()) - self.agreement)
         through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)
-        self._ends_at(rows)
-        self.open_end = bool(features[int(odds.argmax()), _OPEN] > 0.5)
+        self.follow_ends(*rows.tolist())
+        self.open_end = bool(features[int(odds.argmax()), FEATURES.index('open_end')] > 0.5)
         return True
 
     def _measure(
@@ -314,11 +279,11 @@ class RunwayTrack(FollowedStrip):
 
         The others are measured, and which is the likeliest is asked, in weighings alone.
         """
-        corners = columns_at(strip[None], rows)[0]
-        width = float(corners[1, 1] - corners[0, 1])
+        left, right = columns_at(strip[None], rows)[0, :, 1].tolist()
+        width = right - left
         measured: dict[EdgeKind, Edges | None] = {}
         if weighed and not self.locked:
-            measured[EdgeKind.STRIPS] = points_along(corners, rows, self._spread)
+            measured[EdgeKind.STRIPS] = points_along(strip, rows, self._spread)
         evidence: dict[EdgeKind, float] = {}
         if weighed or self.kinds.likeliest is EdgeKind.STEP:
             edges, odds = self._find_steps(view, strip, weighed=weighed)
@@ -352,8 +317,7 @@ class RunwayTrack(FollowedStrip):
     def _predicted(self) -> Edges:
         """Points along the edges as followed."""
         strip = self.strip()
-        rows = strip[1] + strip[4:6]
-        return points_along(columns_at(strip[None], rows)[0], rows, self._spread)
+        return points_along(strip, strip[1] + strip[4:6], self._spread)
 
     def _find_steps(self, view: View, strip: Strip, *, weighed: bool) -> tuple[Edges | None, float]:
         """The steps along both edges, if they are seen, and the log odds of that kind."""
@@ -381,11 +345,7 @@ class RunwayTrack(FollowedStrip):
         if found is None:
             return
         if found[1] > 0.5 * self.near:
-            self._ends_at(strip[1] + found)
+            self.follow_ends(*(strip[1] + found).tolist())
         middle = strip[0] + 0.5 * (strip[2] + strip[3]) * self.near
         _, last = view.frame.level.to_frame(middle, strip[1] + self.near)
         self.open_end = bool(last > view.frame.image.shape[0] - 2 * view.frame.level.factor)
-
-    def _ends_at(self, rows: NDArray[np.float64]) -> None:
-        _, y = self.shape.vanishing_point
-        self.follow_ends(max(float(rows[0]) - y, 1.0), float(rows[1]) - y)

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DetectorTuning:
-    """Of the whole frame. Lengths are px of the working image unless said."""
+    """Of the whole frame."""
 
-    # frames that are all the same, from which a picture shows nothing: two seconds
-    frozen_frames: int = 50
+    frozen_frames: int = 50  # equal frames, after which a picture shows nothing: two seconds
     # shares of the height searched for vanishing points without a horizon
     whole_range: tuple[float, float] = (0.03, 0.65)
-    # share of the height above the picture up to which they are searched
-    range_above: float = -0.4
+    range_above: float = -0.4  # share of the height above the picture, up to which likewise
     min_side: int = 48  # px of the frame's shorter side
     # standard deviations from the attitude's horizon, beyond which edges that meet are no runway's.
     # Simulated flights with attitude; right ones are up to 2.5 away
@@ -28,26 +26,18 @@ class DetectorTuning:
 
 
 @dataclass(frozen=True)
-class AttitudeTuning:
-    """Of the horizon from attitude."""
-
-    # rad, of the camera's axis; beyond, the horizon is nowhere near the image
-    max_pitch: float = math.radians(80.0)
-    # cosine between image's down and world's up: banked beyond 107 deg
-    min_upside_down: float = 0.3
-    # tangent of half the angle between the horizon's two points that give its slope
-    half_base: float = 0.05
-
-
-@dataclass(frozen=True)
 class HorizonTuning:
-    """Of the horizon in the image. Chosen on runs 3 and 5 and the stills of the tuned half."""
+    """Of the horizon, chosen on runs 3 and 5 and the stills of the tuned half."""
 
-    width: int = 80  # px of the small image in which it is looked for
+    # rad, of the camera's axis by attitude; beyond, the horizon is nowhere near the image
+    max_pitch: float = math.radians(80.0)
+    min_upside_down: float = 0.3  # cosine between image's down and world's up: beyond 107 deg
+    half_base: float = 0.05  # tangent of half the angle between two points that give its slope
+    width: int = 80  # px of the small image in which it is looked for without attitude
     height: int = 60  # px, likewise
     slope_step_deg: float = 1.5  # between slopes that are tried
     max_roll_deg: float = 66.0  # of the slopes that are tried
-    step_rows: int = 3  # rows above and below, whose difference is a step
+    step_rows: int = 3  # odd; rows above and below, whose difference is a step
     max_step: float = 24.0  # grey levels; more counts as that
     min_strength: float = 3.0  # grey levels of the mean step across a horizon
     max_texture: float = 0.4  # texture above a horizon per step across it
@@ -59,10 +49,8 @@ class HorizonTuning:
     column_step: int = 4  # px between the columns of the refinement
     reach: int = 5  # px above and below the expected line
     min_columns: int = 12  # columns of the refinement
-    # share of columns on the line, with which a followed horizon is kept
-    min_agreement: float = 0.55
-    # grey levels of step per grey level of texture above: haze is smoother than fields
-    texture_cost: float = 1.0
+    min_agreement: float = 0.55  # share of columns on the line, with which a followed one is kept
+    texture_cost: float = 1.0  # grey levels of step per one of texture: haze is smoother
     max_texture_cost: float = 6.0  # grey levels of texture; more counts as that
     full_period: int = 10  # frames between two looks for the horizon at any slope
     row_cost: float = 0.03  # grey levels per row: of steps alike the upper one
@@ -84,8 +72,7 @@ class MotionTuning:
     period: int = 6  # frames from one comparison to the next
     max_period: int = 12  # frames after which other corners are taken
     max_still: float = 0.25  # px by which a corner that stands still may seem to have moved
-    # px by which the ground must have moved before standing still says anything
-    min_moved: float = 1.2
+    min_moved: float = 1.2  # px by which the ground moved, before standing still says anything
     min_moving: int = 10  # corners that moved, for a map to be known
     min_inliers: float = 0.6  # share of them that fit one map
     max_residual: float = 1.0  # px by which corners may miss the map
@@ -100,21 +87,20 @@ class EdgesTuning:
     """Of edges measured on the frame itself. Run 3 and the simulator's flights."""
 
     max_rows: int = 40  # rows in which an edge is measured
+    correlated_rows: float = 3.0  # neighbouring rows that err alike
     sample: float = 0.5  # px between samples across an edge
     reach: float = 0.35  # widths searched on both sides of the expected edge
     min_reach: float = 3.0  # px, likewise
     max_reach: float = 8.0  # px, likewise
     # widths, likewise, of a strip that was found on a coarse image: 2 px of its level
     far_reach: float = 0.12
-    # a row supports an edge with a step of this share of the strip's contrast
-    min_step_share: float = 0.25
+    min_step_share: float = 0.25  # of the strip's contrast: a row with less supports no edge
     widths_per_step: float = 12.0  # width of the strip over the length of a step
     min_seen: float = 0.5  # share of a line's rows that must be on the frame; fewer count as that
     usual_rank: float = 0.15  # rank, from the worst, of the line whose votes are usual
     min_contrast: float = 1.5  # grey levels: less gives no direction
     clear_contrast: float = 12.0  # grey levels that are plain to see
-    # grey levels of the opponent colours between pavement and grass by day
-    colour_contrast: float = 30.0
+    colour_contrast: float = 30.0  # opponent colours' levels between pavement and grass by day
     memory: float = 0.05  # share of a new frame in the contrast. Simulated slabs and S-turns
     region: int = 5  # samples across an edge over those of its outside, or its inside
 
@@ -123,24 +109,21 @@ class EdgesTuning:
 class LinesTuning:
     """Of the lines along a runway's sides, in widths of the runway. Runs 3, 5 and variants."""
 
-    # between places of one line in two frames, and between like gaps of both sides
-    same: float = 0.1
+    same: float = 0.1  # between two lines along an edge, and between like gaps of both sides
     # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
     # in run 5 0.9
     clear_share: float = 0.85
     clear_doubt: float = 0.05  # its doubt
     away_cost: float = 4.0  # log odds lost per width from where the strips' mean has the edge
     away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
-    # log odds lost by the outer of two clear lines, if the other side has two as far apart
-    shoulder_cost: float = 4.0
+    shoulder_cost: float = 4.0  # log odds lost by the outer of two, with like ones opposite
     step: float = 0.02  # between samples across an edge
     reach: float = 0.5  # of the samples on both sides of an expected edge
     max_away: float = 0.32  # between a line's middle and the expected edge
     half_widths: tuple[float, float] = (0.06, 0.1)  # of lines
     rows: int = 24  # sampled between the far and the near end
     max_turned: float = 0.24  # between a line's places at the far and at the near end
-    # share of a line's clearness lost per width that it moves from end to end
-    turned_cost: float = 1.67
+    turned_cost: float = 1.67  # share of a line's clearness lost per width between its ends
     beyond: float = 0.16  # of a line's middle, up to which its outer side is looked for
     apart: float = 0.12  # between lines that are not one
     most: int = 4  # lines along an edge that are compared
@@ -163,8 +146,7 @@ class ShouldersTuning:
     rows: int = 32  # sampled
     # px of the near end: a narrower runway's side lines look like shoulders in run 5
     min_width: float = 45.0
-    # share of the way from the far end: farther away a shoulder is too narrow
-    first_row: float = 0.3
+    first_row: float = 0.3  # share of the way from the far end: before, a shoulder is too narrow
     step: float = 0.01  # between samples
     inside: float = 0.02  # sampled inside of the edge
     beyond: float = 0.3  # sampled outside of the edge
@@ -173,8 +155,7 @@ class ShouldersTuning:
     min_apart: float = 0.05  # from the edge's own step: nearer ones are within the tolerance
     # of the edge's own step: run 3's shoulders have 0.19 and more, land in simulated flights 0.1
     min_step_share: float = 0.15
-    # share of the mean brightness by which it stands out from what is between
-    min_clearness: float = 0.0064
+    min_clearness: float = 0.0064  # share of the mean brightness, beside what is between
 
 
 @dataclass(frozen=True)
@@ -182,11 +163,9 @@ class SearchTuning:
     """Of the search for runways."""
 
     step_reach: int = 2  # px on each side over which a step is averaged; the blur of edges in run 3
-    # px from the middle of a painted line to where it must be darker; lines of 1 to 3 px, in run 3
-    # and in the simulator
+    # px from a painted line's middle to where it must be darker: lines of 1 to 3 px, as in run 3
     ridge_reaches: tuple[int, int] = (2, 3)
-    # width and height over which local texture is averaged; far larger than lines, far smaller than
-    # fields
+    # width and height over which texture is averaged: far more than lines, far less than fields
     texture_window: tuple[int, int] = (61, 15)
     # grey levels of texture that smooth land has at least: noise and JPEG error of run 3 and stills
     brightness_floor: float = 2.0
@@ -200,16 +179,14 @@ class SearchTuning:
     # next level has twice these
     depths: tuple[int, ...] = (10, 14, 20, 28)
     first_row: float = 0.4  # share of the near end's depth at which the compared part begins
-    # the same where a strip meets above the image, at most; flights that look down
-    last_first_row: float = 0.65
+    last_first_row: float = 0.65  # the same, at most, of what meets above; flights that look down
     min_inside: float = 0.6  # share of these rows in which an edge is not beside the image
     samples: int = 8  # rows compared in the search
     edges_kept: int = 7  # strongest edges through one vanishing point that are paired
     steepest: float = 1.8  # columns per row of the flattest edge searched
     narrowest: float = 6.0  # px; a narrower near end says nothing
     widest: float = 1.5  # width over camera height of what is searched (a flare is followed only)
-    # the same of a strip whose edges meet above the image; simulated flights that look down
-    widest_above: float = 3.6
+    widest_above: float = 3.6  # the same of edges that meet above; flights that look down
     farthest_aside: float = 1.2  # lateral offset over width
     candidates: int = 60  # kept on the finest level of the pyramid; half as many on the others
     attitude_reach: float = 10.0  # px searched about a horizon from attitude, which is good to 6
@@ -232,8 +209,7 @@ class SearchTuning:
     levels: int = 4  # of the pyramid
     finest_aligned: int = 1  # level on which edges found on coarser ones are placed at last
     min_part: int = 12  # px of the sides of the part around strips
-    # px of a level: a near end below that is measured on the next one
-    max_level_depth: float = 28.0
+    max_level_depth: float = 28.0  # px of a level: deeper near ends are measured on the next one
 
 
 @dataclass(frozen=True)
@@ -245,8 +221,7 @@ class AppearanceTuning:
     first_depth: float = 1.5  # px below the vanishing point, from which rows count
     min_width: float = 2.0  # px of a row that counts
     slack: float = 1e-09  # of sums of evidence, which are rounded
-    # of the vanishing point, from which on what is above it is in the image
-    min_sky_row: float = -1.0
+    min_sky_row: float = -1.0  # of the vanishing point, from which what is above it is in view
 
 
 @dataclass(frozen=True)
@@ -265,7 +240,7 @@ class ProbabilityTuning:
 
 @dataclass(frozen=True)
 class StripTuning:
-    """Of strips and of the Kalman filter on their edges; px of the working image."""
+    """Of strips and of the Kalman filter on their edges."""
 
     side_margin: float = 1.2  # widths beside strips that are needed to describe them
     min_side_margin: float = 36.0  # px, likewise
@@ -273,13 +248,10 @@ class StripTuning:
     depth_below: float = 2.7  # depths of the near end
     points: int = 12  # of a mean's edge
     min_width: float = 5.0  # px of the near end: less cannot be distinguished from specks in clouds
-    # px: of what meets above that row ``min_below_top`` must be in view. Run 2 below its
-    # horizon
-    top_row: float = 6.0
+    top_row: float = 6.0  # px: of what meets above it ``min_below_top`` must be in view. Run 2, cut
     min_below_top: float = 8.0  # px; less is a letter at the top. Text on the motorway
     max_above: float = 1.0  # heights of the image by which the vanishing point may lie above it
     point_sigma: float = 0.7  # px of one edge point
-    correlated_rows: float = 3.0  # neighbouring rows that err alike
     yaw_sigma: float = 1.2  # px per frame
     pitch_sigma: float = 0.8  # px per frame
     slope_sigma: float = 0.006  # columns per row and frame of an edge
@@ -304,8 +276,7 @@ class TrackTuning:
     dim_odds: float = -1.5  # log odds below which it is not worth that
     min_tolerance: float = 3.0  # px by which an edge may be wrong
     tolerance_share: float = 0.05  # widths, likewise
-    # px of the near end, from which lines are so far apart that edges are the clearest steps
-    wide: float = 18.0
+    wide: float = 18.0  # px of the near end, from which edges are clearer steps than lines' sides
     min_support: float = 0.25  # of the edges, 0 to 1, from which that holds
     # share of a weighing that shows shoulders, of one that does not, and of one in which too little
     # of what lies beside is in the picture. Simulated slabs before a camera that looks down
@@ -315,13 +286,10 @@ class TrackTuning:
     strips_around: int = 14  # tried around the mean each time
     miss_memory: float = 0.15  # share of a frame that does not show it in what a track remembers
     missed_odds: float = -4.0  # log odds of a weighing in which nothing is there
-    # px from which a runway is followed by its edges alone: near the ground all has straight
-    # edges
-    lock_width: float = 24.0
+    lock_width: float = 24.0  # px from which edges alone are followed: near by all is straight
     lock_age: int = 20  # frames, likewise
     lock_confidence: float = 0.55  # likewise. Simulated flights that look down, the country road
-    # of steps that need no strips beside them. Simulated flights that look down
-    plain_support: float = 0.5
+    plain_support: float = 0.5  # of steps that need no strips beside them. Flights that look down
     lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
     unlock_share: float = 0.5  # the same, below which it is no longer
     first_kinds: tuple[float, float, float] = (0.6, 0.2, 0.2)  # of strips, steps and lines
@@ -341,9 +309,8 @@ class TrackerTuning:
     max_tracks: int = 3  # followed at a time
     chunk: int = 8  # rows of vanishing points searched in one frame
     period_first: int = 2  # frames from one share of the search to the next without a runway
-    period_later: int = 4  # the same after ``first_rounds``
+    period_later: int = 4  # the same once all was searched
     period_certain: int = 24  # the same with a runway
-    first_rounds: int = 1  # through all that is searched
     max_weighed: int = 14  # of the strips that a share of the search finds
     best_period: int = 6  # frames from one weighing of the best track to the next
     others_period: int = 12  # the same of others
@@ -355,7 +322,6 @@ class TrackerTuning:
     # log odds lost by what lies above a horizon that the image has shown for longer. Text in run 3
     above_horizon_odds: float = 1.0
     switch_margin: float = 0.7  # log odds by which another track must be better than the one shown
-    max_taken: int = 24  # candidates of one search that are followed
     max_below_best: float = 6.0  # log odds below the best candidate
 
 
@@ -366,8 +332,7 @@ class RoadTuning:
     first_depth: float = 4.0  # px below the vanishing point, from which rows count
     farther: float = 0.7  # depths of the far end, from which on edges are looked for
     ceiling: float = 4.0  # floors: the contrast that counts most
-    # share of the image's height below which lines may meet: the camera looks ahead
-    highest: float = 0.3
+    highest: float = 0.3  # share of the height, below which lines may meet: the camera looks ahead
     lowest: float = 0.72  # share of the image's height above which they may
     meeting_reach: float = 8.0  # px from a known horizon, at which they may
     paint_reach: int = 6  # px: paint is brighter than what is so far to its left and to its right
@@ -383,11 +348,9 @@ class RoadTuning:
     horizon_sigma: float = 4.0  # px of the vanishing point about the horizon
     support_range: float = 0.25  # above the target's, at which support is full
     min_sharp: float = 0.2  # share of that
-    # share of the image's height at which a strip under the camera ends: of no road
-    high_end: float = 0.6
+    high_end: float = 0.6  # share of the height where a strip under the camera ends: of no road
     low_end: float = 0.8  # likewise, of any
-    # sum of quality above the target's ``start_score``, with which a track is shown
-    convincing: float = 7.0
+    convincing: float = 7.0  # sum of quality above ``start_score``, with which a track is shown
     certain: float = 10.0  # likewise, above which more does not count
     min_age: int = 8  # frames until then
     fades: float = 0.8  # factor of the confidence for a frame in which it is not seen
@@ -405,14 +368,12 @@ class RoadTuning:
 class GuidanceTuning:
     """Of the pose's covariance."""
 
-    # px of the frame by which all points of an edge are wrong alike, at either end of it
-    edge_bias: float = 0.12
+    edge_bias: float = 0.12  # px of the frame by which an edge's points err alike, at either end
     # px of the frame, on both edges inwards or outwards alike: side stripes, defocus
     width_bias: float = 0.16
     min_spread: float = 0.05  # px of the frame
     near_sigma: float = 1.0  # px of the working image: of the near end's row
     beginning_sigma: float = 10.0  # m: markings and overruns blur where the pavement begins
-    correlated_rows: float = 3.0  # that err alike
     slope_sigma: float = math.radians(0.06)  # rad, of the horizon's slope
     bank_sigma: float = math.radians(10.0)  # rad, of a slope of 0 where no horizon is known
     # Half widths of the image by which edges meet off a horizon that has the right slope. Of 82
@@ -424,7 +385,6 @@ class GuidanceTuning:
 
 
 DETECTOR = DetectorTuning()
-ATTITUDE = AttitudeTuning()
 HORIZON = HorizonTuning()
 MOTION = MotionTuning()
 EDGES = EdgesTuning()

@@ -7,7 +7,8 @@ import pytest
 
 from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.approach.attitude import Derotation, horizon_from, mount_matrix
-from mvuav_ros.vision.approach.guidance import EdgeFit, locate
+from mvuav_ros.vision.approach.guidance import locate
+from mvuav_ros.vision.approach.strip_edges import EdgePoints
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_rpy, quaternion
 
@@ -16,8 +17,8 @@ CAMERA = CameraModel(640, 480, (600.0, 0.0, 320.0, 0.0, 600.0, 240.0, 0.0, 0.0, 
 
 def edge(aside):
     """On a level image, of a line so many heights to the right of the camera, straight ahead."""
-    rows = np.array((250.0, 400.0))
-    return EdgeFit(320.0 + aside * (rows - 240.0), rows, 0.01 * np.eye(2))
+    rows = np.linspace(250.0, 400.0, 8)
+    return EdgePoints(rows, 320.0 + aside * (rows - 240.0), np.ones(8), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -26,7 +27,7 @@ def edge(aside):
 def test_what_is_not_observed_has_no_variance_of_what_is(near_row, x):
     """A near end above the horizon is none: a wrong attitude shows it there."""
     level = Derotation(640, 480, 1, 0.0)
-    guidance = locate(edge(-1.0), edge(2.0), near_row, level, 0.001, CAMERA, 30.0)
+    guidance = locate((edge(-1.0), edge(2.0)), near_row, level, 0.001, CAMERA, 30.0)
     assert (guidance.y, guidance.z) == pytest.approx((5.0, 10.0))
     assert guidance.x == pytest.approx(x, nan_ok=True)
     assert (guidance.covariance[0, 0] == UNKNOWN_VARIANCE) == math.isnan(x)
@@ -51,7 +52,8 @@ def test_a_bent_horizon_does_not_roll_the_camera(model, d, roll_deg, yaw_deg):
     for y in (15.0, -15.0):
         ends = np.array([(700.0, y, 0.0), (-100.0, y, 0.0)]) - position
         columns, rows = back.to_frame(*camera.project(ends @ body @ OPTICAL_FROM_BODY.T).T)
-        edges.append(EdgeFit(columns, rows, 0.01 * np.eye(2)))
-    found = locate(*edges, None, level, 0.001, camera, 30.0)
+        along = [np.linspace(*ends, 8) for ends in (rows, columns)]
+        edges.append(EdgePoints(*along, np.ones(8), 1.0))
+    found = locate(edges, None, level, 0.001, camera, 30.0)
     assert (found.y, found.z) == pytest.approx((5.0, 30.0), abs=0.02)
     assert (found.roll, found.pitch, found.yaw) == pytest.approx(angles, abs=1e-3)

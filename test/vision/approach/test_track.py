@@ -16,7 +16,6 @@ from mvuav_ros.vision.approach.track import (
     EdgeKinds,
     RunwayTrack,
     View,
-    Weighed,
 )
 from mvuav_ros.vision.approach.tuning import SHOULDERS
 
@@ -65,7 +64,7 @@ def test_colour_holds_the_edges_where_the_strips_scatter(monkeypatch):
     assert track.distinct > 0.9
 
     def scattered(*_):
-        return Weighed(SCATTERED, np.full(len(SCATTERED), 1 / len(SCATTERED)), 1.0)
+        return SCATTERED, np.full(len(SCATTERED), 1 / len(SCATTERED)), 1.0
 
     monkeypatch.setattr(track_module, 'weigh', scattered)
     for _ in range(3):
