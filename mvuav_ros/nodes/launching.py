@@ -17,7 +17,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from mvuav_ros.detectors import DETECTORS
-from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.common_parameters import TRANSPORTS
 
 NODES = {detector.word: name for name, detector in DETECTORS.items()}
 """The detectors by what they are called here."""
@@ -42,7 +42,7 @@ _ARGUMENTS = {
 }
 """Default and description."""
 _SWITCH = ('true', 'false')
-_TRANSPORTS = list(MarkerTrackerParameters.spec('image_transport').choices)
+_TRANSPORTS = ['raw', *TRANSPORTS]
 
 
 def launch_vision(launch_file: str, **defaults: str) -> LaunchDescription:

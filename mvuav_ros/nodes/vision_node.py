@@ -35,7 +35,8 @@ from mvuav_ros.nodes.image_input import (
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.publishing import FrameAnswerer, ResultPublishers
-from mvuav_ros.parameters.declaration import ParameterSet, condition_text
+from mvuav_ros.parameters.common_parameters import DetectorParameters
+from mvuav_ros.parameters.declaration import condition_text
 from mvuav_ros.processing.processor import Processor
 
 
@@ -213,15 +214,14 @@ class VisionNode(ManagedNode):
             words += '; no /tf, as tf2_msgs is not installed'
         self.get_logger().info(words)
 
-    def _apply(self, parameters: ParameterSet) -> None:
+    def _apply(self, parameters: DetectorParameters) -> None:
         if self._results is None:
             # `open` does it, and names what it cannot use.
             return
         with self._answerer.lock:
             self._processor.configure(parameters)
-        threads = int(getattr(parameters, 'opencv_threads'))  # noqa: B009 - both detectors' have it
         # OpenCV takes a negative number for its own choice.
-        cv2.setNumThreads(threads if threads > 0 else -1)
+        cv2.setNumThreads(parameters.opencv_threads or -1)
 
     def _add_trigger(self, name: str, action: Callable[[], None], said: str = '') -> None:
         def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

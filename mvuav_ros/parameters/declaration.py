@@ -176,7 +176,7 @@ class ParameterSet:
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """The parameters' names in order of declaration."""
-        return tuple(f.name for f in dataclasses.fields(cls))
+        return tuple(spec.name for spec in cls.specs())
 
     @classmethod
     def from_mapping(cls: type[_Set], values: Mapping[str, object]) -> _Set:
@@ -223,7 +223,7 @@ class ParameterSet:
 
     def as_dict(self) -> dict[str, Value]:
         """Name to value, in order of declaration."""
-        return dataclasses.asdict(self)
+        return {name: getattr(self, name) for name in self.names()}
 
 
 def _of_python(value: Any) -> Any:

@@ -12,7 +12,7 @@ from sensor_msgs.msg import Image
 from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.parameters.declaration import ParameterSet
+from mvuav_ros.parameters.common_parameters import DetectorParameters
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 
 
@@ -100,7 +100,7 @@ class Processor(ABC):
     """
 
     name: ClassVar[str]
-    parameters_type: ClassVar[type[ParameterSet]]
+    parameters_type: ClassVar[type[DetectorParameters]]
     topics: ClassVar[Mapping[str, type]]
     debug_topics: ClassVar[tuple[str, ...]]
     descriptions: ClassVar[Mapping[str, str]]
