@@ -13,7 +13,7 @@ from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.common_parameters import DetectorParameters
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 
 
 class DuplicateStampError(ValueError):
@@ -110,13 +110,15 @@ class Processor(ABC):
     uses_attitude: ClassVar[bool] = False
     triggers: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self) -> None:
+    def __init__(self, parameters: Any = None) -> None:
+        """Prepare for the first frame; the parameters are the defaults if None."""
+        self._parameters: Any = parameters or self.parameters_type()
         self.status = self.frames_problem = ''
         self.static_transforms = poses.TransformTree()
         self.resets = 0
         self._camera: CameraModel | None = None
         self._last_stamp_ns: int | None = None
-        self._set_topics(self.topics, 'off')
+        self._set_topics(self.topics)
 
     @property
     def awaits_camera_info(self) -> bool:
@@ -133,9 +135,9 @@ class Processor(ABC):
         """Whether a pose is wanted and no calibration has come yet."""
         return False
 
-    def _set_topics(self, topics: Mapping[str, type], publish_tf: str) -> None:
+    def _set_topics(self, topics: Mapping[str, type]) -> None:
         """Say what the node publishes; its parameters are known from the start on."""
-        known = publish_tf != 'off' and poses.TF_TYPE is not None
+        known = poses.TF_TYPE and getattr(self._parameters, 'publish_tf', 'off') != 'off'
         tf = {poses.TF_TOPIC: poses.TF_TYPE} if known else {}
         self.topics = {**topics, **tf}  # type: ignore[misc]
         images = dict.fromkeys(self.debug_topics, Image)
@@ -147,22 +149,16 @@ class Processor(ABC):
         target: poses.Placement,
         name: str,
         frame: Frame,
-        given: Any,
     ) -> list[Output]:
-        """A frame's pose as others take it.
+        """A frame's pose as others take it: the camera's body axes in the frame of that name.
 
-        Args:
-            camera: the camera's body axes in the target's frame.
-            target: the target in the camera's optical frame.
-            name: of the target's frame.
-            frame: the image.
-            given: the node's parameters.
+        The ``target`` is that frame in the camera's optical one.
         """
-        vehicle = camera
+        given, vehicle = self._parameters, camera
         # tf2 takes neither a frame without a name nor one that begins with a slash.
         own = given.camera_frame or frame.frame_id.lstrip('/')
         if given.base_frame:
-            vehicle = poses.vehicle_of(camera, self._mount(own, given))
+            vehicle = poses.vehicle_of(camera, self._mount(own))
         make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
         outputs = [Output('vision_pose', make)]
         if poses.TF_TOPIC not in self.topics:
@@ -186,8 +182,9 @@ class Processor(ABC):
             outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
 
-    def _mount(self, camera_frame: str, given: Any) -> poses.Placement:
+    def _mount(self, camera_frame: str) -> poses.Placement:
         """The camera's body axes on what ``~/vision_pose`` is the pose of."""
+        given = self._parameters
         xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
         if any(xyz) or any(rpy_deg):
             return poses.mount_of(xyz, rpy_deg)
@@ -226,7 +223,7 @@ class Processor(ABC):
 
     def set_camera(self, camera: CameraModel) -> None:
         """Take the calibration of the next frame on; it may be an unusable one."""
-        self._camera = camera
+        self._camera = camera.rectified() if self._parameters.image_is_rectified else camera
 
     @property
     def calibration(self) -> str:
@@ -234,10 +231,8 @@ class Processor(ABC):
         camera = self._camera
         if camera is None:
             return 'none'
-        try:
-            camera.check(camera.width, camera.height)
-        except CalibrationError as error:
-            return f'none: {error}'
+        if objection := camera.objection(camera.width, camera.height):
+            return f'none: {objection}'
         if camera.is_rectified:
             return 'P: the images are rectified'
         return f'K and d ({camera.distortion_model or "without a name"})'
