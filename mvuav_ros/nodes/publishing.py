@@ -31,7 +31,7 @@ from mvuav_ros.messages.images import (
     view_coded_image,
 )
 from mvuav_ros.messages.sensors import decode_camera_info, encode_camera_info, make_header
-from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes, StampMonitor
+from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes
 from mvuav_ros.nodes.image_input import ReceivedImage, camera_info_topic
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.video_source import VideoSourceParameters
@@ -278,16 +278,11 @@ class FrameAnswerer:
 
     A frame that cannot be used is counted, logged and dropped. Called in the thread of the images;
     ``lock`` guards the processor and the statistics, which the executor's thread touches as well.
-    ``stamps`` are those since the last `restart`, ``statistics`` those since the node was made;
-    where it is not ``enabled``, images are counted only.
     """
 
     def __init__(self, node: Node, processor: Processor) -> None:
         self.lock = Lock()
         self.statistics = FrameStatistics()
-        self.stamps = StampMonitor()
-        self.enabled = True
-        self.image_format = ''
         self._node = node
         self._processor = processor
         self._publishers: ResultPublishers | None = None
@@ -303,7 +298,6 @@ class FrameAnswerer:
         with self.lock:
             self._processor.reset()
             self._publishers, self._decoder = publishers, FrameDecoder(transport, topic)
-            self.stamps = StampMonitor()
             self.statistics.restart()
             self._awaits_first = True
 
@@ -329,8 +323,8 @@ class FrameAnswerer:
         with self.lock:
             if not received.is_skipped:
                 self.statistics.arrived()
-            if not self.enabled:
-                self.stamps.interrupt()
+            if not self.statistics.enabled:
+                self.statistics.stamps.interrupt()
                 self._decoder.forget()
                 return
         for frame in self._decoder.frames(received):
@@ -357,21 +351,18 @@ class FrameAnswerer:
         publishers.look(_LOOK_INTERVAL)
         debug = publishers.debug_wanted()
         with self.lock:
-            self.image_format = f'{frame.image.width}x{frame.image.height} {frame.image.encoding}'
-            self.statistics.processed_one(times)
-            self.stamps.follow(frame.stamp_ns)
+            self.statistics.processed_one(frame, times)
             images = self._processor.draw(debug) if debug else []
         publishers.publish(images)
         if self._awaits_first:
             self._awaits_first = False
             self._node.get_logger().info(
-                f'first image: {self.image_format}, frame {frame.frame_id!r}'
+                f'first image: {self.statistics.image_format}, frame {frame.frame_id!r}'
             )
 
     def _reject(self, kind: str, reason: str) -> None:
         with self.lock:
             self.statistics.reject(kind, reason)
-            self.stamps.interrupt()
         # rclpy's own throttle goes by the line of code: one kind would silence the others.
         now = time.monotonic()
         if now - self._logged.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -17,9 +17,8 @@ from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.poses import TF_TOPIC, TF_TYPE
 from mvuav_ros.nodes.diagnostics import (
     WINDOW,
-    InputMonitor,
+    DetectorStatus,
     every_second,
-    explain_no_images,
     publish_status,
     status,
 )
@@ -38,67 +37,6 @@ from mvuav_ros.nodes.publishing import FrameAnswerer, ResultPublishers
 from mvuav_ros.parameters.common_parameters import DetectorParameters
 from mvuav_ros.parameters.declaration import condition_text
 from mvuav_ros.processing.processor import Processor
-
-
-class DetectorStatus:
-    """Turns counts into a diagnostic status, once a second while the node is active."""
-
-    def __init__(self, answerer: FrameAnswerer, processor: Processor) -> None:
-        self._answerer = answerer
-        self._processor = processor
-        self._monitor = InputMonitor()
-
-    @property
-    def state(self) -> str:
-        """``running`` or ``disabled``."""
-        return 'running' if self._answerer.enabled else 'disabled'
-
-    def explain_no_images(self, images: InputState) -> str:
-        """Why no images come, by the newest `report`."""
-        return explain_no_images(images, self._monitor.lost)
-
-    def report(self, name: str, images: InputState, notes: Sequence[str]) -> DiagnosticStatus:
-        """The status of the last seconds; `FrameAnswerer.lock` is held by the caller.
-
-        ``notes`` are said beside it, and are no reason for a warning.
-        """
-        problems = self._monitor.problems(images.events, self._answerer.stamps)
-        level = DiagnosticStatus.OK
-        statistics = self._answerer.statistics
-        if self._answerer.enabled and statistics.silent:
-            never = statistics.received == 0
-            level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
-            since = '' if never else f' for {WINDOW:.0f} s'
-            problems = [f'no images{since}: {self.explain_no_images(images)}']
-        elif self._answerer.enabled:
-            problems += statistics.problems()
-            if (count := len(images.publishers)) > 1:
-                problems.append(f'{count} publishers on {images.topic}: their images are mixed')
-            problems += filter(None, (self._processor.status, self._processor.frames_problem))
-        if problems and level == DiagnosticStatus.OK:
-            level = DiagnosticStatus.WARN
-        words = '; '.join([*(problems or [self.state]), *notes])
-        return status(level, name, words, self._values(images))
-
-    def _values(self, images: InputState) -> dict[str, str]:
-        events, stamps = images.events, self._answerer.stamps
-        spacing = stamps.spacing_ns
-        return {
-            'state': self.state,
-            **self._answerer.statistics.values(),
-            'frames_skipped': str(events.skipped),
-            'frames_lost_in_transport': str(events.lost),
-            'frames_missing': str(events.missing),
-            'frames_left_out_by_stamps': str(stamps.frames_left_out),
-            'stamp_rate_hz': f'{1e9 / spacing:.1f}' if spacing else 'nan',
-            'stamp_jumps_back': str(self._processor.resets),
-            'stamp_jumps_forward': str(stamps.jumps_forward),
-            'image': self._answerer.image_format,
-            'image_topic': images.topic,
-            'calibration': self._processor.calibration,
-            'image_publishers': ' '.join(images.publishers),
-            'incompatible_publishers': str(events.incompatible),
-        }
 
 
 class VisionNode(ManagedNode):
@@ -120,7 +58,7 @@ class VisionNode(ManagedNode):
         self._input: FrameInput | None = None
         self._static: Any = None
         self._answerer = FrameAnswerer(self, processor)
-        self._status = DetectorStatus(self._answerer, processor)
+        self._status = DetectorStatus(self._answerer.statistics, processor)
         self._reported_silence = False
         self._live = LiveParameters(self, processor.parameters_type, self._apply)
         publish_status(self, self._report)
@@ -141,7 +79,7 @@ class VisionNode(ManagedNode):
     def begin(self) -> None:
         """Subscribe; images before this moment are not answered."""
         assert self._results is not None
-        self._status = DetectorStatus(self._answerer, self._processor)
+        self._status = DetectorStatus(self._answerer.statistics, self._processor)
         self._reported_silence = False
         images, answer = self.resolve_topic_name('image_raw'), self._answerer.answer
         transport = 'raw' if self._handed_over else self.get_parameter('image_transport').value
@@ -234,9 +172,9 @@ class VisionNode(ManagedNode):
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         with self._answerer.lock:
-            if request.data and not self._answerer.enabled:
+            if request.data and not self._answerer.statistics.enabled:
                 self._processor.reset()
-            self._answerer.enabled = request.data
+            self._answerer.statistics.enabled = request.data
         response.success, response.message = True, self._status.state
         if self._input is None:
             response.message = f'the node is {self.lifecycle_state}'
@@ -285,7 +223,8 @@ class VisionNode(ManagedNode):
 
     def _report_silence(self, images: InputState) -> None:
         """Warn once when no images have come for a while."""
-        quiet = self._answerer.enabled and self._answerer.statistics.quiet_for >= WINDOW
+        statistics = self._answerer.statistics
+        quiet = statistics.enabled and statistics.quiet_for >= WINDOW
         if quiet and not self._reported_silence:
             why = self._status.explain_no_images(images)
             self.get_logger().warning(f'no images for {WINDOW:.0f} s: {why}')
