@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from threading import Event, Lock, Thread
 from typing import Any, NamedTuple
@@ -39,19 +40,19 @@ from mvuav_ros.messages.images import Frame, stamp_ns_in
 from mvuav_ros.messages.sensors import (
     AttitudePairing,
     StampPairing,
+    decode_camera_info,
     decode_imu,
     stamp_ns_of,
     type_name,
 )
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import ImageError
 
 _DEPTH = 5
 """Frames that wait at most, as many as in the queue of a sensor subscription."""
-
-
 _CALM = 5
 """Wakes with a single image after which a node that was too slow counts as fast enough again."""
 _PATIENCE = 3
@@ -59,25 +60,15 @@ _PATIENCE = 3
 
 
 class ReceivedImage(NamedTuple):
-    """An image, and when it came.
+    """An image, and when it came."""
 
-    Attributes:
-        data: a message in CDR, or the frame itself where source and node share a process.
-        transport: seconds since it was sent, by the system clocks; NaN if unknown.
-        taken: `time.perf_counter` when it was taken.
-        info: the CameraInfo that holds for it, if there is one (see `StampPairing`).
-        attitude: of the body at its stamp, if that is known (see `AttitudePairing`).
-        is_skipped: newer ones lay waiting; only what comes after it may need it to be decoded.
-        follows_loss: the one before it never came, or is not known to have.
-    """
-
-    data: bytes | Frame
-    transport: float
-    taken: float
-    info: Any = None
-    attitude: Attitude | None = None
-    is_skipped: bool = False
-    follows_loss: bool = False
+    data: bytes | Frame  # a message in CDR; the frame where source and node share a process
+    transport: float  # seconds since it was sent, by the system clocks; NaN if unknown
+    taken: float  # `time.perf_counter` when it was taken
+    camera: CameraModel | None = None  # that holds for it, if one is known (see `StampPairing`)
+    attitude: Attitude | None = None  # of the body at its stamp, likewise (see `AttitudePairing`)
+    is_skipped: bool = False  # newer ones lay waiting; those after it may need it to be decoded
+    follows_loss: bool = False  # the one before it never came, or is not known to have
 
     @property
     def stamp_ns(self) -> int:
@@ -92,39 +83,25 @@ class ReceivedImage(NamedTuple):
 
 @dataclass
 class InputEvents:
-    """What became of images before the callback; counts since the start.
+    """What became of images before the callback; counts since the start."""
 
-    Lost ones never arrived, as the middleware says; missing ones are left out in the publisher's
-    own count, for whatever reason; skipped ones were taken, and left out as newer ones lay waiting.
-    The size is the newest image's, in bytes.
-    Incompatible are publishers whose QoS did not fit ours.
-    """
-
-    lost: int = 0
-    missing: int = 0
-    skipped: int = 0
-    size: int = 0
-    incompatible: int = 0
+    lost: int = 0  # never arrived, as the middleware says
+    missing: int = 0  # left out in the publisher's own count, for whatever reason
+    skipped: int = 0  # taken, and left out as newer ones lay waiting
+    size: int = 0  # of the newest image, in bytes
+    incompatible: int = 0  # publishers whose QoS did not fit ours
     errors: int = 0
     last_error: str = ''
 
 
 class InputState(NamedTuple):
-    """The image topic at this moment.
+    """The image topic at this moment."""
 
-    Attributes:
-        topic: its resolved name.
-        publishers: the nodes that publish it.
-        events: what became of images.
-        obstacle: why none of them can be received, in words.
-        others: where nobody publishes it, the topics that carry images.
-    """
-
-    topic: str
-    publishers: list[str]
+    topic: str  # its resolved name
+    publishers: list[str]  # the nodes that publish it
     events: InputEvents
-    obstacle: str = ''
-    others: Sequence[tuple[str, str]] = ()
+    obstacle: str = ''  # why none of them can be received, in words
+    others: Sequence[tuple[str, str]] = ()  # where nobody publishes it: topics that carry images
 
 
 class Backlog:
@@ -158,27 +135,18 @@ _VIDEO = {
 """Packages that a robot may have; nothing of ours needs them."""
 
 
-class ImageTopic(NamedTuple):
-    """A topic of images: a name still to be resolved and remapped, and the messages' class."""
-
-    name: str
-    kind: Any
-    transport: str
-
-    @property
-    def may_be_video(self) -> bool:
-        """Whether an image may need those before it to be decoded."""
-        return self.transport != 'raw'
-
-
-def image_topic(transport: str, resolved: str) -> ImageTopic:
+def image_topic(transport: str, resolved: str) -> tuple[str, Any]:
     """The topic of a transport beside the image topic as remapped, so that it moves along.
+
+    Returns:
+        Its name, still to be resolved and remapped, and the messages' class.
 
     Raises:
         ParameterError: the messages' package is not installed.
     """
     if transport == 'raw':
-        return ImageTopic('image_raw', Image, transport)
+        return 'image_raw', Image
+    kind = CompressedImage
     if transport in _VIDEO:
         package, name = _VIDEO[transport]
         try:
@@ -189,16 +157,11 @@ def image_topic(transport: str, resolved: str) -> ImageTopic:
                 f'{transport} needs the messages of {package}: '
                 f'apt install ros-jazzy-{package.replace("_", "-")} ({error})',
             ) from error
-    else:
-        kind = CompressedImage
-    return ImageTopic(f'{resolved}/{transport}', kind, transport)
+    return f'{resolved}/{transport}', kind
 
 
 def camera_info_topic(node: Node) -> str:
-    """In the namespace of the images, as camera drivers and image_transport have it.
-
-    Unless it is remapped itself.
-    """
+    """In the namespace of the images, as camera drivers have it, unless it is remapped itself."""
     topic = node.resolve_topic_name('camera_info')
     if topic == node.resolve_topic_name('camera_info', only_expand=True):
         topic = node.resolve_topic_name('image_raw').rsplit('/', 1)[0] + '/camera_info'
@@ -288,8 +251,11 @@ class SynchronizedTopic:
         self.subscription = subscribe(node, kind, topic, depth=_SYNCHRONIZED_DEPTH)
         self.kind, self._is_awaited = kind, is_awaited
         self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
+        self._decode: Callable[[Any], Any] = decode_imu
         if kind is CameraInfo:
-            self._pairing, self._field = StampPairing(), 'info'
+            images = node.resolve_topic_name('image_raw')
+            self._decode = partial(decode_camera_info, image_topic=images)
+            self._pairing, self._field = StampPairing(), 'camera'
         else:
             self._pairing, self._field = AttitudePairing(), 'attitude'
 
@@ -304,8 +270,7 @@ class SynchronizedTopic:
             return
         while (taken := self.subscription.handle.take_message(self.kind, False)) is not None:
             message: Any = taken[0]
-            info = decode_imu(message) if self.kind is Imu else message
-            self._pairing.add_info(stamp_ns_of(message.header), info)
+            self._pairing.add_info(stamp_ns_of(message.header), self._decode(message))
 
     def completed(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
         """The images, in their order, that need not wait any more, with what belongs to them."""
@@ -342,26 +307,24 @@ class FrameInput(ABC):
     It uses rclpy's wait set in the way of rclpy's own `wait_for_message`.
 
     Attributes:
-        synchronized: what images may wait for.
+        topic: the resolved name of the image topic.
+        synchronized: what images may wait for; closed with this.
     """
 
     def __init__(
         self,
         node: Node,
+        topic: str,
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic],
     ) -> None:
         self._events = InputEvents()
-        self._node, self._on_image, self.synchronized = node, on_image, synchronized
+        self._node, self._on_image = node, on_image
+        self.topic, self.synchronized = topic, synchronized
         self._subscriptions: list[Any] = [topic.subscription for topic in synchronized]
         self._stopping = Event()
         self._wake = GuardCondition(None, None, context=node.context)
         self._thread: Thread | None = None
-
-    @property
-    @abstractmethod
-    def topic(self) -> str:
-        """The resolved name of the image topic."""
 
     @abstractmethod
     def poll(self) -> InputState:
@@ -443,26 +406,17 @@ class IntraProcessInput(FrameInput):
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic] = (),
     ) -> None:
-        """Frames of the source of a topic may wait for their synchronized."""
-        super().__init__(node, on_image, synchronized)
-        self._topic = topic
-        self._waiting: deque[ReceivedImage] = deque()
+        super().__init__(node, topic, on_image, synchronized)
+        self._waiting: deque[ReceivedImage] = deque(maxlen=_DEPTH)
         self._lock = Lock()
         self._closed = False
-
-    @property
-    def topic(self) -> str:
-        """The topic of the source."""
-        return self._topic
 
     def put(self, frame: Frame) -> None:
         """Give the next frame."""
         with self._lock:
             if self._closed:
                 return
-            if len(self._waiting) == _DEPTH:
-                self._waiting.popleft()
-                self._events.skipped += 1
+            self._events.skipped += len(self._waiting) == _DEPTH
             self._waiting.append(ReceivedImage(frame, math.nan, time.perf_counter()))
             self._wake.trigger()
 
@@ -504,31 +458,31 @@ class ImageInput(FrameInput):
     def __init__(
         self,
         node: Node,
-        topic: ImageTopic,
+        transport: str,
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic],
     ) -> None:
-        """Subscribe; images may wait for their synchronized, which are closed with this."""
-        super().__init__(node, on_image, synchronized)
-        self._topic = topic
+        """Subscribe to the images of a transport.
+
+        Raises:
+            ParameterError: the package of its messages is not installed.
+        """
+        self._name, self._kind = image_topic(transport, node.resolve_topic_name('image_raw'))
+        super().__init__(node, node.resolve_topic_name(self._name), on_image, synchronized)
         self._lost_before = 0
         self.better: ReliabilityPolicy | None = None
         self._backlog = Backlog()
         self._subscribe()
 
     def _subscribe(self, reliability: ReliabilityPolicy | None = None) -> None:
-        kind, name = self._topic.kind, self._topic.name
         self._asked = reliability
-        self._subscription = subscribe(self._node, kind, name, raw=True, reliability=reliability)
+        self._subscription = subscribe(
+            self._node, self._kind, self._name, raw=True, reliability=reliability
+        )
         self._subscriptions = [self._subscription, *(c.subscription for c in self.synchronized)]
         self._lost = status_of(self._subscription, 'MESSAGE_LOST')
         self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
         self._last_sequence, self._is_first = 0, True
-
-    @property
-    def topic(self) -> str:
-        """The resolved name of the image topic."""
-        return str(self._subscription.topic_name)
 
     def subscribe_anew(self, reliability: ReliabilityPolicy) -> None:
         """Subscribe with another reliability: publishers send again what was lost, or need not."""
@@ -577,7 +531,7 @@ class ImageInput(FrameInput):
 
     def _obstacle(self, infos: Sequence[TopicEndpointInfo]) -> str:
         """Why no image of these publishers can come; empty where one's can."""
-        wanted = type_name(self._subscription.msg_type)
+        wanted = type_name(self._kind)
         profile, why = self._subscription.qos_profile, ''
         for info in infos:
             level, reason = qos_check_compatible(info.qos_profile, profile)
@@ -607,7 +561,7 @@ class ImageInput(FrameInput):
         images: list[ReceivedImage] = []
         if self._subscription.handle.pointer not in ready:
             return images
-        take, kind = self._subscription.handle.take_message, self._subscription.msg_type
+        take, kind = self._subscription.handle.take_message, self._kind
         # Bounded, as a publisher could be as fast as we are.
         for _ in range(self._subscription.qos_profile.depth or _MAX_AT_ONCE):
             taken = take(kind, True)
@@ -640,4 +594,4 @@ class ImageInput(FrameInput):
         *older, newest = images
         self._events.skipped += len(older)
         skipped = [image._replace(is_skipped=True) for image in older]
-        return [*skipped, newest] if self._topic.may_be_video else [newest]
+        return [*skipped, newest] if self._kind is not Image else [newest]

@@ -73,14 +73,10 @@ class ResultPublishers:
 
     def __init__(self, node: Node, processor: Processor) -> None:
         self._node = node
-        images = dict.fromkeys(processor.debug_topics, RosImage)
-        self._results, self._debug = (
-            {topic: create_result_publisher(node, kind, resolve(topic)) for topic, kind in kinds}
-            for kinds in (processor.topics.items(), images.items())
-        )
-        self._periodic = {
-            topic: node.create_publisher(kind, resolve(topic), 10)
-            for topic, kind in processor.periodic_topics.items()
+        self._debug_topics = processor.debug_topics
+        self._publishers = {
+            topic: create_result_publisher(node, kind, resolve(topic))
+            for topic, kind in processor.message_types.items()
         }
         self._looked, self._heard = -math.inf, set[str]()
 
@@ -92,7 +88,7 @@ class ResultPublishers:
         for topic, make in outputs:
             if topic in self._heard:
                 start = time.perf_counter()
-                (self._results.get(topic) or self._debug[topic]).publish(make())
+                self._publishers[topic].publish(make())
                 seconds += time.perf_counter() - start
         return seconds
 
@@ -102,23 +98,16 @@ class ResultPublishers:
         if now - self._looked < at_most_every:
             return
         self._looked = now
-        publishers = {**self._results, **self._debug}
-        self._heard = {topic for topic, publisher in publishers.items() if is_heard(publisher)}
-
-    def publish_periodic(self, outputs: list[Output]) -> None:
-        """Send what is said once a second."""
-        for topic, make in outputs:
-            self._periodic[topic].publish(make())
+        self._heard = {topic for topic, each in self._publishers.items() if is_heard(each)}
 
     def debug_wanted(self) -> list[str]:
         """The debug topics that somebody looks at."""
-        return [topic for topic in self._debug if topic in self._heard]
+        return [topic for topic in self._debug_topics if topic in self._heard]
 
     def destroy(self) -> None:
         """Take the topics off the graph."""
-        for publishers in (self._results, self._debug, self._periodic):
-            for publisher in publishers.values():
-                self._node.destroy_publisher(publisher)
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
 
 
 Listener = Callable[[Frame], None]
@@ -218,10 +207,9 @@ _TYPES = {
 class FrameDecoder:
     """Decodes what comes on one topic, in its order."""
 
-    def __init__(self, transport: str, image_topic: str = '') -> None:
+    def __init__(self, transport: str) -> None:
         """Begin a topic of a transport; see the parameter ``image_transport``."""
         self._type = _TYPES[transport]
-        self._topic = image_topic
         self._images = ImageDecoder()
         self._received: dict[int, ReceivedImage] = {}
         self.forget()
@@ -239,11 +227,11 @@ class FrameDecoder:
         """
         data = received.data
         if isinstance(data, Frame):
-            yield self._completed(data, received)
+            yield _completed(data, received)
         elif self._type != IMAGE and (coded := view_coded_image(self._type, data)).is_video:
             yield from self._of_video(coded, received)
         elif not received.is_skipped:
-            yield self._completed(self._images.decode(self._type, data), received)
+            yield _completed(self._images.decode(self._type, data), received)
 
     def _of_video(self, packet: CodedImage, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
         if received.follows_loss:
@@ -255,16 +243,14 @@ class FrameDecoder:
         for frame in self._video.frames(packet, not received.is_skipped):
             known = self._received.pop(frame.stamp_ns, None)
             if isinstance(frame, Frame) and known is not None:
-                frame = self._completed(frame, known)
+                frame = _completed(frame, known)
             yield frame
 
-    def _completed(self, frame: Frame, received: ReceivedImage) -> Frame:
-        """With the calibration and attitude that came with it, or beside it."""
-        if received.info is not None:
-            frame = replace(frame, camera=decode_camera_info(received.info, self._topic))
-        if received.attitude is not None:
-            frame = replace(frame, attitude=received.attitude)
-        return frame
+
+def _completed(frame: Frame, received: ReceivedImage) -> Frame:
+    """With the calibration and attitude that came with it, or beside it."""
+    camera, attitude = received.camera or frame.camera, received.attitude or frame.attitude
+    return replace(frame, camera=camera, attitude=attitude)
 
 
 _LOOK_INTERVAL = 0.05
@@ -290,14 +276,11 @@ class FrameAnswerer:
         self._awaits_first = True
         self._logged: dict[str, float] = {}
 
-    def restart(self, publishers: ResultPublishers, transport: str, topic: str) -> None:
-        """Forget all from before.
-
-        Images come as the parameter ``image_transport`` says, and belong to a topic.
-        """
+    def restart(self, publishers: ResultPublishers, transport: str) -> None:
+        """Forget all from before; images come as the parameter ``image_transport`` says."""
         with self.lock:
             self._processor.reset()
-            self._publishers, self._decoder = publishers, FrameDecoder(transport, topic)
+            self._publishers, self._decoder = publishers, FrameDecoder(transport)
             self.statistics.restart()
             self._awaits_first = True
 

@@ -29,7 +29,6 @@ from mvuav_ros.nodes.image_input import (
     IntraProcessInput,
     SynchronizedTopic,
     camera_info_topic,
-    image_topic,
 )
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
@@ -81,16 +80,16 @@ class VisionNode(ManagedNode):
         assert self._results is not None
         self._status = DetectorStatus(self._answerer.statistics, self._processor)
         self._reported_silence = False
-        images, answer = self.resolve_topic_name('image_raw'), self._answerer.answer
+        answer = self._answerer.answer
         transport = 'raw' if self._handed_over else self.get_parameter('image_transport').value
-        self._answerer.restart(self._results, transport, images)
-        topic = image_topic(transport, images)
+        self._answerer.restart(self._results, transport)
         # Before the images, so that a source that sees that one subscription has seen these.
         synchronized = self._synchronized_topics()
         if self._handed_over:
+            images = self.resolve_topic_name('image_raw')
             self._input = IntraProcessInput(self, images, answer, synchronized)
         else:
-            self._input = ImageInput(self, topic, answer, synchronized)
+            self._input = ImageInput(self, transport, answer, synchronized)
         self._input.start()
         self._announce(self._input.topic)
 
@@ -219,7 +218,7 @@ class VisionNode(ManagedNode):
             header = cdr_header(self.get_clock().now().nanoseconds, '')
             with self._answerer.lock:
                 outputs = self._processor.periodic(header)
-            self._results.publish_periodic(outputs)
+            self._results.publish(outputs)
 
     def _report_silence(self, images: InputState) -> None:
         """Warn once when no images have come for a while."""
