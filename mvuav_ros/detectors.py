@@ -11,21 +11,13 @@ from typing import Any, NamedTuple
 
 
 class Detector(NamedTuple):
-    """A node that looks at images.
+    """A node that looks at images."""
 
-    Attributes:
-        node: its name, also that of its executable.
-        word: for the argument ``detectors`` of the launch files.
-        processor: the module and class of its work.
-        parameters: the module and class of what can be set.
-        sample: part of the names of recordings that show what it looks for.
-    """
-
-    node: str
-    word: str
-    processor: str
-    parameters: str
-    sample: str = ''
+    node: str  # its name, also that of its executable
+    word: str  # for the argument ``detectors`` of the launch files
+    processor: str  # the module and class of its work
+    parameters: str  # the module and class of what can be set
+    sample: str = ''  # part of the names of recordings that show what it looks for
 
 
 DETECTORS = {

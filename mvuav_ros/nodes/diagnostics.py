@@ -33,21 +33,13 @@ _PERCENTILES = {
 
 
 class FrameTimes(NamedTuple):
-    """Where the time of one processed frame went, s.
+    """Where the time of one processed frame went, s."""
 
-    Attributes:
-        transport: from the publisher to us; NaN if the middleware does not say.
-        decode: bytes to image.
-        process: image to messages.
-        publish: messages to the middleware.
-        total: from taking the bytes to the last message, waiting included.
-    """
-
-    transport: float
-    decode: float
-    process: float
-    publish: float
-    total: float
+    transport: float  # from the publisher to us; NaN if the middleware does not say
+    decode: float  # bytes to image
+    process: float  # image to messages
+    publish: float  # messages to the middleware
+    total: float  # from taking the bytes to the last message, waiting included
 
 
 T = TypeVar('T')

@@ -21,15 +21,10 @@ class DuplicateStampError(ValueError):
 
 
 class Output(NamedTuple):
-    """A message for one of a node's topics.
+    """A message for one of a node's topics."""
 
-    Attributes:
-        topic: its name below the node's, or with a slash in front its full name; see `resolve`.
-        make: builds the message in CDR; called only where somebody listens.
-    """
-
-    topic: str
-    make: Callable[[], bytes]
+    topic: str  # its name below the node's, or with a slash in front its full name; see `resolve`
+    make: Callable[[], bytes]  # builds the message in CDR; called only where somebody listens
 
 
 @lru_cache(maxsize=1024)
@@ -42,37 +37,22 @@ def resolve(topic: str, node: str = '~') -> str:
 
 
 class Chart(NamedTuple):
-    """Curves over time that the panel draws of a result topic.
+    """Curves over time that the panel draws of a result topic."""
 
-    Attributes:
-        topic: below the node's.
-        field: of a PointCloud2, with a curve for each row; of another message such as ``point.x``.
-        title: for people.
-        unit: ``°`` for angles, which messages have in rad.
-        rows: what a row of a PointCloud2 is called.
-    """
-
-    topic: str
-    field: str
-    title: str
-    unit: str
-    rows: str = ''
+    topic: str  # below the node's
+    field: str  # of a PointCloud2, with a curve for each row; else such as ``point.x``
+    title: str  # for people
+    unit: str  # ``°`` for angles, which messages have in rad
+    rows: str = ''  # what a row of a PointCloud2 is called
 
 
 class PanelPage(NamedTuple):
-    """What the panel shows of a node; `Processor.topics` says which topics there are.
+    """What the panel shows of a node; `Processor.topics` says which topics there are."""
 
-    Attributes:
-        known_by: a topic that only nodes of this kind have.
-        image: the debug image with the results drawn in.
-        images: all debug images in their order.
-        charts: the curves, by a short name.
-    """
-
-    known_by: str
-    image: str
-    images: tuple[str, ...]
-    charts: Mapping[str, Chart]
+    known_by: str  # a topic that only nodes of this kind have
+    image: str  # the debug image with the results drawn in
+    images: tuple[str, ...]  # all debug images in their order
+    charts: Mapping[str, Chart]  # the curves, by a short name
 
 
 class Processor(ABC):
@@ -82,16 +62,6 @@ class Processor(ABC):
     same messages.
 
     Attributes:
-        name: the node's name.
-        parameters_type: its parameters.
-        topics: result topics below ``~/`` and their message classes.
-        debug_topics: image topics below ``~/`` that are computed only when wanted.
-        descriptions: what each topic holds, for the reference pages.
-        panel: what the panel shows.
-        periodic_topics: topics below ``~/`` of `periodic`, and their message classes.
-        uses_camera_info: whether frames should come with their camera.
-        uses_attitude: whether frames should come with the body's attitude.
-        triggers: names of methods without arguments that users may call: ``~/<name>``.
         status: what was missing in the newest frame, in words; empty when all was well.
         frames_problem: the same of the frames that a pose needs.
         message_types: the message classes of all topics.
@@ -99,16 +69,16 @@ class Processor(ABC):
         resets: how often a stamp jumped back.
     """
 
-    name: ClassVar[str]
+    name: ClassVar[str]  # of the node
     parameters_type: ClassVar[type[DetectorParameters]]
-    topics: ClassVar[Mapping[str, type]]
-    debug_topics: ClassVar[tuple[str, ...]]
-    descriptions: ClassVar[Mapping[str, str]]
+    topics: ClassVar[Mapping[str, type]]  # of results, below ``~/``, and their message classes
+    debug_topics: ClassVar[tuple[str, ...]]  # of images that are computed only when wanted
+    descriptions: ClassVar[Mapping[str, str]]  # what each topic holds, for the reference pages
     panel: ClassVar[PanelPage]
-    periodic_topics: ClassVar[Mapping[str, type]] = {}
-    uses_camera_info: ClassVar[bool] = False
-    uses_attitude: ClassVar[bool] = False
-    triggers: ClassVar[tuple[str, ...]] = ()
+    periodic_topics: ClassVar[Mapping[str, type]] = {}  # those of `periodic`
+    uses_camera_info: ClassVar[bool] = False  # whether frames should come with their camera
+    uses_attitude: ClassVar[bool] = False  # whether frames should come with the body's attitude
+    triggers: ClassVar[tuple[str, ...]] = ()  # methods that users may call: ``~/<name>``
 
     def __init__(self, parameters: Any = None) -> None:
         """Prepare for the first frame; the parameters are the defaults if None."""
