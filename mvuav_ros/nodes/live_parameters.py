@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
@@ -50,12 +51,10 @@ _OR_LATER = ', and while the node is unconfigured (ros2 lifecycle set … cleanu
 class _SetInAnyOrder(ParameterService):
     """Answers ``set_parameters`` whatever the order of the values.
 
-    rclpy sets the values of one request one by one. ``ros2 param load`` of other rows would fail
-    half-way where the new end lies before the old start, so rejected values are tried again once
-    others have been accepted. A value that is set already is no change, even where the parameter
-    is read-only: a dump holds dozens of those (``qos_overrides``), and a file may write them in
-    another way (``fps: 30``). A parameter that the node does not have is named; rclpy's own reason
-    ends in an empty list.
+    rclpy sets them one by one. ``ros2 param load`` of other rows would fail half-way where the new
+    end lies before the old start, so rejected values are tried again once others are accepted. A
+    value that is set already is no change, even of a read-only parameter: a dump holds dozens of
+    those (``qos_overrides``), and a file may write them in another way (``fps: 30``).
     """
 
     def __init__(self, node: Node, convert: Callable[[list[Parameter]], list[Parameter]]) -> None:
@@ -94,11 +93,7 @@ class _SetInAnyOrder(ParameterService):
 
 
 class LiveParameters(Generic[P]):
-    """Declares a parameter set on a node and follows its changes.
-
-    ``current`` is always a valid set. A value that is refused leaves it as it was, and
-    ``ros2 param set`` shows the reason.
-    """
+    """Declares a parameter set on a node and follows its changes; ``current`` is always valid."""
 
     def __init__(
         self, node: Node, parameters_type: type[P], on_change: Callable[[P], None]
@@ -140,7 +135,14 @@ class LiveParameters(Generic[P]):
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Turn whole numbers into floats, say, before rclpy checks the type."""
-        return [_converted(parameter, self._specs.get(parameter.name)) for parameter in parameters]
+        converted = []
+        for given in parameters:
+            # Where it cannot be converted the check after this says why.
+            with suppress(KeyError, ParameterError):
+                value = self._specs[given.name].convert(given.value)
+                given = Parameter(given.name, value=_for_ros(value))
+            converted.append(given)
+        return converted
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -159,23 +161,13 @@ class LiveParameters(Generic[P]):
 def _given_value(node: Node, spec: ParameterSpec) -> object:
     """The value from the command line or YAML, else the default.
 
-    Declared once with a free type to see what was given: declaring with the right type at once
-    raises on an integer for a float, before anything could convert it.
+    Declared with a free type first: with the right one, rclpy raises on an integer for a float.
     """
     value = node.declare_parameter(
         spec.name, _for_ros(spec.default), ParameterDescriptor(dynamic_typing=True)
     ).value
     node.undeclare_parameter(spec.name)
     return value
-
-
-def _converted(given: Parameter, wanted: ParameterSpec | None) -> Parameter:
-    if wanted is None:
-        return given
-    try:
-        return Parameter(given.name, value=_for_ros(wanted.convert(given.value)))
-    except ParameterError:
-        return given  # the check after this says why
 
 
 def _for_ros(value: Value) -> Any:
@@ -202,8 +194,8 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
 def unused_overrides(node: Node, siblings: Sequence[Node] = ()) -> list[str]:
     """Parameters that were given at the start and are no one's, each with the nearest right name.
 
-    ``siblings`` are all nodes of the process, to which the same command line was given. Overrides
-    of QoS count only where a node is active, as it declares them with its topics.
+    The command line was given to all ``siblings``, the nodes of the process. Overrides of QoS count
+    only where a node is active, as it declares them with its topics.
     """
     nodes = {node, *siblings}
     known = {name for each in nodes for name in each._parameters}

@@ -79,15 +79,11 @@ class Pace:
 
 
 class SourcePlayer:
-    """Reads a source and publishes its frames when they are due.
-
-    Attributes:
-        failed: whether the source broke in a way that nothing here is made for.
-    """
+    """Reads a source and publishes its frames when they are due."""
 
     def __init__(self, node: VideoSource, source: FrameSource) -> None:
         """Prepare; `start` plays, `stop` closes the source."""
-        self.failed = False
+        self.failed = False  # Where the source broke in a way that nothing here is made for
         self._node, self._source, self._status = node, source, node.status
         self._stop, self._interrupt, self._running = Event(), Event(), Event()
         self._running.set()
@@ -96,20 +92,19 @@ class SourcePlayer:
 
     @property
     def paused(self) -> bool:
-        """Whether it waits for `resume`."""
+        """Whether it holds after the present frame, until this is set to False."""
         return not self._running.is_set()
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
+        if paused:
+            self._running.clear()
+        else:
+            self._running.set()
 
     def start(self) -> None:
         """Play, from the start of the source."""
         self._thread.start()
-
-    def pause(self) -> None:
-        """Hold after the present frame."""
-        self._running.clear()
-
-    def resume(self) -> None:
-        """Go on after `pause`."""
-        self._running.set()
 
     def restart(self) -> None:
         """Play from the start again."""
@@ -193,10 +188,9 @@ class SourcePlayer:
         return False
 
     def _send(self, frame: Frame | BadFrame) -> bool:
-        if isinstance(frame, BadFrame):
-            self._warn(f'frame skipped: {frame.reason}')
-            return False
         try:
+            if isinstance(frame, BadFrame):
+                raise ImageError(frame.reason)
             self._node.publish(frame)
         except ImageError as error:
             self._warn(f'frame skipped: {error}')
@@ -205,7 +199,9 @@ class SourcePlayer:
 
     def _at_end(self, count: int, bad: int, pace: Pace) -> None:
         if errors := self._source.account.errors:
-            self._warn('; '.join(errors), throttled=False)
+            words = '; '.join(errors)
+            self._status.trouble(words)
+            self._node.get_logger().warning(words)
         if self._node.current.loop and count:
             pace.wait_for_end(self._interrupt)
             return
@@ -221,23 +217,16 @@ class SourcePlayer:
                 return
             self._interrupt.wait(0.2)
 
-    def _warn(self, text: str, *, throttled: bool = True) -> None:
+    def _warn(self, text: str) -> None:
         self._status.trouble(text)
-        if throttled:
-            self._node.get_logger().warning(text, throttle_duration_sec=LOG_INTERVAL)
-        else:
-            self._node.get_logger().warning(text)
+        self._node.get_logger().warning(text, throttle_duration_sec=LOG_INTERVAL)
 
 
 ResponseT = TypeVar('ResponseT', SetBool.Response, Trigger.Response)
 
 
 class VideoSource(ManagedNode):
-    """Publishes a source's frames from a thread of its own, so that services stay responsive.
-
-    Attributes:
-        status: of the source, for diagnostics.
-    """
+    """Publishes a source's frames from a thread of its own, so that services stay responsive."""
 
     _live: LiveParameters[VideoSourceParameters]
 
@@ -286,11 +275,10 @@ class VideoSource(ManagedNode):
         assert self._publisher is not None
         source, self._source = self._source or self._open_source(), None
         self.status.source = source.name
-        self._player = SourcePlayer(self, source)
         self.status.state = 'waiting'
-        self.get_logger().info(
-            f'publishing {source.name} on {self.resolve_topic_name("image_raw")}'
-        )
+        topic = self.resolve_topic_name('image_raw')
+        self.get_logger().info(f'publishing {source.name} on {topic}')
+        self._player = SourcePlayer(self, source)
         self._player.start()
 
     def end(self) -> None:
@@ -314,11 +302,7 @@ class VideoSource(ManagedNode):
         return self._live.current
 
     def publish(self, frame: Frame) -> None:
-        """Send a frame.
-
-        Raises:
-            ImageError: it cannot be converted.
-        """
+        """Send a frame; an `ImageError` where it cannot be converted."""
         assert self._publisher is not None
         self.status.published(self._publisher.publish(frame, self.current))
 
@@ -329,21 +313,19 @@ class VideoSource(ManagedNode):
         return others + self._count_listening()
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        action = SourcePlayer.pause if request.data else SourcePlayer.resume
-        return self._ask(action, response, 'paused' if request.data else 'playing')
+        if self._player is not None:
+            self._player.paused = request.data
+        return self._answered(response, 'paused' if request.data else 'playing')
 
     def _on_restart(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        said = f'playing {self.status.source} from the start'
-        return self._ask(SourcePlayer.restart, response, said)
+        if self._player is not None:
+            self._player.restart()
+        return self._answered(response, f'playing {self.status.source} from the start')
 
-    def _ask(
-        self, action: Callable[[SourcePlayer], None], response: ResponseT, said: str
-    ) -> ResponseT:
-        if self._player is None:
-            response.message = f'the node is {self.lifecycle_state}, not active'
-        else:
-            action(self._player)
-            response.success, response.message = True, said
+    def _answered(self, response: ResponseT, done: str) -> ResponseT:
+        response.success = self._player is not None
+        inactive = f'the node is {self.lifecycle_state}, not active'
+        response.message = done if response.success else inactive
         return response
 
     def _report(self) -> DiagnosticStatus:
