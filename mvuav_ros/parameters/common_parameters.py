@@ -117,11 +117,7 @@ def camera_mount_rpy_deg(make: Callable[..., Any], uses: str) -> Any:
 
 
 def check_frames(parameters: ParameterSet, *names: str) -> None:
-    """Make sure that tf2 takes the names of frames.
-
-    Raises:
-        ParameterError: one begins with a slash.
-    """
+    """Raise a `ParameterError` where a frame begins with a slash, which tf2 does not take."""
     for name in names:
         if str(getattr(parameters, name)).startswith('/'):
             raise ParameterError(name, 'must not begin with a slash: tf2 takes no such frame')

@@ -66,10 +66,9 @@ class ParameterSpec:
         return words.strip()
 
     def convert(self, value: object) -> Value:
-        """Return ``value`` as the parameter's type.
+        """Return ``value``, which may be NumPy's, as the parameter's type.
 
         A whole number is accepted for a float, and for a free text (``source:=0`` is a camera).
-        NumPy's numbers and arrays are taken as Python's.
 
         Raises:
             ParameterError: the value has another type, or is out of range.
@@ -116,8 +115,7 @@ def parameter(
 ) -> Any:
     """Declare a field of a `ParameterSet`; the default also gives the type.
 
-    ``limits`` are the least and the greatest value allowed, None where there is no such limit;
-    ``constraints`` are the other fields of `ParameterSpec`.
+    ``limits`` are the least and greatest value, if any; the rest are fields of `ParameterSpec`.
     """
     limited = {'minimum': limits[0], 'maximum': limits[1], **constraints}
     spec = {'default': default, 'description': description, **limited}
@@ -126,11 +124,7 @@ def parameter(
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """Base of a node's parameters; an instance holds only valid values.
-
-    A subclass declares its fields with `parameter` and overrides `_check_together` for rules
-    between several of them.
-    """
+    """Base of a node's parameters, which are all valid; fields are declared with `parameter`."""
 
     def __post_init__(self) -> None:
         for spec in self.specs():
@@ -149,11 +143,7 @@ class ParameterSet:
 
     @classmethod
     def spec(cls, name: str) -> ParameterSpec:
-        """The parameter of that name.
-
-        Raises:
-            ParameterError: there is none.
-        """
+        """The parameter of that name; a `ParameterError` where there is none."""
         for spec in cls.specs():
             if spec.name == name:
                 return spec
@@ -166,20 +156,12 @@ class ParameterSet:
 
     @classmethod
     def from_mapping(cls: type[_Set], values: Mapping[str, object]) -> _Set:
-        """The defaults, changed by ``values``.
-
-        Raises:
-            ParameterError: a name is unknown or a value is not valid.
-        """
+        """The defaults, with some values replaced as by `changed`."""
         return cls().changed(values)
 
     @classmethod
     def given(cls: type[_Set], parameters: _Set | None) -> _Set:
-        """What a program gives, or the defaults for None.
-
-        Raises:
-            TypeError: it is something else.
-        """
+        """What a program gives, or the defaults for None; a `TypeError` for anything else."""
         if parameters is not None and not isinstance(parameters, cls):
             kind = type(parameters).__name__
             raise TypeError(f'parameters must be {cls.__name__} (see load_parameters), not {kind}')

@@ -51,11 +51,7 @@ def names_node(key: str, node: str) -> bool:
 
 
 def read_node_keys(path: Path) -> list[str]:
-    """The nodes that a parameter file speaks of, as it names them.
-
-    Raises:
-        ParameterError: the file cannot be read or is not a parameter file.
-    """
+    """The nodes that a file speaks of, as it names them; errors as of `read_parameter_values`."""
     return [key for key, _ in _sections(_text(path), str(path))]
 
 
@@ -99,11 +95,7 @@ def is_every_nodes(name: str) -> bool:
 
 
 def parse_assignment(text: str) -> tuple[str, str, object]:
-    """Node, name and value of ``node:name:=value``; the value is read as YAML, as ROS does.
-
-    Raises:
-        ParameterError: the text has another form.
-    """
+    """Node, name and value, read as YAML, of ``node:name:=value``; else a `ParameterError`."""
     target, sign, value = text.partition(':=')
     node, colon, name = target.partition(':')
     if not (sign and colon and node and name):

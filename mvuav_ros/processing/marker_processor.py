@@ -45,12 +45,7 @@ _TOPICS = {
 
 
 class MarkerTrackerProcessor(Processor):
-    """Frames to labelled points, roll and pose.
-
-    Attributes:
-        topics: with one for each marker of the rig; they are those of the parameters given at
-            the construction or by the first `configure`.
-    """
+    """Frames to labelled points, roll and pose; a topic for each marker of the rig."""
 
     name = 'marker_tracker'
     parameters_type = MarkerTrackerParameters
@@ -104,11 +99,7 @@ class MarkerTrackerProcessor(Processor):
         self.open(self._parameters)
 
     def open(self, parameters: MarkerTrackerParameters) -> None:
-        """See `Processor.open`.
-
-        Raises:
-            ParameterError: the rig's file cannot be used.
-        """
+        """See `Processor.open`; a `ParameterError` where the rig's file cannot be used."""
         rig = rig_of(parameters)
         for reason in refused_names(rig):
             raise ParameterError('layout', f'{parameters.layout}: {reason}')
@@ -120,11 +111,7 @@ class MarkerTrackerProcessor(Processor):
         self._set_topics({**_TOPICS, **detections.TYPES, **markers})
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
-        """See `Processor.configure`.
-
-        Raises:
-            ParameterError: the rig's file cannot be used.
-        """
+        """See `Processor.configure`; another rig's file is read as by `open`."""
         if _setup(parameters) != _setup(self._parameters):
             self.open(parameters)
         else:

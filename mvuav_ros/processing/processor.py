@@ -56,10 +56,7 @@ class PanelPage(NamedTuple):
 
 
 class Processor(ABC):
-    """A node's work without its ROS connections.
-
-    Live nodes and offline replay feed frames to the same subclass, which is why they give the
-    same messages.
+    """A node's work without its ROS connections; the same for live nodes and replay.
 
     Attributes:
         status: what was missing in the newest frame, in words; empty when all was well.
@@ -218,10 +215,9 @@ class Processor(ABC):
         self._forget()
 
     def process(self, frame: Frame) -> Iterator[Output]:
-        """The messages that follow from one frame, each with the frame's header.
+        """The messages that follow from one frame, each as soon as it is known.
 
-        Each comes as soon as it is known, so that a live node can send it before the next one is
-        worked out. A stamp earlier than the last one (a bag that loops) resets the state.
+        A stamp earlier than the last one (a bag that loops) resets the state.
 
         Raises:
             DuplicateStampError: the stamp is that of the last frame.

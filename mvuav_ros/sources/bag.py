@@ -87,12 +87,9 @@ def stamp_ns_of_image(recorded: RecordedMessage) -> int:
 
 
 def choose_image_topic(recording: Recording, wanted: str | None = None) -> TopicInfo:
-    """The image topic to read.
+    """The image topic of that name, with or without its leading slash; if None, the only one.
 
-    Args:
-        recording: an open recording.
-        wanted: the topic's name, with or without its leading slash; if None, the only one there
-            is (topics known to be empty do not count where another one is not).
+    Topics known to be empty do not count where another one is not.
 
     Raises:
         RecordingError: none fits, or several do and none is named; says which there are.
@@ -139,19 +136,14 @@ class BagImages(FrameSource):
         topic: the image topic.
         topics: every topic that can be read.
         camera_topic: that of the CameraInfo beside the image topic, None if there is none.
-        imu_topic: that of the body's attitude: ``imu`` beside the image topic or ``/imu``; None if
-            there is none.
+        imu_topic: ``imu`` beside the image topic, or ``/imu``; None if there is none.
         count: number of the images read by the newest pass; an estimate until it ends.
     """
 
     rate: float | None = None
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
-        """Find the image topic.
-
-        Args:
-            path: the bag.
-            topic: needed where the bag has several image topics.
+        """Open a bag; ``topic`` is needed where it has several of images.
 
         Raises:
             RecordingError: it is not a bag, or the topic cannot be chosen.
@@ -187,8 +179,6 @@ class BagImages(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; a message that does not decode is a `BadFrame`.
 
-        A stamp of zero means that the driver did not set one: the time of recording is used.
-
         Raises:
             RecordingError: the bag cannot be read any more.
         """
@@ -215,8 +205,7 @@ class BagImages(FrameSource):
             attitude: give each frame the attitude of `imu_topic` (see `AttitudePairing`).
 
         Yields:
-            Frames that are not decoded yet, as that can be done apart (those of a video cannot,
-            and are), and messages.
+            Frames that are not decoded yet, but for those of a video, and messages.
 
         Raises:
             RecordingError: the bag cannot be read any more.
@@ -297,11 +286,7 @@ def _frames(
 
 
 def _video_packet(recorded: RecordedMessage) -> CodedImage | None:
-    """A video's packet; None of an image by itself.
-
-    Raises:
-        ImageError: the bytes are no such message.
-    """
+    """A video's packet, None of an image by itself; an `ImageError` where it is neither."""
     if normalised_type(recorded.type) == IMAGE:
         return None
     coded = view_coded_image(recorded.type, recorded.data)

@@ -70,11 +70,7 @@ class VideoFile(FrameSource):
     """A video file; frames carry their own times, counted from the first, and stand upright."""
 
     def __init__(self, path: Path, rate: float | None = None) -> None:
-        """Open the file.
-
-        Args:
-            path: anything that FFmpeg reads.
-            rate: frames per second, instead of the file's own times.
+        """Open anything that FFmpeg reads; a ``rate``, Hz, counts instead of the file's own times.
 
         Raises:
             SourceError: it is not a video.

@@ -147,16 +147,7 @@ class SimulatedFlight(FrameSource):
     """The images of a synthetic flight; its calibration comes along."""
 
     def __init__(self, text: str, rate: float | None = None) -> None:
-        """Plan the flight.
-
-        Args:
-            text: ``sim:tanker`` or ``sim:runway``, then settings as in an URL:
-                ``sim:tanker?motion=roll&shake=2`` (see ``mvuav simulate tanker --help``).
-            rate: frames per second, instead of the setting ``fps``.
-
-        Raises:
-            SourceError: there is no such flight or setting.
-        """
+        """Plan a flight as `planned_flight` does; a ``rate``, Hz, counts instead of ``fps``."""
         self._flight = planned_flight(text, {} if rate is None else {'fps': rate})
         self.name = text
         self.account = Account(self.name)
@@ -173,10 +164,10 @@ class SimulatedFlight(FrameSource):
 def planned_flight(
     text: str, more: Mapping[str, object] = MappingProxyType({})
 ) -> TankerFlight | RunwayFlight:
-    """The flight that ``sim:…`` names, with more settings.
+    """The flight that ``sim:tanker?motion=roll&shake=2`` names, with more settings.
 
     Raises:
-        SourceError: there is no such flight or setting.
+        SourceError: there is no such flight or setting (see ``mvuav simulate tanker --help``).
     """
     kind, _, query = text.removeprefix(SIMULATED).partition('?')
     given: dict[str, object] = {}
@@ -195,11 +186,7 @@ def planned_flight(
 
 
 def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFlight:
-    """Plan a flight: ``tanker`` or ``runway`` with some settings changed.
-
-    Raises:
-        SourceError: there is no such flight or setting.
-    """
+    """A ``tanker`` or ``runway`` flight with other settings; errors as of `planned_flight`."""
     try:
         if kind == 'tanker':
             return TankerFlight(TankerSettings.from_mapping(given))
