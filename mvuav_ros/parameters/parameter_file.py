@@ -172,7 +172,12 @@ def resolve_parameters(
         if node not in given:
             raise ParameterError(f'{node}:{name}', f'{node} is not among {", ".join(nodes)}')
         given[node][name] = value
-    return {node: _valid(node, values) for node, values in given.items()}
+    resolved = {}
+    for node, values in given.items():
+        own = {name: value for name, value in values.items() if not is_every_nodes(name)}
+        known = NODE_PARAMETERS[node].from_mapping(own)
+        resolved[node] = {name: getattr(known, name) for name in own}
+    return resolved
 
 
 def _check_node_keys(path: Path) -> None:
@@ -195,12 +200,6 @@ def complete(parameters: NodeParameters) -> NodeParameters:
         node: NODE_PARAMETERS[node].from_mapping(values).as_dict()
         for node, values in parameters.items()
     }
-
-
-def _valid(node: str, values: dict[str, object]) -> dict[str, Value]:
-    own = {name: value for name, value in values.items() if not is_every_nodes(name)}
-    known = NODE_PARAMETERS[node].from_mapping(own).as_dict()
-    return {name: known[name] for name in own}
 
 
 def load_parameters(path: str | Path, node: str) -> ParameterSet:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -36,11 +35,7 @@ from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.stored_file import RecordedMessage, TopicInfo
-from mvuav_ros.sources.source import (
-    EVERYTHING,
-    FrameSource,
-    Selection,
-)
+from mvuav_ros.sources.source import EVERYTHING, FrameSource, Selection
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import ImageError
@@ -50,8 +45,7 @@ _NS = 1_000_000_000
 _END_OF_TIME = 1 << 31
 """Seconds: a stamp has 32 bits for them."""
 _STAMP_START, _STAMP_END = 4, 12
-_STAMPS = (struct.Struct('>iI'), struct.Struct('<iI'))
-"""Of a message that begins with a header, by the last bit of its CDR's second byte."""
+"""Of a message that begins with a header."""
 _LEAD_IN_NS = 30 * _NS
 """Before a part: longer than a video's groups of pictures, and than between two calibrations."""
 _DECODER = ImageDecoder()
@@ -230,16 +224,15 @@ class BagImages(FrameSource):
             if others:
                 yield message
             paired.take(message)
+            found: Iterable[AnyFrame | BadFrame] = ()
             if message.topic == self.topic and is_image_type(message.type):
-                wanted = images % selection.every == 0
-                yield from paired.add(_frames(message, video, wanted))
+                found = _frames(message, video, images % selection.every == 0)
                 images += 1
                 if is_part:
                     elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                     self.count = self._estimate(selection, images, elapsed_ns)
-            yield from paired.ready(wait=True)
-        yield from paired.add(video.end())
-        yield from paired.ready(wait=False)
+            yield from paired.completed(found, wait=True)
+        yield from paired.completed(video.end(), wait=False)
 
     def _lead_in(self, video: VideoDecoder, start_ns: int) -> None:
         """Decode a video's packets before a part, whose first frames may need them."""
@@ -337,24 +330,23 @@ class SynchronizedTopics:
                 return
             self._attitudes.add_info(stamp_ns_of(decoded.header), decode_imu(decoded))
 
-    def add(self, frames: Iterable[AnyFrame | BadFrame]) -> Iterator[BadFrame]:
-        """Frames that may have to wait; gives those that cannot be used."""
-        for frame in frames:
-            if isinstance(frame, BadFrame):
-                yield frame
+    def completed(
+        self, frames: Iterable[AnyFrame | BadFrame], *, wait: bool
+    ) -> Iterator[AnyFrame | BadFrame]:
+        """Of these frames and those before, the ones that need not wait any more."""
+        for found in frames:
+            if isinstance(found, BadFrame):
+                yield found
             else:
-                self._cameras.add_image(frame.stamp_ns, frame)
-
-    def ready(self, *, wait: bool) -> Iterator[AnyFrame]:
-        """Frames that need not wait any more."""
+                self._cameras.add_image(found.stamp_ns, found)
         for_camera = wait and self._camera_topic is not None
         while (pair := self._cameras.take(wait=for_camera)) is not None:
             camera, frame = pair
             whole = frame if camera is None else replace(frame, camera=camera)
             self._attitudes.add_image(frame.stamp_ns, whole)
         for_imu = wait and self._imu_topic is not None
-        while (found := self._attitudes.take(wait=for_imu)) is not None:
-            attitude, frame = found
+        while (match := self._attitudes.take(wait=for_imu)) is not None:
+            attitude, frame = match
             yield frame if attitude is None else replace(frame, attitude=attitude)
 
     def _add_camera(self, recorded: RecordedMessage) -> bool:
@@ -362,19 +354,12 @@ class SynchronizedTopics:
         if recorded.type != CAMERA_INFO:
             return False
         data = recorded.data
-        if self._known is not None and self._known[0] == _without_stamp(data):
-            seconds, nanoseconds = _STAMPS[data[1] & 1].unpack_from(data, _STAMP_START)
-            self._cameras.add_info(seconds * _NS + nanoseconds, self._known[1])
-            return True
+        rest = bytes(data[:_STAMP_START]) + bytes(data[_STAMP_END:])
         try:
-            message = decode_message(recorded.type, recorded.data)
-        except MalformedMessageError:
+            if self._known is None or self._known[0] != rest:
+                message = decode_message(recorded.type, data)
+                self._known = rest, decode_camera_info(message, self._image_topic)
+            self._cameras.add_info(stamp_ns_in(data), self._known[1])
+        except (MalformedMessageError, ImageError):
             return False
-        camera = decode_camera_info(message, self._image_topic)
-        self._cameras.add_info(stamp_ns_of(message.header), camera)
-        self._known = _without_stamp(data), camera
         return True
-
-
-def _without_stamp(message: bytes | memoryview) -> bytes:
-    return bytes(message[:_STAMP_START]) + bytes(message[_STAMP_END:])
