@@ -136,10 +136,7 @@ _VIDEO = {
 
 
 def image_topic(transport: str, resolved: str) -> tuple[str, Any]:
-    """The topic of a transport beside the image topic as remapped, so that it moves along.
-
-    Returns:
-        Its name, still to be resolved and remapped, and the messages' class.
+    """Name, to be resolved and remapped, and class of a transport beside the topic of raw images.
 
     Raises:
         ParameterError: the messages' package is not installed.
@@ -304,8 +301,6 @@ _MAX_AT_ONCE = 5
 class FrameInput(ABC):
     """Images from wherever they come, handed on in a thread of its own with what belongs to them.
 
-    It uses rclpy's wait set in the way of rclpy's own `wait_for_message`.
-
     Attributes:
         topic: the resolved name of the image topic.
         synchronized: what images may wait for; closed with this.
@@ -314,13 +309,13 @@ class FrameInput(ABC):
     def __init__(
         self,
         node: Node,
-        topic: str,
+        name: str,
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic],
     ) -> None:
         self._events = InputEvents()
         self._node, self._on_image = node, on_image
-        self.topic, self.synchronized = topic, synchronized
+        self.topic, self.synchronized = node.resolve_topic_name(name), synchronized
         self._subscriptions: list[Any] = [topic.subscription for topic in synchronized]
         self._stopping = Event()
         self._wake = GuardCondition(None, None, context=node.context)
@@ -393,20 +388,19 @@ class FrameInput(ABC):
 
 
 class IntraProcessInput(FrameInput):
-    """Takes frames from the source's thread.
+    """Takes frames from the source's thread; nothing is copied, as nobody writes to the pixels.
 
-    Nothing is copied: source and detectors look at the same pixels, which none of them writes to.
     A detector that is too slow loses the oldest frames, and the source never waits for it.
     """
 
     def __init__(
         self,
         node: Node,
-        topic: str,
+        name: str,
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic] = (),
     ) -> None:
-        super().__init__(node, topic, on_image, synchronized)
+        super().__init__(node, name, on_image, synchronized)
         self._waiting: deque[ReceivedImage] = deque(maxlen=_DEPTH)
         self._lock = Lock()
         self._closed = False
@@ -444,33 +438,25 @@ class ImageInput(FrameInput):
     """Subscribes to images and hands over each as bytes.
 
     rclpy's executor collects all of a node's entities again for every single callback, and makes a
-    Python object of every image. This thread waits for the images alone and hands their bytes on:
-    at 640x480 mono8 that takes half of the time and a third of the CPU.
+    Python object of every image. This thread waits for the images alone, as rclpy's own
+    `wait_for_message` does: at 640x480 mono8 that takes half of the time and a third of the CPU.
 
     When the callback is slower than the camera, the newest image wins: images that lie waiting
     are skipped and counted, once it is clear that a backlog does not get smaller by itself.
-
-    Attributes:
-        better: the reliability to ask for instead (see `subscribe_anew`), where images are lost
-            that all publishers would send again, or where by then none of them would; else None.
     """
 
     def __init__(
         self,
         node: Node,
-        transport: str,
+        name: str,
+        kind: type,
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic],
     ) -> None:
-        """Subscribe to the images of a transport.
-
-        Raises:
-            ParameterError: the package of its messages is not installed.
-        """
-        self._name, self._kind = image_topic(transport, node.resolve_topic_name('image_raw'))
-        super().__init__(node, node.resolve_topic_name(self._name), on_image, synchronized)
+        """Subscribe to an `image_topic`."""
+        super().__init__(node, name, on_image, synchronized)
+        self._name, self._kind = name, kind
         self._lost_before = 0
-        self.better: ReliabilityPolicy | None = None
         self._backlog = Backlog()
         self._subscribe()
 
@@ -484,9 +470,13 @@ class ImageInput(FrameInput):
         self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
         self._last_sequence, self._is_first = 0, True
 
-    def subscribe_anew(self, reliability: ReliabilityPolicy) -> None:
-        """Subscribe with another reliability: publishers send again what was lost, or need not."""
-        self._lost_before, self.better = self._events.lost, None
+    def _subscribe_anew(self, reliability: ReliabilityPolicy) -> None:
+        """Ask for another reliability: publishers send again what was lost, or need not."""
+        is_reliable = reliability is ReliabilityPolicy.RELIABLE
+        why = 'images are lost' if is_reliable else 'no publisher is reliable any more'
+        how = 'reliably' if is_reliable else 'as best effort'
+        self._node.get_logger().info(f'{why}: {self.topic} is asked for {how} now')
+        self._lost_before = self._events.lost
         self._end_thread()
         self._leave_events()
         self._node.destroy_subscription(self._subscription)
@@ -506,7 +496,7 @@ class ImageInput(FrameInput):
         self._lost = self._incompatible = None
 
     def poll(self) -> InputState:
-        """What became of images so far; to be called now and then, from one thread."""
+        """What became of images so far; subscribes anew where another reliability is better."""
         if self._lost is not None:
             self._events.lost = self._lost_before + int(self._lost.take_event().total_count)
         if self._incompatible is not None:
@@ -514,11 +504,17 @@ class ImageInput(FrameInput):
         infos = self._node.get_publishers_info_by_topic(self.topic)
         names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
         others = [] if infos else self._image_topics()
-        self.better = self._better({info.qos_profile.reliability for info in infos})
-        return InputState(self.topic, names, self._events, self._obstacle(infos), others)
+        state = InputState(self.topic, names, self._events, self._obstacle(infos), others)
+        better = self._better({info.qos_profile.reliability for info in infos})
+        if better is not None:
+            self._subscribe_anew(better)
+        return state
 
     def _better(self, theirs: set[ReliabilityPolicy]) -> ReliabilityPolicy | None:
-        """See `better`, by what the publishers offer."""
+        """What to ask for instead, by what the publishers offer.
+
+        Images are lost that all of them would send again, or by then none of them would.
+        """
         if self._asked is ReliabilityPolicy.RELIABLE:
             # Another camera, or the same one started otherwise: none of its images would come.
             is_none = theirs == {ReliabilityPolicy.BEST_EFFORT}

@@ -64,11 +64,10 @@ _STALE = 0.1
 
 
 class ResultPublishers:
-    """Publishes a processor's outputs where somebody listens.
+    """Publishes a processor's outputs, on the topics that it has now, where somebody listens.
 
-    The processor's topics are those that it has when this is made. To ask all of them for their
-    subscribers takes 0.1 ms, so that a stream of images is asked for now and then, by `look` after
-    its results are out. Whoever subscribes is found that much later at most.
+    To ask for all subscribers takes 0.1 ms, so that a stream of images is asked for now and then,
+    by `look` after its results are out. Whoever subscribes is found that much later at most.
     """
 
     def __init__(self, node: Node, processor: Processor) -> None:
@@ -141,11 +140,7 @@ class FramePublisher:
             self._node.destroy_publisher(publisher)
 
     def publish(self, frame: Frame, given: VideoSourceParameters) -> Image:
-        """Send a frame as the parameters have it; returns the image that was sent.
-
-        Raises:
-            ImageError: it cannot be converted.
-        """
+        """Send a frame as the parameters have it; returns its image, or raises an `ImageError`."""
         image = as_encoding(frame.image, given.encoding).gamma_corrected(given.gamma)
         stamp_ns = frame.stamp_ns
         if given.stamp == 'now':

@@ -51,8 +51,8 @@ def prepare_transport(*, camera_images: bool = True) -> None:
     of which best-effort subscribers lose most (640x480 bgr8: 11 of 90 frames arrived). Other
     middlewares do not look at the variables. A set-up of the user's own is left alone.
 
-    A process that publishes a camera's images gets 16 MB, any other 8 MB, enough for debug images:
-    every process takes its segment as a whole, and a container often has 64 MB for all of them.
+    A publisher of camera images gets 16 MB, any other 8 MB, enough for debug images: every process
+    takes its segment as a whole, and a container often has 64 MB for all of them.
     """
     if any(os.environ.get(name) for name in _USERS_OWN):
         return
@@ -126,21 +126,17 @@ class _StopRequest:
         self._ends.put(None)
 
 
-def run_nodes(
-    make_nodes: Callable[[], Sequence[ManagedNode]], *, camera_images: bool = False
-) -> int:
-    """Spin nodes in one process until SIGINT, SIGTERM or shutdown.
-
-    ``make_nodes`` makes them, in the order in which they start, after ``rclpy.init()``;
-    ``camera_images``: one of them publishes a camera's images, see `prepare_transport`.
+def run_nodes(names: Sequence[str]) -> int:
+    """Spin nodes of `NODES` in one process until SIGINT, SIGTERM or shutdown.
 
     Returns:
         Exit status: 0, 2 with one line on stderr where the user's set-up is at fault, or 1 where a
         node has `failed` and said why in its log.
     """
+    make_nodes = nodes_of(names)
     stop = _StopRequest()
     tune_process()
-    prepare_transport(camera_images=camera_images)
+    prepare_transport(camera_images=SOURCE in names)
     nodes: Sequence[ManagedNode] = ()
     status = 1
     try:
@@ -228,7 +224,7 @@ NODES = (*DETECTORS, SOURCE)
 
 
 def nodes_of(names: Sequence[str]) -> Callable[[], list[ManagedNode]]:
-    """What makes the nodes of one process, with the names, parameters and topics of all others.
+    """What makes the nodes of a process, in the order of their start, after ``rclpy.init()``.
 
     Beside a source detectors take its frames as they are, without DDS in between.
     """
@@ -254,7 +250,7 @@ def nodes_of(names: Sequence[str]) -> Callable[[], list[ManagedNode]]:
 
 def _run(name: str) -> None:
     _parse(ArgumentParser(name))
-    sys.exit(run_nodes(nodes_of([name]), camera_images=name == SOURCE))
+    sys.exit(run_nodes([name]))
 
 
 def vision_process() -> None:
@@ -265,7 +261,7 @@ def vision_process() -> None:
     names = [name.strip() for name in _parse(parser).nodes.split(',')]
     if unknown := [name for name in names if name not in NODES]:
         parser.error(f'--nodes: {unknown[0]!r} is not one of {", ".join(NODES)}')
-    sys.exit(run_nodes(nodes_of(names), camera_images=SOURCE in names))
+    sys.exit(run_nodes(names))
 
 
 def own_arguments() -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu
 from std_srvs.srv import SetBool, Trigger
 
@@ -29,6 +29,7 @@ from mvuav_ros.nodes.image_input import (
     IntraProcessInput,
     SynchronizedTopic,
     camera_info_topic,
+    image_topic,
 )
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
@@ -41,8 +42,7 @@ from mvuav_ros.processing.processor import Processor
 class VisionNode(ManagedNode):
     """Answers the images of ``image_raw`` with a processor's messages, while it is active.
 
-    Images are processed in the thread of their `ImageInput`; parameters, services, transitions
-    and diagnostics in that of the executor.
+    Images are processed in the thread of their input; all else in that of the executor.
     """
 
     def __init__(self, processor: Processor, *, handed_over: bool = False) -> None:
@@ -82,14 +82,14 @@ class VisionNode(ManagedNode):
         self._reported_silence = False
         answer = self._answerer.answer
         transport = 'raw' if self._handed_over else self.get_parameter('image_transport').value
+        name, kind = image_topic(transport, self.resolve_topic_name('image_raw'))
         self._answerer.restart(self._results, transport)
         # Before the images, so that a source that sees that one subscription has seen these.
         synchronized = self._synchronized_topics()
         if self._handed_over:
-            images = self.resolve_topic_name('image_raw')
-            self._input = IntraProcessInput(self, images, answer, synchronized)
+            self._input = IntraProcessInput(self, name, answer, synchronized)
         else:
-            self._input = ImageInput(self, transport, answer, synchronized)
+            self._input = ImageInput(self, name, kind, answer, synchronized)
         self._input.start()
         self._announce(self._input.topic)
 
@@ -185,12 +185,6 @@ class VisionNode(ManagedNode):
             state = self.lifecycle_state
             return status(DiagnosticStatus.OK, name, state, {'state': state})
         images = self._input.poll()
-        if isinstance(self._input, ImageInput) and (better := self._input.better) is not None:
-            reliable = better is ReliabilityPolicy.RELIABLE
-            why = 'images are lost' if reliable else 'no publisher is reliable any more'
-            how = 'reliably' if reliable else 'as best effort'
-            self.get_logger().info(f'{why}: {images.topic} is asked for {how} now')
-            self._input.subscribe_anew(better)
         with self._answerer.lock:
             said = self._status.report(name, images, self._notes())
         if said.level == DiagnosticStatus.OK and self.overrides_problem:
