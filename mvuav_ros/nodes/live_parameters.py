@@ -44,8 +44,6 @@ OVERRIDABLE = QoSOverridingOptions(
 _ALWAYS_READ_ONLY = 'autostart'
 _READ_ONLY = 'Trying to set a read-only parameter:'
 """What rclpy says."""
-_WHEN = 'can be set at the start'
-_OR_LATER = ', and while the node is unconfigured (ros2 lifecycle set … cleanup)'
 
 
 class _SetInAnyOrder(ParameterService):
@@ -64,16 +62,16 @@ class _SetInAnyOrder(ParameterService):
     def _set_parameters_callback(
         self, request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
+        node = self._get_node()
         given = self._convert([*map(Parameter.from_parameter_msg, request.parameters)])
         parameters = [each.to_parameter_msg() for each in given]
-        unchanged = SetParametersResult(successful=True)
-        results = [unchanged] * len(parameters)
+        results = [SetParametersResult(successful=True) for _ in parameters]
         waiting = []
         for index, each in enumerate(parameters):
-            if not self._get_node().has_parameter(each.name):
+            if not node.has_parameter(each.name):
                 words = f'{each.name}: this node has no such parameter'
                 results[index] = SetParametersResult(successful=False, reason=words)
-            elif self._get_node().get_parameter(each.name).to_parameter_msg().value != each.value:
+            elif node.get_parameter(each.name).to_parameter_msg().value != each.value:
                 waiting.append(index)
         while waiting:
             again = SetParameters.Request(parameters=[parameters[i] for i in waiting])
@@ -87,7 +85,10 @@ class _SetInAnyOrder(ParameterService):
         for result in results:
             if result.reason.startswith(_READ_ONLY):
                 name = result.reason.removeprefix(_READ_ONLY).strip(' .')
-                result.reason = f'{name}: {_WHEN}{"" if name == _ALWAYS_READ_ONLY else _OR_LATER}'
+                result.reason = f'{name}: can be set at the start'
+                if name != _ALWAYS_READ_ONLY:
+                    words = 'and while the node is unconfigured (ros2 lifecycle set … cleanup)'
+                    result.reason += f', {words}'
         response.results = results
         return response
 
@@ -108,15 +109,16 @@ class LiveParameters(Generic[P]):
         """
         self._specs = {spec.name: spec for spec in parameters_type.specs()}
         self._on_change = on_change
-        given = {name: _given_value(node, spec) for name, spec in self._specs.items()}
+        given: dict[str, object] = {}
+        for name, spec in self._specs.items():
+            # To see what was given: rclpy would raise on an integer for a float.
+            free = ParameterDescriptor(dynamic_typing=True)
+            given[name] = node.declare_parameter(name, _for_ros(spec.default), free).value
+            node.undeclare_parameter(name)
         self.current = parameters_type.from_mapping(given)
-        for spec in self._specs.values():
-            node.declare_parameter(
-                spec.name,
-                _for_ros(getattr(self.current, spec.name)),
-                _descriptor(spec),
-                ignore_override=True,
-            )
+        for name, spec in self._specs.items():
+            value = _for_ros(getattr(self.current, name))
+            node.declare_parameter(name, value, _descriptor(spec), ignore_override=True)
         self._node = node
         self.freeze(False)
         self._service = _SetInAnyOrder(node, self._convert)
@@ -156,18 +158,6 @@ class LiveParameters(Generic[P]):
         if ours:
             self.current = self.current.changed(ours)
             self._on_change(self.current)
-
-
-def _given_value(node: Node, spec: ParameterSpec) -> object:
-    """The value from the command line or YAML, else the default.
-
-    Declared with a free type first: with the right one, rclpy raises on an integer for a float.
-    """
-    value = node.declare_parameter(
-        spec.name, _for_ros(spec.default), ParameterDescriptor(dynamic_typing=True)
-    ).value
-    node.undeclare_parameter(spec.name)
-    return value
 
 
 def _for_ros(value: Value) -> Any:
