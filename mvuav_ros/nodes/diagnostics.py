@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
+from statistics import median
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -188,7 +188,7 @@ class StampMonitor:
     @property
     def spacing_ns(self) -> int:
         """The usual time between two stamps; 0 while too few have come."""
-        return round(statistics.median(self._spacings)) if len(self._spacings) >= 8 else 0
+        return round(median(self._spacings)) if len(self._spacings) >= 8 else 0
 
 
 class DetectorStatus:

@@ -36,7 +36,14 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
-from mvuav_ros.messages.images import Frame, stamp_ns_in
+from mvuav_ros.messages.images import (
+    COMPRESSED_IMAGE,
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    IMAGE,
+    Frame,
+    stamp_ns_in,
+)
 from mvuav_ros.messages.sensors import (
     AttitudePairing,
     StampPairing,
@@ -108,10 +115,8 @@ class Backlog:
     """Distinguishes a hiccup, after which every image is still answered, from being too slow."""
 
     def __init__(self) -> None:
-        self._previous = 0
-        self._not_smaller = 0
+        self._previous = self._not_smaller = self._calm = 0
         self._too_slow = False
-        self._calm = 0
 
     def skips(self, waiting: int) -> bool:
         """Whether all but the newest of the images that lie waiting are to be left out."""
@@ -128,11 +133,13 @@ class Backlog:
         return waiting > 1 and self._too_slow
 
 
-_VIDEO = {
-    'ffmpeg': ('ffmpeg_image_transport_msgs', 'FFMPEGPacket'),
-    'foxglove': ('foxglove_msgs', 'CompressedVideo'),
+TRANSPORT_TYPES = {
+    'raw': IMAGE,
+    'compressed': COMPRESSED_IMAGE,
+    'ffmpeg': FFMPEG_PACKET,
+    'foxglove': COMPRESSED_VIDEO,
 }
-"""Packages that a robot may have; nothing of ours needs them."""
+"""Messages by the parameter ``image_transport``; a robot may lack those of the last two."""
 
 
 def image_topic(transport: str, resolved: str) -> tuple[str, Any]:
@@ -141,20 +148,16 @@ def image_topic(transport: str, resolved: str) -> tuple[str, Any]:
     Raises:
         ParameterError: the messages' package is not installed.
     """
-    if transport == 'raw':
-        return 'image_raw', Image
-    kind = CompressedImage
-    if transport in _VIDEO:
-        package, name = _VIDEO[transport]
-        try:
-            kind = getattr(import_module(f'{package}.msg'), name)
-        except ImportError as error:
-            raise ParameterError(
-                'image_transport',
-                f'{transport} needs the messages of {package}: '
-                f'apt install ros-jazzy-{package.replace("_", "-")} ({error})',
-            ) from error
-    return f'{resolved}/{transport}', kind
+    package, _, kind = TRANSPORT_TYPES[transport].split('/')
+    try:
+        message = getattr(import_module(f'{package}.msg'), kind)
+    except ImportError as error:
+        raise ParameterError(
+            'image_transport',
+            f'{transport} needs the messages of {package}: '
+            f'apt install ros-jazzy-{package.replace("_", "-")} ({error})',
+        ) from error
+    return 'image_raw' if transport == 'raw' else f'{resolved}/{transport}', message
 
 
 def camera_info_topic(node: Node) -> str:
@@ -232,8 +235,6 @@ def _not_called(_message: Any) -> None:
 
 LONGEST_HOLD = 0.1
 """Seconds that an image waits for its CameraInfo or attitude, where somebody publishes one."""
-
-
 _SYNCHRONIZED_DEPTH = 200
 """Messages that may come while an image is answered: of an IMU of 1 kHz those of 0.2 s."""
 
@@ -403,12 +404,11 @@ class IntraProcessInput(FrameInput):
         super().__init__(node, name, on_image, synchronized)
         self._waiting: deque[ReceivedImage] = deque(maxlen=_DEPTH)
         self._lock = Lock()
-        self._closed = False
 
     def put(self, frame: Frame) -> None:
         """Give the next frame."""
         with self._lock:
-            if self._closed:
+            if self._stopping.is_set():
                 return
             self._events.skipped += len(self._waiting) == _DEPTH
             self._waiting.append(ReceivedImage(frame, math.nan, time.perf_counter()))
@@ -417,7 +417,7 @@ class IntraProcessInput(FrameInput):
     def close(self) -> None:
         """End the thread; frames that come later are left."""
         with self._lock:
-            self._closed = True
+            self._stopping.set()
         super().close()
 
     def poll(self) -> InputState:

@@ -17,9 +17,6 @@ from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import (
-    COMPRESSED_IMAGE,
-    COMPRESSED_VIDEO,
-    FFMPEG_PACKET,
     IMAGE,
     BadFrame,
     CodedImage,
@@ -32,7 +29,7 @@ from mvuav_ros.messages.images import (
 )
 from mvuav_ros.messages.sensors import decode_camera_info, encode_camera_info, make_header
 from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes
-from mvuav_ros.nodes.image_input import ReceivedImage, camera_info_topic
+from mvuav_ros.nodes.image_input import TRANSPORT_TYPES, ReceivedImage, camera_info_topic
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
@@ -81,8 +78,7 @@ class ResultPublishers:
 
     def publish(self, outputs: Iterable[Output]) -> float:
         """Make and send the messages that anybody would get; how long that took of it all, s."""
-        if time.monotonic() - self._looked > _STALE:
-            self.look()
+        self.look(_STALE)
         seconds = 0.0
         for topic, make in outputs:
             if topic in self._heard:
@@ -190,13 +186,6 @@ def _jpeg(image: Image, header: bytes, quality: int) -> bytes:
 
 
 _MAX_REMEMBERED = 64
-_TYPES = {
-    'raw': IMAGE,
-    'compressed': COMPRESSED_IMAGE,
-    'ffmpeg': FFMPEG_PACKET,
-    'foxglove': COMPRESSED_VIDEO,
-}
-"""Of the messages of a transport."""
 
 
 class FrameDecoder:
@@ -204,7 +193,7 @@ class FrameDecoder:
 
     def __init__(self, transport: str) -> None:
         """Begin a topic of a transport; see the parameter ``image_transport``."""
-        self._type = _TYPES[transport]
+        self._type = TRANSPORT_TYPES[transport]
         self._images = ImageDecoder()
         self._received: dict[int, ReceivedImage] = {}
         self.forget()
