@@ -30,19 +30,15 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
 
 def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
     """As `read_parameter_values`, of a file's text; ``name`` is what errors call it."""
+    every = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
+    others = every.difference(NODE_PARAMETERS[node].names())
     values: dict[str, object] = {}
     for key, section in _sections(text, name):
         if names_node(key, node):
             given = _flattened(section)
-            others = _names_of_others(node) if '*' in key.rsplit('/', 1)[-1] else ()
-            values.update({name: given[name] for name in given if name not in others})
+            left_out = others if '*' in key.rsplit('/', 1)[-1] else ()
+            values.update({name: given[name] for name in given if name not in left_out})
     return values
-
-
-def _names_of_others(node: str) -> set[str]:
-    """Parameters that other nodes of this package have, and this one has not."""
-    others = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
-    return others.difference(NODE_PARAMETERS[node].names())
 
 
 def names_node(key: str, node: str) -> bool:

@@ -69,19 +69,19 @@ def open_source(
         return Camera(int(text) if text.isdecimal() else text, camera)
     path = Path(text).expanduser()
     if any(sign in text for sign in '*?[') and not path.exists():
-        return _images(text, [Path(name) for name in glob.glob(str(path))], rate)  # noqa: PTH207
+        return ImageFolder(text, [Path(name) for name in glob.glob(str(path))], rate)  # noqa: PTH207
     if not path.exists():
         raise SourceError(f'{text}: there is no such file or folder')
     if looks_like_bag(path):
         return _bag(path, topic)
     if path.is_dir():
-        return _images(text, _visible(path), rate)
+        return ImageFolder(text, _visible(path), rate)
     if not path.is_file():
         raise SourceError(f'{text} is neither a file nor a folder')
     if path.stat().st_size == 0:
         raise SourceError(f'{text} is empty')
     if is_image_file(path):
-        return _images(text, [path], rate)
+        return ImageFolder(text, [path], rate)
     return VideoFile(path, rate)
 
 
@@ -131,16 +131,6 @@ def _bag(path: Path, topic: str | None) -> FrameSource:
             f'{path}: reading bags needs rosbags and mcap (pip install rosbags mcap): {error}'
         ) from error
     return BagImages(path, topic)
-
-
-def _images(text: str, files: list[Path], rate: float | None) -> ImageFolder:
-    folder = ImageFolder(text, files, rate)
-    if folder.count == 0:
-        raise SourceError(
-            f'{text}: no images and no bag there (images end in '
-            f'{", ".join(sorted(IMAGE_SUFFIXES))}; a bag in .mcap, .db3 or .bag)'
-        )
-    return folder
 
 
 class SimulatedFlight(FrameSource):
