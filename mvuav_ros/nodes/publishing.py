@@ -90,10 +90,10 @@ class ResultPublishers:
     def look(self, at_most_every: float = 0.0) -> None:
         """See which topics are heard, unless that was done so many seconds ago."""
         now = time.monotonic()
-        if now - self._looked < at_most_every:
-            return
-        self._looked = now
-        self._heard = {topic for topic, each in self._publishers.items() if is_heard(each)}
+        if now - self._looked >= at_most_every:
+            # In this order: results of a frame and those once a second come from two threads.
+            self._heard = {topic for topic, each in self._publishers.items() if is_heard(each)}
+            self._looked = now
 
     def debug_wanted(self) -> list[str]:
         """The debug topics that somebody looks at."""

@@ -8,7 +8,6 @@ from threading import Event, Thread
 from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.messages.images import BadFrame, Frame
@@ -130,8 +129,6 @@ class SourcePlayer:
                 self._rewind = False
                 self._status.state = 'playing'
                 self._play()
-        except ExternalShutdownException:
-            pass
         except Exception as error:
             if self._stop.is_set() or not self._node.context.ok():
                 return
