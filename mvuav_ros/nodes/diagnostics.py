@@ -63,15 +63,10 @@ class _Recent(Generic[T]):
 
 
 class FrameStatistics:
-    """What came in, what went out, how long it took and what was rejected, and why.
-
-    Attributes:
-        enabled: whether images are answered; else they are only counted.
-        stamps: those since the last `restart`.
-    """
+    """What came in, what went out, how long it took and what was rejected, and why."""
 
     def __init__(self) -> None:
-        self.enabled = True
+        self.enabled = True  # Else images are counted, and not answered
         self.received = self.processed = 0
         self.rejected: Counter[str] = Counter()
         self.last_reason = self.image_format = ''
@@ -339,16 +334,10 @@ def status(level: bytes, name: str, message: str, values: Mapping[str, str]) -> 
 
 
 class SourceStatus:
-    """Rate, state and the last trouble of a source.
-
-    Attributes:
-        state: ``waiting`` for subscribers, ``playing``, ``ended`` or ``retrying``; the lifecycle
-            state while the node is not active.
-        source: what it is, for people.
-    """
+    """Rate, state and the last trouble of a source, which is named for people."""
 
     def __init__(self, source: str) -> None:
-        self.state = 'unconfigured'
+        self.state = 'unconfigured'  # Or waiting for subscribers, playing, ended, retrying
         self.source = source
         self._count = self._troubles = 0
         self._published, self._recent_troubles = _Recent[None](), _Recent[None]()

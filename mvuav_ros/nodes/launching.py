@@ -47,8 +47,7 @@ _SWITCHES = {name for name, (default, _) in _ARGUMENTS.items() if default in ('t
 def launch_vision(launch_file: str, **defaults: str) -> LaunchDescription:
     """A source of images and the detectors that look at them.
 
-    ``config`` lies beside the launch file's folder; ``defaults`` are of arguments, where they
-    differ from those of ``vision.launch.py``.
+    ``defaults`` are those of arguments that differ from ``vision.launch.py``.
     """
     arguments = _declared(launch_file, defaults)
     return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])

@@ -20,14 +20,10 @@ class ManagedNode(LifecycleNode):
     transitions do: `open` for configure, `begin` for activate, `end` for deactivate, `close` for
     cleanup and shutdown. `open` and `begin` may raise: the state stays what it was, and the reason
     is logged. `end` and `close` must not, and do nothing the second time.
-
-    Attributes:
-        siblings: the nodes of the process, this one included.
-        overrides_problem: the parameters given at the start that have no effect, in words.
     """
 
-    siblings: Sequence[ManagedNode] = ()
-    overrides_problem = ''
+    siblings: Sequence[ManagedNode] = ()  # The nodes of the process, this one included
+    overrides_problem = ''  # Parameters given at the start that have no effect, in words
     _live: LiveParameters[Any]
 
     def __init__(self, name: str) -> None:
@@ -73,11 +69,7 @@ class ManagedNode(LifecycleNode):
         return False
 
     def autostart(self) -> None:
-        """Configure and activate, where the parameter ``autostart`` asks for it.
-
-        Raises:
-            Exception: what `open` or `begin` raised.
-        """
+        """Configure and activate if the parameter says so; raises what `open` and `begin` do."""
         if not self.get_parameter('autostart').value:
             self.get_logger().info('unconfigured; waiting for ~/change_state (autostart is false)')
             return

@@ -16,14 +16,7 @@ from mvuav_ros.vision.rig import MarkerRig
 
 
 class PosedTracker:
-    """A `MarkerTracker`, and the pose that follows from its results by a calibration.
-
-    Attributes:
-        camera: the calibration; None until one is known.
-        problem: why the newest pose is none although a calibration is known; empty where too few
-            markers are seen, or none is wanted.
-        seen: labels and places (n, 2), px, of the markers that the newest pose is of.
-    """
+    """A `MarkerTracker`, and the pose that follows from its results by a calibration."""
 
     def __init__(
         self, parameters: MarkerTrackerParameters | None = None, rig: MarkerRig | None = None
@@ -31,7 +24,9 @@ class PosedTracker:
         self.tracker = MarkerTracker(parameters, rig)
         self.poses = PoseEstimator(self.tracker.rig)
         self.camera: CameraModel | None = None
+        # Why the newest pose is none although there is a calibration and enough markers are seen.
         self.problem = ''
+        # Labels and places (n, 2), px, of the markers that the newest pose is of.
         self.seen: tuple[list[int], NDArray[np.float64]] = [], np.empty((0, 2))
         self._checked: tuple[CameraModel, int, int] | None = None
         self._objection = ''

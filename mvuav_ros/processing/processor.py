@@ -56,15 +56,7 @@ class PanelPage(NamedTuple):
 
 
 class Processor(ABC):
-    """A node's work without its ROS connections; the same for live nodes and replay.
-
-    Attributes:
-        status: what was missing in the newest frame, in words; empty when all was well.
-        frames_problem: the same of the frames that a pose needs.
-        message_types: the message classes of all topics.
-        static_transforms: those of ``/tf_static``, as far as they are known.
-        resets: how often a stamp jumped back.
-    """
+    """A node's work without its ROS connections; the same for live nodes and replay."""
 
     name: ClassVar[str]  # of the node
     parameters_type: ClassVar[type[DetectorParameters]]
@@ -80,9 +72,10 @@ class Processor(ABC):
     def __init__(self, parameters: Any = None) -> None:
         """Prepare for the first frame; the parameters are the defaults if None."""
         self._parameters: Any = parameters or self.parameters_type()
-        self.status = self.frames_problem = ''
-        self.static_transforms = poses.TransformTree()
-        self.resets = 0
+        self.status = ''  # What was missing in the newest frame, in words
+        self.frames_problem = ''  # The same of the coordinate frames that a pose needs
+        self.static_transforms = poses.TransformTree()  # Those of ``/tf_static``, as far as known
+        self.resets = 0  # How often a stamp jumped back
         self._camera: CameraModel | None = None
         self._last_stamp_ns: int | None = None
         self._set_topics(self.topics)

@@ -124,15 +124,7 @@ def _described(topic: TopicInfo) -> str:
 
 
 class BagImages(FrameSource):
-    """Image or CompressedImage messages with their own stamps and frames.
-
-    Attributes:
-        topic: the image topic.
-        topics: every topic that can be read.
-        camera_topic: that of the CameraInfo beside the image topic, None if there is none.
-        imu_topic: ``imu`` beside the image topic, or ``/imu``; None if there is none.
-        count: number of the images read by the newest pass; an estimate until it ends.
-    """
+    """Image or CompressedImage messages with their own stamps and frames."""
 
     rate: float | None = None
 
@@ -156,10 +148,12 @@ class BagImages(FrameSource):
         self.topic = chosen.name
         self.is_rectified = is_rectified_topic(self.topic)
         self.topics = tuple(topic.name for topic in self._recording.topics)
+        # None where there is none, as of the body's attitude.
         self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
         beside = self._named(IMU, topic_beside(self.topic, 'imu'))
         self.imu_topic = beside or self._named(IMU, '/imu')
         self._message_count = chosen.message_count
+        # Of the images read by the newest pass; an estimate until it ends.
         self.count: int | None = chosen.message_count
         self.name = f'bag {words(path.name)} {words(self.topic)}'
 
