@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 class Detector(NamedTuple):
     """A node that looks at images."""
 
-    node: str  # its name, also that of its executable
     word: str  # for the argument ``detectors`` of the launch files
     processor: str  # the module and class of its work
     parameters: str  # the module and class of what can be set
@@ -21,25 +20,20 @@ class Detector(NamedTuple):
 
 
 DETECTORS = {
-    detector.node: detector
-    for detector in (
-        Detector(
-            'marker_tracker',
-            'markers',
-            'processing.marker_processor:MarkerTrackerProcessor',
-            'parameters.marker_tracker:MarkerTrackerParameters',
-            sample='tanker',
-        ),
-        Detector(
-            'runway_detector',
-            'runway',
-            'processing.runway_processor:RunwayDetectorProcessor',
-            'parameters.runway_detector:RunwayDetectorParameters',
-            sample='runway',
-        ),
-    )
+    'marker_tracker': Detector(
+        'markers',
+        'processing.marker_processor:MarkerTrackerProcessor',
+        'parameters.marker_tracker:MarkerTrackerParameters',
+        sample='tanker',
+    ),
+    'runway_detector': Detector(
+        'runway',
+        'processing.runway_processor:RunwayDetectorProcessor',
+        'parameters.runway_detector:RunwayDetectorParameters',
+        sample='runway',
+    ),
 }
-"""By the node's name."""
+"""By the node's name, which is also that of its executable."""
 
 
 def load_class(place: str) -> Any:

@@ -302,9 +302,7 @@ _MAX_AT_ONCE = 5
 class FrameInput(ABC):
     """Images from wherever they come, handed on in a thread of its own with what belongs to them.
 
-    Attributes:
-        topic: the resolved name of the image topic.
-        synchronized: what images may wait for; closed with this.
+    The topics that images may wait for are closed with this.
     """
 
     def __init__(

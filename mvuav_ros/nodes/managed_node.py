@@ -24,6 +24,7 @@ class ManagedNode(LifecycleNode):
 
     siblings: Sequence[ManagedNode] = ()  # The nodes of the process, this one included
     overrides_problem = ''  # Parameters given at the start that have no effect, in words
+    failed = False  # Whether it broke in a way that ends the process with an error
     _live: LiveParameters[Any]
 
     def __init__(self, name: str) -> None:
@@ -62,11 +63,6 @@ class ManagedNode(LifecycleNode):
         if problem not in ('', self.overrides_problem):
             self.get_logger().warning(problem)
         self.overrides_problem = problem
-
-    @property
-    def failed(self) -> bool:
-        """Whether it broke in a way that ends the process with an error."""
-        return False
 
     def autostart(self) -> None:
         """Configure and activate if the parameter says so; raises what `open` and `begin` do."""

@@ -105,14 +105,14 @@ class ResultPublishers:
             self._node.destroy_publisher(publisher)
 
 
-Listener = Callable[[Frame], None]
-
-
 class FramePublisher:
     """Publishes frames where somebody listens, and hands them to detectors of this process."""
 
     def __init__(
-        self, node: Node, calibration: CameraModel | None, listeners: Sequence[Listener]
+        self,
+        node: Node,
+        calibration: CameraModel | None,
+        listeners: Sequence[Callable[[Frame], None]],
     ) -> None:
         """Make the topics; without a calibration frames keep their own, if they have one."""
         self._node = node

@@ -231,19 +231,14 @@ def nodes_of(names: Sequence[str]) -> Callable[[], list[ManagedNode]]:
     from mvuav_ros.nodes.vision_node import VisionNode
 
     handed_over = SOURCE in names
-    chosen = [detector for name, detector in DETECTORS.items() if name in names]
-    processors = [load_class(detector.processor) for detector in chosen]
+    processors = [load_class(each.processor) for name, each in DETECTORS.items() if name in names]
     if handed_over:
         from mvuav_ros.nodes.video_source_node import VideoSource
 
     def make() -> list[ManagedNode]:
         detectors = [VisionNode(each(), handed_over=handed_over) for each in processors]
-        if not handed_over:
-            return list(detectors)
-        takers = [detector.take for detector in detectors]
-        source = VideoSource(takers, lambda: sum(detector.listens for detector in detectors))
         # The source last: what it plays is to be answered from the first frame on.
-        return [*detectors, source]
+        return [*detectors, VideoSource(detectors)] if handed_over else list(detectors)
 
     return make
 

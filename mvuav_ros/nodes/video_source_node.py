@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from threading import Event, Thread
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import SetBool, Trigger
@@ -14,13 +14,16 @@ from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.nodes.diagnostics import SourceStatus, publish_status
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.managed_node import ManagedNode
-from mvuav_ros.nodes.publishing import FramePublisher, Listener
+from mvuav_ros.nodes.publishing import FramePublisher
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.files import DEFAULT_RATE
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import ImageError
+
+if TYPE_CHECKING:
+    from mvuav_ros.nodes.vision_node import VisionNode
 
 RETRY_INTERVAL = 1.0
 """Seconds between two attempts to open a camera."""
@@ -82,7 +85,6 @@ class SourcePlayer:
 
     def __init__(self, node: VideoSource, source: FrameSource) -> None:
         """Prepare; `start` plays, `stop` closes the source."""
-        self.failed = False  # Where the source broke in a way that nothing here is made for
         self._node, self._source, self._status = node, source, node.status
         self._stop, self._interrupt, self._running = Event(), Event(), Event()
         self._running.set()
@@ -132,7 +134,7 @@ class SourcePlayer:
         except Exception as error:
             if self._stop.is_set() or not self._node.context.ok():
                 return
-            self.failed = True
+            self._node.failed = True
             words = f'{self._source.name}: {type(error).__name__}: {error}'
             self._node.get_logger().fatal(words)
             self._node.context.try_shutdown()
@@ -227,19 +229,10 @@ class VideoSource(ManagedNode):
 
     _live: LiveParameters[VideoSourceParameters]
 
-    def __init__(
-        self,
-        listeners: Sequence[Listener] = (),
-        count_listening: Callable[[], int] = lambda: 0,
-    ) -> None:
-        """Make the node; it plays once it is configured and activated.
-
-        ``listeners`` of this process are called with each frame as it is published;
-        ``count_listening`` says how many of them answer now.
-        """
+    def __init__(self, detectors: Sequence[VisionNode] = ()) -> None:
+        """Make the node; ``detectors`` of this process are handed each frame it publishes."""
         super().__init__('video_source')
-        self._listeners = listeners
-        self._count_listening = count_listening
+        self._detectors = detectors
         self._live = LiveParameters(self, VideoSourceParameters, lambda _: None)
         self._publisher: FramePublisher | None = None
         self._source: FrameSource | None = None
@@ -249,11 +242,6 @@ class VideoSource(ManagedNode):
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/restart', self._on_restart)
 
-    @property
-    def failed(self) -> bool:
-        """Whether the source broke in a way that nothing here is made for."""
-        return self._player is not None and self._player.failed
-
     def open(self) -> None:
         """Open the source, the calibration and the topics; a camera is only named."""
         given = self.current
@@ -261,7 +249,7 @@ class VideoSource(ManagedNode):
         calibration = load_calibration(given.camera_info_url) if given.camera_info_url else None
         if calibration is not None and self._source.is_rectified:
             calibration = calibration.rectified()
-        self._publisher = FramePublisher(self, calibration, self._listeners)
+        self._publisher = FramePublisher(self, calibration, [each.take for each in self._detectors])
 
     def _open_source(self) -> FrameSource:
         given = self.current
@@ -307,7 +295,7 @@ class VideoSource(ManagedNode):
     def subscribers(self) -> int:
         """How many get a frame."""
         others = 0 if self._publisher is None else self._publisher.subscribers
-        return others + self._count_listening()
+        return others + sum(each.listens for each in self._detectors)
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         if self._player is not None:

@@ -79,7 +79,6 @@ class VisionNode(ManagedNode):
         """Subscribe; images before this moment are not answered."""
         assert self._results is not None
         self._status = DetectorStatus(self._answerer.statistics, self._processor)
-        self._reported_silence = False
         answer = self._answerer.answer
         transport = 'raw' if self._handed_over else self.get_parameter('image_transport').value
         name, kind = image_topic(transport, self.resolve_topic_name('image_raw'))
