@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from functools import lru_cache, partial
+from operator import attrgetter
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
@@ -112,7 +113,8 @@ class MarkerTrackerProcessor(Processor):
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
         """See `Processor.configure`; another rig's file is read as by `open`."""
-        if _setup(parameters) != _setup(self._parameters):
+        setup = attrgetter('layout', 'allow_ambiguous', 'publish_tf')
+        if setup(parameters) != setup(self._parameters):
             self.open(parameters)
         else:
             self._posed.configure(parameters)
@@ -202,7 +204,3 @@ def _budget(given: MarkerTrackerParameters) -> IntegrityBudget:
         given.focal_length_error / 100.0,
         given.principal_point_error,
     )
-
-
-def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, str]:
-    return parameters.layout, parameters.allow_ambiguous, parameters.publish_tf

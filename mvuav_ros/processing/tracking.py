@@ -121,20 +121,20 @@ def _tracked(
     last_ns: int | None = None
     try:
         for frame in source.frames():
-            if isinstance(frame, BadFrame) or frame.stamp_ns == last_ns:
-                reason = frame.reason if isinstance(frame, BadFrame) else 'a stamp came twice'
-                yield _without_image(frame, posed, reason)
-                continue
-            if last_ns is not None and frame.stamp_ns < last_ns:
-                posed.reset()
-            last_ns = frame.stamp_ns
-            if (known := camera or frame.camera) is not None:
-                if posed.tracker.parameters.image_is_rectified:
-                    known = known.rectified()
-                if camera is not None:
-                    known.check(frame.image.width, frame.image.height)
-                posed.set_camera(known)
             try:
+                if isinstance(frame, BadFrame):
+                    raise ImageError(frame.reason)
+                if frame.stamp_ns == last_ns:
+                    raise ImageError('a stamp came twice')
+                if last_ns is not None and frame.stamp_ns < last_ns:
+                    posed.reset()
+                last_ns = frame.stamp_ns
+                if (known := camera or frame.camera) is not None:
+                    if posed.tracker.parameters.image_is_rectified:
+                        known = known.rectified()
+                    if camera is not None:
+                        known.check(frame.image.width, frame.image.height)
+                    posed.set_camera(known)
                 answer = _answer(frame, posed)
             except ImageError as error:
                 answer = _without_image(frame, posed, str(error))
