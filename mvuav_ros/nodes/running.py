@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import time
@@ -56,7 +57,11 @@ def prepare_transport(*, camera_images: bool = True) -> None:
     """
     if any(os.environ.get(name) for name in _USERS_OWN):
         return
-    if not _has_room(_SEGMENTS[camera_images] + _TO_SPARE):
+    try:
+        room = shutil.disk_usage(_SHARED_MEMORY).free
+    except OSError:
+        room = 0
+    if room < _SEGMENTS[camera_images] + _TO_SPARE:
         # A segment that does not fit makes Fast DDS give up shared memory altogether.
         print(
             f'mvuav_ros: {_SHARED_MEMORY} is almost full or too small: large images may be lost; '
@@ -68,14 +73,6 @@ def prepare_transport(*, camera_images: bool = True) -> None:
         os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(PROFILE)
     else:
         os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = _SMALLER
-
-
-def _has_room(needed: int) -> bool:
-    try:
-        shared_memory = os.statvfs(_SHARED_MEMORY)
-    except OSError:
-        return False
-    return shared_memory.f_bavail * shared_memory.f_frsize >= needed
 
 
 _LOG_INTERVAL = 5.0
@@ -206,8 +203,6 @@ def _spin(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode]) -> Non
     while rclpy.ok():
         try:
             executor.spin_once()
-        except ExternalShutdownException:
-            break
         except Exception as error:
             # Such as a request for a parameter of a type that does not exist, which rclpy itself
             # stumbles over: one client must not end the flight.
