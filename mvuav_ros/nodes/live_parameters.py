@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
@@ -181,7 +182,7 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
     return descriptor
 
 
-def unused_overrides(node: Node, siblings: Sequence[Node] = ()) -> list[str]:
+def unused_overrides(node: Node, siblings: Sequence[Node]) -> list[str]:
     """Parameters that were given at the start and are no one's, each with the nearest right name.
 
     The command line was given to all ``siblings``, the nodes of the process. Overrides of QoS count
@@ -205,15 +206,15 @@ def unused_overrides(node: Node, siblings: Sequence[Node] = ()) -> list[str]:
     return said
 
 
-def parameter_files(node: Node, arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The ``--params-file`` arguments of a command line, and what is wrong with some.
+def parameter_files(node: Node) -> tuple[list[str], list[str]]:
+    """The ``--params-file`` arguments of the command line, and what is wrong with some.
 
     Of a file without values for the node the first say so; the second say it of one whose values
     are for a node of the same name in another namespace.
     """
     files, mistaken = [], []
     name = node.get_fully_qualified_name()
-    for option, file in pairwise(arguments):
+    for option, file in pairwise(sys.argv):
         if option == '--params-file':
             try:
                 keys = read_node_keys(Path(file))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -58,7 +57,7 @@ class ManagedNode(LifecycleNode):
 
     def report_parameters(self) -> None:
         """Log what was given at the start and has no effect."""
-        unused = unused_overrides(self, self.siblings) + parameter_files(self, sys.argv)[1]
+        unused = unused_overrides(self, self.siblings) + parameter_files(self)[1]
         problem = f'parameters without effect: {", ".join(unused)}' if unused else ''
         if problem not in ('', self.overrides_problem):
             self.get_logger().warning(problem)

@@ -87,7 +87,7 @@ class ResultPublishers:
                 seconds += time.perf_counter() - start
         return seconds
 
-    def look(self, at_most_every: float = 0.0) -> None:
+    def look(self, at_most_every: float) -> None:
         """See which topics are heard, unless that was done so many seconds ago."""
         now = time.monotonic()
         if now - self._looked >= at_most_every:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -143,7 +142,7 @@ class VisionNode(ManagedNode):
 
     def _announce(self, topic: str) -> None:
         values = self._live.current.as_dict()
-        files = ', '.join(parameter_files(self, sys.argv)[0]) or 'none'
+        files = ', '.join(parameter_files(self)[0]) or 'none'
         mode = f'mode {values["mode"]}, ' if 'mode' in values else ''
         words = f'{mode}images from {topic}, parameter files: {files}'
         if values.get('publish_tf', 'off') != 'off' and TF_TOPIC not in self._processor.topics:
