@@ -18,37 +18,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mvuav_ros.parameters.parameter_file import load_parameters
-    from mvuav_ros.processing.tracking import draw, track
-    from mvuav_ros.sources.calibration import load_calibration
-    from mvuav_ros.sources.opening import open_source
-    from mvuav_ros.vision.approach.approach_detector import ApproachDetector
-    from mvuav_ros.vision.camera import CameraModel
-    from mvuav_ros.vision.image import Image
-    from mvuav_ros.vision.markers.tracker import MarkerTracker
-    from mvuav_ros.vision.pose import PoseEstimator
-    from mvuav_ros.vision.rig import MarkerRig, load_rig
-    from mvuav_ros.vision.runway.detector import RunwayDetector
+    from mvuav_ros.parameters.parameter_file import load_parameters as load_parameters
+    from mvuav_ros.processing.tracking import draw as draw
+    from mvuav_ros.processing.tracking import track as track
+    from mvuav_ros.sources.calibration import load_calibration as load_calibration
+    from mvuav_ros.sources.opening import open_source as open_source
+    from mvuav_ros.vision.approach.approach_detector import ApproachDetector as ApproachDetector
+    from mvuav_ros.vision.camera import CameraModel as CameraModel
+    from mvuav_ros.vision.image import Image as Image
+    from mvuav_ros.vision.markers.tracker import MarkerTracker as MarkerTracker
+    from mvuav_ros.vision.pose import PoseEstimator as PoseEstimator
+    from mvuav_ros.vision.rig import MarkerRig as MarkerRig
+    from mvuav_ros.vision.rig import load_rig as load_rig
+    from mvuav_ros.vision.runway.detector import RunwayDetector as RunwayDetector
 
 __version__ = '0.2.0'
 """The one source: setup.py reads it, and a test holds package.xml and CHANGELOG.md to it."""
-
-__all__ = [
-    'ApproachDetector',
-    'CameraModel',
-    'Image',
-    'MarkerRig',
-    'MarkerTracker',
-    'PoseEstimator',
-    'RunwayDetector',
-    '__version__',
-    'draw',
-    'load_calibration',
-    'load_parameters',
-    'load_rig',
-    'open_source',
-    'track',
-]
 
 _MODULES = {
     'ApproachDetector': 'vision.approach.approach_detector',
@@ -58,13 +43,14 @@ _MODULES = {
     'MarkerTracker': 'vision.markers.tracker',
     'PoseEstimator': 'vision.pose',
     'RunwayDetector': 'vision.runway.detector',
-    'load_calibration': 'sources.calibration',
     'draw': 'processing.tracking',
+    'load_calibration': 'sources.calibration',
     'load_parameters': 'parameters.parameter_file',
     'load_rig': 'vision.rig',
     'open_source': 'sources.opening',
     'track': 'processing.tracking',
 }
+__all__ = [*_MODULES, '__version__']
 
 
 def __getattr__(name: str) -> Any:

@@ -11,43 +11,29 @@ from typing import Any, NamedTuple
 
 
 class Detector(NamedTuple):
-    """A node that looks at images.
+    """A node that looks at images."""
 
-    Attributes:
-        node: its name, also that of its executable.
-        word: for the argument ``detectors`` of the launch files.
-        processor: the module and class of its work.
-        parameters: the module and class of what can be set.
-        sample: part of the names of recordings that show what it looks for.
-    """
-
-    node: str
-    word: str
-    processor: str
-    parameters: str
-    sample: str = ''
+    word: str  # for the argument ``detectors`` of the launch files
+    processor: str  # the module and class of its work
+    parameters: str  # the module and class of what can be set
+    sample: str = ''  # part of the names of recordings that show what it looks for
 
 
 DETECTORS = {
-    detector.node: detector
-    for detector in (
-        Detector(
-            'marker_tracker',
-            'markers',
-            'processing.marker_processor:MarkerTrackerProcessor',
-            'parameters.marker_tracker:MarkerTrackerParameters',
-            sample='tanker',
-        ),
-        Detector(
-            'runway_detector',
-            'runway',
-            'processing.runway_processor:RunwayDetectorProcessor',
-            'parameters.runway_detector:RunwayDetectorParameters',
-            sample='runway',
-        ),
-    )
+    'marker_tracker': Detector(
+        'markers',
+        'processing.marker_processor:MarkerTrackerProcessor',
+        'parameters.marker_tracker:MarkerTrackerParameters',
+        sample='tanker',
+    ),
+    'runway_detector': Detector(
+        'runway',
+        'processing.runway_processor:RunwayDetectorProcessor',
+        'parameters.runway_detector:RunwayDetectorParameters',
+        sample='runway',
+    ),
 }
-"""By the node's name."""
+"""By the node's name, which is also that of its executable."""
 
 
 def load_class(place: str) -> Any:

@@ -2,20 +2,8 @@
 
 from __future__ import annotations
 
-_ROS = frozenset(
-    [
-        'builtin_interfaces',
-        'diagnostic_msgs',
-        'geometry_msgs',
-        'lifecycle_msgs',
-        'rcl_interfaces',
-        'rclpy',
-        'sensor_msgs',
-        'std_msgs',
-        'std_srvs',
-        'visualization_msgs',
-    ]
-)
+_MESSAGES = ('_msgs', '_srvs', '_interfaces')
+"""How the names of ROS's message packages end."""
 _PIP = {'cv2': 'opencv-python-headless', 'yaml': 'PyYAML', 'mcap_ros2': 'mcap-ros2-support'}
 """PyPI's name of a module, where it is another."""
 _OWN = {'mvuav_thesis': 'pip install ./mvuav_thesis in a checkout of mvuav_ros'}
@@ -33,14 +21,9 @@ _APT = {
 
 
 def explain_missing_module(what: str, error: ImportError) -> str:
-    """One line that names what ``what`` needs and how to get it.
-
-    Args:
-        what: the command or node that cannot start.
-        error: of the import.
-    """
+    """One line that names what a command or node needs, by the error of its import."""
     module = (error.name or '').partition('.')[0]
-    if module in _ROS:
+    if module == 'rclpy' or module.endswith(_MESSAGES):
         return f'{what} needs ROS 2 ({module}): source it, or pip install "mvuav_ros[ros]"'
     if module in _OWN:
         return f'{what} needs {module}: {_OWN[module]}'

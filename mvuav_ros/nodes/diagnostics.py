@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from statistics import median
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.nodes.image_input import InputEvents, InputState
 from mvuav_ros.nodes.running import PROFILE
 from mvuav_ros.parameters.common_parameters import TRANSPORTS
+from mvuav_ros.processing.processor import Processor
 from mvuav_ros.vision.image import Image
 
 WINDOW = 5.0
@@ -31,70 +33,81 @@ _PERCENTILES = {
 
 
 class FrameTimes(NamedTuple):
-    """Where the time of one processed frame went, s.
+    """Where the time of one processed frame went, s."""
 
-    Attributes:
-        transport: from the publisher to us; NaN if the middleware does not say.
-        decode: bytes to image.
-        process: image to messages.
-        publish: messages to the middleware.
-        total: from taking the bytes to the last message, waiting included.
-    """
+    transport: float  # from the publisher to us; NaN if the middleware does not say
+    decode: float  # bytes to image
+    process: float  # image to messages
+    publish: float  # messages to the middleware
+    total: float  # from taking the bytes to the last message, waiting included
 
-    transport: float
-    decode: float
-    process: float
-    publish: float
-    total: float
+
+T = TypeVar('T')
+
+
+class _Recent(Generic[T]):
+    """What was noted in the last seconds."""
+
+    def __init__(self) -> None:
+        self._noted: deque[tuple[float, T]] = deque()
+
+    def note(self, what: T) -> None:
+        self._noted.append((time.monotonic(), what))
+
+    def all(self) -> list[T]:
+        oldest = time.monotonic() - WINDOW
+        while self._noted and self._noted[0][0] < oldest:
+            self._noted.popleft()
+        # Another thread may note something meanwhile.
+        return [what for _, what in list(self._noted)]
 
 
 class FrameStatistics:
     """What came in, what went out, how long it took and what was rejected, and why."""
 
     def __init__(self) -> None:
-        self._arrivals: deque[float] = deque()
-        self._results: deque[tuple[float, FrameTimes]] = deque()
-        self._rejections: deque[float] = deque()
-        self.received = 0
-        self.processed = 0
+        self.enabled = True  # Else images are counted, and not answered
+        self.received = self.processed = 0
         self.rejected: Counter[str] = Counter()
-        self.last_reason = ''
+        self.last_reason = self.image_format = ''
         self.restart()
 
     def restart(self) -> None:
         """Images are expected from now on; counts go on."""
-        for recent in (self._arrivals, self._results, self._rejections):
-            recent.clear()
+        self.stamps = StampMonitor()
+        self._arrivals, self._rejections = _Recent[None](), _Recent[None]()
+        self._results = _Recent[FrameTimes]()
         self._quiet_since = time.monotonic()
 
     def arrived(self) -> None:
         """Count a frame."""
         self.received += 1
         self._quiet_since = time.monotonic()
-        self._arrivals.append(self._quiet_since)
+        self._arrivals.note(None)
 
-    def processed_one(self, times: FrameTimes) -> None:
+    def processed_one(self, frame: Frame, times: FrameTimes) -> None:
         """Count the results of a frame."""
         self.processed += 1
-        self._results.append((time.monotonic(), times))
+        self._results.note(times)
+        self.image_format = _format(frame.image)
+        self.stamps.follow(frame.stamp_ns)
 
     def reject(self, kind: str, reason: str) -> None:
         """Count a frame that got no result, by kind (``bad image``), and keep the reason."""
         self.rejected[kind] += 1
-        self._rejections.append(time.monotonic())
+        self._rejections.note(None)
         self.last_reason = reason[:_LONGEST_REASON]
+        self.stamps.interrupt()
 
     def problems(self) -> list[str]:
         """What was wrong with the frames of the last seconds, in words."""
-        self._forget_old()
-        rejected, arrived = len(self._rejections), len(self._arrivals)
+        rejected, arrived = len(self._rejections.all()), len(self._arrivals.all())
         return [f'{rejected} of {arrived} images rejected: {self.last_reason}'] if rejected else []
 
     @property
     def silent(self) -> bool:
         """Whether no frame came within the last seconds."""
-        self._forget_old()
-        return not self._arrivals
+        return not self._arrivals.all()
 
     @property
     def quiet_for(self) -> float:
@@ -103,11 +116,10 @@ class FrameStatistics:
 
     def values(self) -> dict[str, str]:
         """Key-values of a diagnostic status."""
-        self._forget_old()
-        times = [times for _, times in self._results]
+        times = self._results.all()
         return {
-            'input_rate_hz': f'{len(self._arrivals) / WINDOW:.1f}',
-            'output_rate_hz': f'{len(self._results) / WINDOW:.1f}',
+            'input_rate_hz': f'{len(self._arrivals.all()) / WINDOW:.1f}',
+            'output_rate_hz': f'{len(times) / WINDOW:.1f}',
             **{key: _percentile_ms(times, *which) for key, which in _PERCENTILES.items()},
             'frames_received': str(self.received),
             'frames_processed': str(self.processed),
@@ -116,13 +128,9 @@ class FrameStatistics:
             'last_rejection': self.last_reason,
         }
 
-    def _forget_old(self) -> None:
-        oldest = time.monotonic() - WINDOW
-        for times in (self._arrivals, self._rejections):
-            while times and times[0] < oldest:
-                times.popleft()
-        while self._results and self._results[0][0] < oldest:
-            self._results.popleft()
+
+def _format(image: Image) -> str:
+    return f'{image.width}x{image.height} {image.encoding}'
 
 
 def _percentile_ms(times: Sequence[FrameTimes], stage: str, percent: int) -> str:
@@ -175,36 +183,64 @@ class StampMonitor:
     @property
     def spacing_ns(self) -> int:
         """The usual time between two stamps; 0 while too few have come."""
-        return round(statistics.median(self._spacings)) if len(self._spacings) >= 8 else 0
+        return round(median(self._spacings)) if len(self._spacings) >= 8 else 0
 
 
-class InputMonitor:
-    """Turns counters into sentences: what happened in the last seconds, and the remedy.
+class DetectorStatus:
+    """Turns counts into a detector's diagnostic status, once a second while it is active."""
 
-    Attributes:
-        lost: images lost in transport in the last seconds.
-    """
-
-    def __init__(self) -> None:
-        self.lost = 0
+    def __init__(self, statistics: FrameStatistics, processor: Processor) -> None:
+        self._statistics, self._processor = statistics, processor
         self._history: deque[dict[str, int]] = deque(maxlen=round(WINDOW) + 1)
+        self._lost = 0
 
-    def problems(self, events: InputEvents, stamps: StampMonitor) -> list[str]:
-        """Sentences about the last seconds; to be called once a second."""
+    @property
+    def state(self) -> str:
+        """``running`` or ``disabled``."""
+        return 'running' if self._statistics.enabled else 'disabled'
+
+    def explain_no_images(self, images: InputState) -> str:
+        """Why no images come, by the newest `report`."""
+        return explain_no_images(images, self._lost)
+
+    def report(self, name: str, images: InputState, notes: Sequence[str]) -> DiagnosticStatus:
+        """The status of the last seconds, while nothing else touches the statistics.
+
+        ``notes`` are said beside it, and are no reason for a warning.
+        """
+        statistics, level = self._statistics, DiagnosticStatus.OK
+        problems = self._input_problems(images.events)
+        if statistics.enabled and statistics.silent:
+            never = statistics.received == 0
+            level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
+            since = '' if never else f' for {WINDOW:.0f} s'
+            problems = [f'no images{since}: {self.explain_no_images(images)}']
+        elif statistics.enabled:
+            problems += statistics.problems()
+            if (count := len(images.publishers)) > 1:
+                problems.append(f'{count} publishers on {images.topic}: their images are mixed')
+            problems += filter(None, (self._processor.status, self._processor.frames_problem))
+        if problems and level == DiagnosticStatus.OK:
+            level = DiagnosticStatus.WARN
+        words = '; '.join([*(problems or [self.state]), *notes])
+        return status(level, name, words, self._values(images))
+
+    def _input_problems(self, events: InputEvents) -> list[str]:
+        """What became of images in the last seconds, and the remedy."""
         counts = {
             'lost': events.lost,
             'missing': events.missing,
             'skipped': events.skipped,
             'errors': events.errors,
-            'left out': stamps.frames_left_out,
+            'left out': self._statistics.stamps.frames_left_out,
         }
         self._history.append(counts)
         recent = {name: count - self._history[0][name] for name, count in counts.items()}
-        self.lost = recent['lost']
+        self._lost = recent['lost']
         problems = []
         skipped = max(recent['missing'] - recent['lost'], 0) + recent['skipped']
-        if self.lost:
-            problems.append(f'{self.lost} images lost in transport: {_lost_why(events)}')
+        if self._lost:
+            problems.append(f'{self._lost} images lost in transport: {_lost_why(events)}')
         if skipped:
             problems.append(f'too slow for the camera: {skipped} images skipped; {SLOW_REMEDY}')
         elif recent['left out'] and not recent['lost']:
@@ -215,6 +251,27 @@ class InputMonitor:
         if recent['errors']:
             problems.append(f'images could not be received: {events.last_error}')
         return problems
+
+    def _values(self, images: InputState) -> dict[str, str]:
+        events, statistics = images.events, self._statistics
+        stamps = statistics.stamps
+        spacing = stamps.spacing_ns
+        return {
+            'state': self.state,
+            **statistics.values(),
+            'frames_skipped': str(events.skipped),
+            'frames_lost_in_transport': str(events.lost),
+            'frames_missing': str(events.missing),
+            'frames_left_out_by_stamps': str(stamps.frames_left_out),
+            'stamp_rate_hz': f'{1e9 / spacing:.1f}' if spacing else 'nan',
+            'stamp_jumps_back': str(self._processor.resets),
+            'stamp_jumps_forward': str(stamps.jumps_forward),
+            'image': statistics.image_format,
+            'image_topic': images.topic,
+            'calibration': self._processor.calibration,
+            'image_publishers': ' '.join(images.publishers),
+            'incompatible_publishers': str(events.incompatible),
+        }
 
 
 def explain_no_images(images: InputState, lost: int) -> str:
@@ -277,48 +334,39 @@ def status(level: bytes, name: str, message: str, values: Mapping[str, str]) -> 
 
 
 class SourceStatus:
-    """Rate, state and the last trouble of a source.
-
-    Attributes:
-        state: ``waiting`` for subscribers, ``playing``, ``ended`` or ``retrying``; the lifecycle
-            state while the node is not active.
-        source: what it is, for people.
-    """
+    """Rate, state and the last trouble of a source, which is named for people."""
 
     def __init__(self, source: str) -> None:
-        self.state = 'unconfigured'
+        self.state = 'unconfigured'  # Or waiting for subscribers, playing, ended, retrying
         self.source = source
         self._count = self._troubles = 0
-        self._times: deque[float] = deque()
-        self._last_trouble, self._last_trouble_at = '', -WINDOW
-        self._format = ''
+        self._published, self._recent_troubles = _Recent[None](), _Recent[None]()
+        self._last_trouble = self._format = ''
 
     def published(self, image: Image) -> None:
         """Count a frame."""
         self._count += 1
-        self._times.append(time.monotonic())
-        self._format = f'{image.width}x{image.height} {image.encoding}'
+        self._published.note(None)
+        self._format = _format(image)
 
     def trouble(self, words: str) -> None:
         """Keep what went wrong."""
         self._troubles += 1
-        self._last_trouble, self._last_trouble_at = words, time.monotonic()
+        self._recent_troubles.note(None)
+        self._last_trouble = words
 
     def report(self, name: str, paused: bool, subscribers: int) -> DiagnosticStatus:
         """The node's diagnostic status."""
-        now = time.monotonic()
-        while self._times and self._times[0] < now - WINDOW:
-            self._times.popleft()
         state = 'paused' if paused else self.state
         level, message = DiagnosticStatus.OK, state
         if self.state == 'retrying':
             level, message = DiagnosticStatus.ERROR, self._last_trouble
-        elif now - self._last_trouble_at < WINDOW:
+        elif self._recent_troubles.all():
             level, message = DiagnosticStatus.WARN, self._last_trouble
         values = {
             'state': state,
             'source': self.source,
-            'rate_hz': f'{len(self._times) / WINDOW:.1f}',
+            'rate_hz': f'{len(self._published.all()) / WINDOW:.1f}',
             'frames_published': str(self._count),
             'image': self._format,
             'subscribers': str(subscribers),

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from threading import Event, Lock, Thread
 from typing import Any, NamedTuple
@@ -35,23 +36,30 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
-from mvuav_ros.messages.images import Frame, stamp_ns_in
+from mvuav_ros.messages.images import (
+    COMPRESSED_IMAGE,
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    IMAGE,
+    Frame,
+    stamp_ns_in,
+)
 from mvuav_ros.messages.sensors import (
     AttitudePairing,
     StampPairing,
+    decode_camera_info,
     decode_imu,
     stamp_ns_of,
     type_name,
 )
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import ImageError
 
 _DEPTH = 5
 """Frames that wait at most, as many as in the queue of a sensor subscription."""
-
-
 _CALM = 5
 """Wakes with a single image after which a node that was too slow counts as fast enough again."""
 _PATIENCE = 3
@@ -59,25 +67,15 @@ _PATIENCE = 3
 
 
 class ReceivedImage(NamedTuple):
-    """An image, and when it came.
+    """An image, and when it came."""
 
-    Attributes:
-        data: a message in CDR, or the frame itself where source and node share a process.
-        transport: seconds since it was sent, by the system clocks; NaN if unknown.
-        taken: `time.perf_counter` when it was taken.
-        info: the CameraInfo that holds for it, if there is one (see `StampPairing`).
-        attitude: of the body at its stamp, if that is known (see `AttitudePairing`).
-        is_skipped: newer ones lay waiting; only what comes after it may need it to be decoded.
-        follows_loss: the one before it never came, or is not known to have.
-    """
-
-    data: bytes | Frame
-    transport: float
-    taken: float
-    info: Any = None
-    attitude: Attitude | None = None
-    is_skipped: bool = False
-    follows_loss: bool = False
+    data: bytes | Frame  # a message in CDR; the frame where source and node share a process
+    transport: float  # seconds since it was sent, by the system clocks; NaN if unknown
+    taken: float  # `time.perf_counter` when it was taken
+    camera: CameraModel | None = None  # that holds for it, if one is known (see `StampPairing`)
+    attitude: Attitude | None = None  # of the body at its stamp, likewise (see `AttitudePairing`)
+    is_skipped: bool = False  # newer ones lay waiting; those after it may need it to be decoded
+    follows_loss: bool = False  # the one before it never came, or is not known to have
 
     @property
     def stamp_ns(self) -> int:
@@ -92,49 +90,33 @@ class ReceivedImage(NamedTuple):
 
 @dataclass
 class InputEvents:
-    """What became of images before the callback; counts since the start.
+    """What became of images before the callback; counts since the start."""
 
-    Lost ones never arrived, as the middleware says; missing ones are left out in the publisher's
-    own count, for whatever reason; skipped ones were taken, and left out as newer ones lay waiting.
-    The size is the newest image's, in bytes.
-    Incompatible are publishers whose QoS did not fit ours.
-    """
-
-    lost: int = 0
-    missing: int = 0
-    skipped: int = 0
-    size: int = 0
-    incompatible: int = 0
+    lost: int = 0  # never arrived, as the middleware says
+    missing: int = 0  # left out in the publisher's own count, for whatever reason
+    skipped: int = 0  # taken, and left out as newer ones lay waiting
+    size: int = 0  # of the newest image, in bytes
+    incompatible: int = 0  # publishers whose QoS did not fit ours
     errors: int = 0
     last_error: str = ''
 
 
 class InputState(NamedTuple):
-    """The image topic at this moment.
+    """The image topic at this moment."""
 
-    Attributes:
-        topic: its resolved name.
-        publishers: the nodes that publish it.
-        events: what became of images.
-        obstacle: why none of them can be received, in words.
-        others: where nobody publishes it, the topics that carry images.
-    """
-
-    topic: str
-    publishers: list[str]
+    topic: str  # its resolved name
+    publishers: list[str]  # the nodes that publish it
     events: InputEvents
-    obstacle: str = ''
-    others: Sequence[tuple[str, str]] = ()
+    obstacle: str = ''  # why none of them can be received, in words
+    others: Sequence[tuple[str, str]] = ()  # where nobody publishes it: topics that carry images
 
 
 class Backlog:
     """Distinguishes a hiccup, after which every image is still answered, from being too slow."""
 
     def __init__(self) -> None:
-        self._previous = 0
-        self._not_smaller = 0
+        self._previous = self._not_smaller = self._calm = 0
         self._too_slow = False
-        self._calm = 0
 
     def skips(self, waiting: int) -> bool:
         """Whether all but the newest of the images that lie waiting are to be left out."""
@@ -151,54 +133,35 @@ class Backlog:
         return waiting > 1 and self._too_slow
 
 
-_VIDEO = {
-    'ffmpeg': ('ffmpeg_image_transport_msgs', 'FFMPEGPacket'),
-    'foxglove': ('foxglove_msgs', 'CompressedVideo'),
+TRANSPORT_TYPES = {
+    'raw': IMAGE,
+    'compressed': COMPRESSED_IMAGE,
+    'ffmpeg': FFMPEG_PACKET,
+    'foxglove': COMPRESSED_VIDEO,
 }
-"""Packages that a robot may have; nothing of ours needs them."""
+"""Messages by the parameter ``image_transport``; a robot may lack those of the last two."""
 
 
-class ImageTopic(NamedTuple):
-    """A topic of images: a name still to be resolved and remapped, and the messages' class."""
-
-    name: str
-    kind: Any
-    transport: str
-
-    @property
-    def may_be_video(self) -> bool:
-        """Whether an image may need those before it to be decoded."""
-        return self.transport != 'raw'
-
-
-def image_topic(transport: str, resolved: str) -> ImageTopic:
-    """The topic of a transport beside the image topic as remapped, so that it moves along.
+def image_topic(transport: str, resolved: str) -> tuple[str, Any]:
+    """Name, to be resolved and remapped, and class of a transport beside the topic of raw images.
 
     Raises:
         ParameterError: the messages' package is not installed.
     """
-    if transport == 'raw':
-        return ImageTopic('image_raw', Image, transport)
-    if transport in _VIDEO:
-        package, name = _VIDEO[transport]
-        try:
-            kind = getattr(import_module(f'{package}.msg'), name)
-        except ImportError as error:
-            raise ParameterError(
-                'image_transport',
-                f'{transport} needs the messages of {package}: '
-                f'apt install ros-jazzy-{package.replace("_", "-")} ({error})',
-            ) from error
-    else:
-        kind = CompressedImage
-    return ImageTopic(f'{resolved}/{transport}', kind, transport)
+    package, _, kind = TRANSPORT_TYPES[transport].split('/')
+    try:
+        message = getattr(import_module(f'{package}.msg'), kind)
+    except ImportError as error:
+        raise ParameterError(
+            'image_transport',
+            f'{transport} needs the messages of {package}: '
+            f'apt install ros-jazzy-{package.replace("_", "-")} ({error})',
+        ) from error
+    return 'image_raw' if transport == 'raw' else f'{resolved}/{transport}', message
 
 
 def camera_info_topic(node: Node) -> str:
-    """In the namespace of the images, as camera drivers and image_transport have it.
-
-    Unless it is remapped itself.
-    """
+    """In the namespace of the images, as camera drivers have it, unless it is remapped itself."""
     topic = node.resolve_topic_name('camera_info')
     if topic == node.resolve_topic_name('camera_info', only_expand=True):
         topic = node.resolve_topic_name('image_raw').rsplit('/', 1)[0] + '/camera_info'
@@ -272,8 +235,6 @@ def _not_called(_message: Any) -> None:
 
 LONGEST_HOLD = 0.1
 """Seconds that an image waits for its CameraInfo or attitude, where somebody publishes one."""
-
-
 _SYNCHRONIZED_DEPTH = 200
 """Messages that may come while an image is answered: of an IMU of 1 kHz those of 0.2 s."""
 
@@ -288,8 +249,11 @@ class SynchronizedTopic:
         self.subscription = subscribe(node, kind, topic, depth=_SYNCHRONIZED_DEPTH)
         self.kind, self._is_awaited = kind, is_awaited
         self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
+        self._decode: Callable[[Any], Any] = decode_imu
         if kind is CameraInfo:
-            self._pairing, self._field = StampPairing(), 'info'
+            images = node.resolve_topic_name('image_raw')
+            self._decode = partial(decode_camera_info, image_topic=images)
+            self._pairing, self._field = StampPairing(), 'camera'
         else:
             self._pairing, self._field = AttitudePairing(), 'attitude'
 
@@ -304,8 +268,7 @@ class SynchronizedTopic:
             return
         while (taken := self.subscription.handle.take_message(self.kind, False)) is not None:
             message: Any = taken[0]
-            info = decode_imu(message) if self.kind is Imu else message
-            self._pairing.add_info(stamp_ns_of(message.header), info)
+            self._pairing.add_info(stamp_ns_of(message.header), self._decode(message))
 
     def completed(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
         """The images, in their order, that need not wait any more, with what belongs to them."""
@@ -339,29 +302,23 @@ _MAX_AT_ONCE = 5
 class FrameInput(ABC):
     """Images from wherever they come, handed on in a thread of its own with what belongs to them.
 
-    It uses rclpy's wait set in the way of rclpy's own `wait_for_message`.
-
-    Attributes:
-        synchronized: what images may wait for.
+    The topics that images may wait for are closed with this.
     """
 
     def __init__(
         self,
         node: Node,
+        name: str,
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic],
     ) -> None:
         self._events = InputEvents()
-        self._node, self._on_image, self.synchronized = node, on_image, synchronized
+        self._node, self._on_image = node, on_image
+        self.topic, self.synchronized = node.resolve_topic_name(name), synchronized
         self._subscriptions: list[Any] = [topic.subscription for topic in synchronized]
         self._stopping = Event()
         self._wake = GuardCondition(None, None, context=node.context)
         self._thread: Thread | None = None
-
-    @property
-    @abstractmethod
-    def topic(self) -> str:
-        """The resolved name of the image topic."""
 
     @abstractmethod
     def poll(self) -> InputState:
@@ -430,46 +387,35 @@ class FrameInput(ABC):
 
 
 class IntraProcessInput(FrameInput):
-    """Takes frames from the source's thread.
+    """Takes frames from the source's thread; nothing is copied, as nobody writes to the pixels.
 
-    Nothing is copied: source and detectors look at the same pixels, which none of them writes to.
     A detector that is too slow loses the oldest frames, and the source never waits for it.
     """
 
     def __init__(
         self,
         node: Node,
-        topic: str,
+        name: str,
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic] = (),
     ) -> None:
-        """Frames of the source of a topic may wait for their synchronized."""
-        super().__init__(node, on_image, synchronized)
-        self._topic = topic
-        self._waiting: deque[ReceivedImage] = deque()
+        super().__init__(node, name, on_image, synchronized)
+        self._waiting: deque[ReceivedImage] = deque(maxlen=_DEPTH)
         self._lock = Lock()
-        self._closed = False
-
-    @property
-    def topic(self) -> str:
-        """The topic of the source."""
-        return self._topic
 
     def put(self, frame: Frame) -> None:
         """Give the next frame."""
         with self._lock:
-            if self._closed:
+            if self._stopping.is_set():
                 return
-            if len(self._waiting) == _DEPTH:
-                self._waiting.popleft()
-                self._events.skipped += 1
+            self._events.skipped += len(self._waiting) == _DEPTH
             self._waiting.append(ReceivedImage(frame, math.nan, time.perf_counter()))
             self._wake.trigger()
 
     def close(self) -> None:
         """End the thread; frames that come later are left."""
         with self._lock:
-            self._closed = True
+            self._stopping.set()
         super().close()
 
     def poll(self) -> InputState:
@@ -490,49 +436,45 @@ class ImageInput(FrameInput):
     """Subscribes to images and hands over each as bytes.
 
     rclpy's executor collects all of a node's entities again for every single callback, and makes a
-    Python object of every image. This thread waits for the images alone and hands their bytes on:
-    at 640x480 mono8 that takes half of the time and a third of the CPU.
+    Python object of every image. This thread waits for the images alone, as rclpy's own
+    `wait_for_message` does: at 640x480 mono8 that takes half of the time and a third of the CPU.
 
     When the callback is slower than the camera, the newest image wins: images that lie waiting
     are skipped and counted, once it is clear that a backlog does not get smaller by itself.
-
-    Attributes:
-        better: the reliability to ask for instead (see `subscribe_anew`), where images are lost
-            that all publishers would send again, or where by then none of them would; else None.
     """
 
     def __init__(
         self,
         node: Node,
-        topic: ImageTopic,
+        name: str,
+        kind: type,
         on_image: Callable[[ReceivedImage], None],
         synchronized: Sequence[SynchronizedTopic],
     ) -> None:
-        """Subscribe; images may wait for their synchronized, which are closed with this."""
-        super().__init__(node, on_image, synchronized)
-        self._topic = topic
+        """Subscribe to an `image_topic`."""
+        super().__init__(node, name, on_image, synchronized)
+        self._name, self._kind = name, kind
         self._lost_before = 0
-        self.better: ReliabilityPolicy | None = None
         self._backlog = Backlog()
         self._subscribe()
 
     def _subscribe(self, reliability: ReliabilityPolicy | None = None) -> None:
-        kind, name = self._topic.kind, self._topic.name
         self._asked = reliability
-        self._subscription = subscribe(self._node, kind, name, raw=True, reliability=reliability)
+        self._subscription = subscribe(
+            self._node, self._kind, self._name, raw=True, reliability=reliability
+        )
         self._subscriptions = [self._subscription, *(c.subscription for c in self.synchronized)]
         self._lost = status_of(self._subscription, 'MESSAGE_LOST')
         self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
         self._last_sequence, self._is_first = 0, True
 
-    @property
-    def topic(self) -> str:
-        """The resolved name of the image topic."""
-        return str(self._subscription.topic_name)
-
-    def subscribe_anew(self, reliability: ReliabilityPolicy) -> None:
-        """Subscribe with another reliability: publishers send again what was lost, or need not."""
-        self._lost_before, self.better = self._events.lost, None
+    def _subscribe_anew(self, reliability: ReliabilityPolicy) -> None:
+        """Ask for another reliability: publishers send again what was lost, or need not."""
+        is_reliable = reliability is ReliabilityPolicy.RELIABLE
+        why = 'images are lost' if is_reliable else 'no publisher is reliable any more'
+        how = 'reliably' if is_reliable else 'as best effort'
+        self._node.get_logger().info(f'{why}: {self.topic} is asked for {how} now')
+        self._lost_before = self._events.lost
         self._end_thread()
         self._leave_events()
         self._node.destroy_subscription(self._subscription)
@@ -552,7 +494,7 @@ class ImageInput(FrameInput):
         self._lost = self._incompatible = None
 
     def poll(self) -> InputState:
-        """What became of images so far; to be called now and then, from one thread."""
+        """What became of images so far; subscribes anew where another reliability is better."""
         if self._lost is not None:
             self._events.lost = self._lost_before + int(self._lost.take_event().total_count)
         if self._incompatible is not None:
@@ -560,11 +502,17 @@ class ImageInput(FrameInput):
         infos = self._node.get_publishers_info_by_topic(self.topic)
         names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
         others = [] if infos else self._image_topics()
-        self.better = self._better({info.qos_profile.reliability for info in infos})
-        return InputState(self.topic, names, self._events, self._obstacle(infos), others)
+        state = InputState(self.topic, names, self._events, self._obstacle(infos), others)
+        better = self._better({info.qos_profile.reliability for info in infos})
+        if better is not None:
+            self._subscribe_anew(better)
+        return state
 
     def _better(self, theirs: set[ReliabilityPolicy]) -> ReliabilityPolicy | None:
-        """See `better`, by what the publishers offer."""
+        """What to ask for instead, by what the publishers offer.
+
+        Images are lost that all of them would send again, or by then none of them would.
+        """
         if self._asked is ReliabilityPolicy.RELIABLE:
             # Another camera, or the same one started otherwise: none of its images would come.
             is_none = theirs == {ReliabilityPolicy.BEST_EFFORT}
@@ -577,7 +525,7 @@ class ImageInput(FrameInput):
 
     def _obstacle(self, infos: Sequence[TopicEndpointInfo]) -> str:
         """Why no image of these publishers can come; empty where one's can."""
-        wanted = type_name(self._subscription.msg_type)
+        wanted = type_name(self._kind)
         profile, why = self._subscription.qos_profile, ''
         for info in infos:
             level, reason = qos_check_compatible(info.qos_profile, profile)
@@ -607,7 +555,7 @@ class ImageInput(FrameInput):
         images: list[ReceivedImage] = []
         if self._subscription.handle.pointer not in ready:
             return images
-        take, kind = self._subscription.handle.take_message, self._subscription.msg_type
+        take, kind = self._subscription.handle.take_message, self._kind
         # Bounded, as a publisher could be as fast as we are.
         for _ in range(self._subscription.qos_profile.depth or _MAX_AT_ONCE):
             taken = take(kind, True)
@@ -640,4 +588,4 @@ class ImageInput(FrameInput):
         *older, newest = images
         self._events.skipped += len(older)
         skipped = [image._replace(is_skipped=True) for image in older]
-        return [*skipped, newest] if self._topic.may_be_video else [newest]
+        return [*skipped, newest] if self._kind is not Image else [newest]

@@ -17,7 +17,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from mvuav_ros.detectors import DETECTORS
-from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.common_parameters import TRANSPORTS
 
 NODES = {detector.word: name for name, detector in DETECTORS.items()}
 """The detectors by what they are called here."""
@@ -41,15 +41,13 @@ _ARGUMENTS = {
     'log_level': ('info', 'Log level of the nodes: debug, info, warn, error'),
 }
 """Default and description."""
-_SWITCH = ('true', 'false')
-_TRANSPORTS = list(MarkerTrackerParameters.spec('image_transport').choices)
+_SWITCHES = {name for name, (default, _) in _ARGUMENTS.items() if default in ('true', 'false')}
 
 
 def launch_vision(launch_file: str, **defaults: str) -> LaunchDescription:
     """A source of images and the detectors that look at them.
 
-    ``config`` lies beside the launch file's folder; ``defaults`` are of arguments, where they
-    differ from those of ``vision.launch.py``.
+    ``defaults`` are those of arguments that differ from ``vision.launch.py``.
     """
     arguments = _declared(launch_file, defaults)
     return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
@@ -57,48 +55,43 @@ def launch_vision(launch_file: str, **defaults: str) -> LaunchDescription:
 
 def launch_bag(launch_file: str) -> LaunchDescription:
     """``ros2 bag play``, which waits for the detectors; for ``launch_file`` see `launch_vision`."""
-    words = ('Recording, as ros2 bag play takes it', 'More arguments of ros2 bag play')
-    own = [
-        DeclareLaunchArgument('bag', description=words[0]),
-        DeclareLaunchArgument('play', default_value='', description=words[1]),
+    words = 'More arguments of ros2 bag play'
+    arguments = [
+        DeclareLaunchArgument('bag', description='Recording, as ros2 bag play takes it'),
+        DeclareLaunchArgument('play', default_value='', description=words),
+        *_declared(launch_file, {'source': 'none'}),
     ]
-    arguments = _declared(launch_file, {'source': 'none'})
-    return LaunchDescription([*own, *arguments, OpaqueFunction(function=_bag)])
+    return LaunchDescription([*arguments, OpaqueFunction(function=_bag)])
 
 
 def _declared(launch_file: str, defaults: Mapping[str, str]) -> list[DeclareLaunchArgument]:
     config = Path(launch_file).resolve().parent.parent / 'config'
     defaults = {'params_file': str(config / 'default.yaml'), **defaults}
-    arguments = []
-    for name, (default, words) in _ARGUMENTS.items():
-        choices = _TRANSPORTS if name == 'transport' else None
-        if default in _SWITCH:
-            choices = ['true', 'false', 'True', 'False']
-        more = {'choices': choices} if choices else {}
-        value = defaults.get(name, default)
-        arguments.append(
-            DeclareLaunchArgument(name, default_value=value, description=words, **more)
+    choices = {name: ['true', 'false', 'True', 'False'] for name in _SWITCHES}
+    choices['transport'] = ['raw', *TRANSPORTS]
+    return [
+        DeclareLaunchArgument(
+            name,
+            default_value=defaults.get(name, default),
+            description=words,
+            **({'choices': choices[name]} if name in choices else {}),
         )
-    return arguments
+        for name, (default, words) in _ARGUMENTS.items()
+    ]
 
 
 def _bag(context: LaunchContext) -> list[Any]:
-    given = {name: LaunchConfiguration(name).perform(context) for name in ('bag', 'play')}
-    namespace = LaunchConfiguration('namespace').perform(context).strip('/')
-    topic = LaunchConfiguration('image_topic').perform(context)
+    names = ('bag', 'play', 'namespace', 'image_topic', 'transport', 'detectors')
+    given = {name: LaunchConfiguration(name).perform(context) for name in names}
+    topic, namespace = given['image_topic'], given['namespace'].strip('/')
     if not topic.startswith('/'):
         topic = '/'.join(['', *filter(None, [namespace]), topic])
-    transport = LaunchConfiguration('transport').perform(context)
-    topic += '' if transport == 'raw' else f'/{transport}'
+    topic += '' if given['transport'] == 'raw' else f'/{given["transport"]}'
     detectors = _nodes(context, {f'qos_overrides.{topic}.subscription.reliability': 'reliable'})
     play = ['ros2', 'bag', 'play', '--start-paused', given['bag'], *shlex.split(given['play'])]
-    count = len(_detectors(LaunchConfiguration('detectors').perform(context)))
-    resume = [sys.executable, '-m', 'mvuav_ros', 'resume_bag', str(count)]
-    return [
-        *detectors,
-        ExecuteProcess(cmd=play, output='screen'),
-        ExecuteProcess(cmd=resume, output='screen'),
-    ]
+    count = str(len(_detectors(given['detectors'])))
+    resume = [sys.executable, '-m', 'mvuav_ros', 'resume_bag', count]
+    return [*detectors, *(ExecuteProcess(cmd=cmd, output='screen') for cmd in (play, resume))]
 
 
 def _detectors(names: str) -> list[str]:
@@ -121,7 +114,7 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
     def chosen(**arguments: str) -> dict[str, Any]:
         """Parameters by their arguments, but for those at their defaults: as the file has them."""
         return {
-            parameter: name in switches if _ARGUMENTS[name][0] in _SWITCH else given[name]
+            parameter: name in switches if name in _SWITCHES else given[name]
             for parameter, name in arguments.items()
             if given[name] != _ARGUMENTS[name][0]
         }

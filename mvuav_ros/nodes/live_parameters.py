@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
@@ -43,19 +45,15 @@ OVERRIDABLE = QoSOverridingOptions(
 _ALWAYS_READ_ONLY = 'autostart'
 _READ_ONLY = 'Trying to set a read-only parameter:'
 """What rclpy says."""
-_WHEN = 'can be set at the start'
-_OR_LATER = ', and while the node is unconfigured (ros2 lifecycle set … cleanup)'
 
 
 class _SetInAnyOrder(ParameterService):
     """Answers ``set_parameters`` whatever the order of the values.
 
-    rclpy sets the values of one request one by one. ``ros2 param load`` of other rows would fail
-    half-way where the new end lies before the old start, so rejected values are tried again once
-    others have been accepted. A value that is set already is no change, even where the parameter
-    is read-only: a dump holds dozens of those (``qos_overrides``), and a file may write them in
-    another way (``fps: 30``). A parameter that the node does not have is named; rclpy's own reason
-    ends in an empty list.
+    rclpy sets them one by one. ``ros2 param load`` of other rows would fail half-way where the new
+    end lies before the old start, so rejected values are tried again once others are accepted. A
+    value that is set already is no change, even of a read-only parameter: a dump holds dozens of
+    those (``qos_overrides``), and a file may write them in another way (``fps: 30``).
     """
 
     def __init__(self, node: Node, convert: Callable[[list[Parameter]], list[Parameter]]) -> None:
@@ -65,16 +63,16 @@ class _SetInAnyOrder(ParameterService):
     def _set_parameters_callback(
         self, request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
+        node = self._get_node()
         given = self._convert([*map(Parameter.from_parameter_msg, request.parameters)])
         parameters = [each.to_parameter_msg() for each in given]
-        unchanged = SetParametersResult(successful=True)
-        results = [unchanged] * len(parameters)
+        results = [SetParametersResult(successful=True) for _ in parameters]
         waiting = []
         for index, each in enumerate(parameters):
-            if not self._get_node().has_parameter(each.name):
+            if not node.has_parameter(each.name):
                 words = f'{each.name}: this node has no such parameter'
                 results[index] = SetParametersResult(successful=False, reason=words)
-            elif self._get_node().get_parameter(each.name).to_parameter_msg().value != each.value:
+            elif node.get_parameter(each.name).to_parameter_msg().value != each.value:
                 waiting.append(index)
         while waiting:
             again = SetParameters.Request(parameters=[parameters[i] for i in waiting])
@@ -88,17 +86,16 @@ class _SetInAnyOrder(ParameterService):
         for result in results:
             if result.reason.startswith(_READ_ONLY):
                 name = result.reason.removeprefix(_READ_ONLY).strip(' .')
-                result.reason = f'{name}: {_WHEN}{"" if name == _ALWAYS_READ_ONLY else _OR_LATER}'
+                result.reason = f'{name}: can be set at the start'
+                if name != _ALWAYS_READ_ONLY:
+                    words = 'and while the node is unconfigured (ros2 lifecycle set … cleanup)'
+                    result.reason += f', {words}'
         response.results = results
         return response
 
 
 class LiveParameters(Generic[P]):
-    """Declares a parameter set on a node and follows its changes.
-
-    ``current`` is always a valid set. A value that is refused leaves it as it was, and
-    ``ros2 param set`` shows the reason.
-    """
+    """Declares a parameter set on a node and follows its changes; ``current`` is always valid."""
 
     def __init__(
         self, node: Node, parameters_type: type[P], on_change: Callable[[P], None]
@@ -113,15 +110,16 @@ class LiveParameters(Generic[P]):
         """
         self._specs = {spec.name: spec for spec in parameters_type.specs()}
         self._on_change = on_change
-        given = {name: _given_value(node, spec) for name, spec in self._specs.items()}
+        given: dict[str, object] = {}
+        for name, spec in self._specs.items():
+            # To see what was given: rclpy would raise on an integer for a float.
+            free = ParameterDescriptor(dynamic_typing=True)
+            given[name] = node.declare_parameter(name, _for_ros(spec.default), free).value
+            node.undeclare_parameter(name)
         self.current = parameters_type.from_mapping(given)
-        for spec in self._specs.values():
-            node.declare_parameter(
-                spec.name,
-                _for_ros(getattr(self.current, spec.name)),
-                _descriptor(spec),
-                ignore_override=True,
-            )
+        for name, spec in self._specs.items():
+            value = _for_ros(getattr(self.current, name))
+            node.declare_parameter(name, value, _descriptor(spec), ignore_override=True)
         self._node = node
         self.freeze(False)
         self._service = _SetInAnyOrder(node, self._convert)
@@ -140,7 +138,14 @@ class LiveParameters(Generic[P]):
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Turn whole numbers into floats, say, before rclpy checks the type."""
-        return [_converted(parameter, self._specs.get(parameter.name)) for parameter in parameters]
+        converted = []
+        for given in parameters:
+            # Where it cannot be converted the check after this says why.
+            with suppress(KeyError, ParameterError):
+                value = self._specs[given.name].convert(given.value)
+                given = Parameter(given.name, value=_for_ros(value))
+            converted.append(given)
+        return converted
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -154,28 +159,6 @@ class LiveParameters(Generic[P]):
         if ours:
             self.current = self.current.changed(ours)
             self._on_change(self.current)
-
-
-def _given_value(node: Node, spec: ParameterSpec) -> object:
-    """The value from the command line or YAML, else the default.
-
-    Declared once with a free type to see what was given: declaring with the right type at once
-    raises on an integer for a float, before anything could convert it.
-    """
-    value = node.declare_parameter(
-        spec.name, _for_ros(spec.default), ParameterDescriptor(dynamic_typing=True)
-    ).value
-    node.undeclare_parameter(spec.name)
-    return value
-
-
-def _converted(given: Parameter, wanted: ParameterSpec | None) -> Parameter:
-    if wanted is None:
-        return given
-    try:
-        return Parameter(given.name, value=_for_ros(wanted.convert(given.value)))
-    except ParameterError:
-        return given  # the check after this says why
 
 
 def _for_ros(value: Value) -> Any:
@@ -199,11 +182,11 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
     return descriptor
 
 
-def unused_overrides(node: Node, siblings: Sequence[Node] = ()) -> list[str]:
+def unused_overrides(node: Node, siblings: Sequence[Node]) -> list[str]:
     """Parameters that were given at the start and are no one's, each with the nearest right name.
 
-    ``siblings`` are all nodes of the process, to which the same command line was given. Overrides
-    of QoS count only where a node is active, as it declares them with its topics.
+    The command line was given to all ``siblings``, the nodes of the process. Overrides of QoS count
+    only where a node is active, as it declares them with its topics.
     """
     nodes = {node, *siblings}
     known = {name for each in nodes for name in each._parameters}
@@ -223,15 +206,15 @@ def unused_overrides(node: Node, siblings: Sequence[Node] = ()) -> list[str]:
     return said
 
 
-def parameter_files(node: Node, arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The ``--params-file`` arguments of a command line, and what is wrong with some.
+def parameter_files(node: Node) -> tuple[list[str], list[str]]:
+    """The ``--params-file`` arguments of the command line, and what is wrong with some.
 
     Of a file without values for the node the first say so; the second say it of one whose values
     are for a node of the same name in another namespace.
     """
     files, mistaken = [], []
     name = node.get_fully_qualified_name()
-    for option, file in pairwise(arguments):
+    for option, file in pairwise(sys.argv):
         if option == '--params-file':
             try:
                 keys = read_node_keys(Path(file))

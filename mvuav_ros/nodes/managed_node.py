@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -20,14 +19,11 @@ class ManagedNode(LifecycleNode):
     transitions do: `open` for configure, `begin` for activate, `end` for deactivate, `close` for
     cleanup and shutdown. `open` and `begin` may raise: the state stays what it was, and the reason
     is logged. `end` and `close` must not, and do nothing the second time.
-
-    Attributes:
-        siblings: the nodes of the process, this one included.
-        overrides_problem: the parameters given at the start that have no effect, in words.
     """
 
-    siblings: Sequence[ManagedNode] = ()
-    overrides_problem = ''
+    siblings: Sequence[ManagedNode] = ()  # The nodes of the process, this one included
+    overrides_problem = ''  # Parameters given at the start that have no effect, in words
+    failed = False  # Whether it broke in a way that ends the process with an error
     _live: LiveParameters[Any]
 
     def __init__(self, name: str) -> None:
@@ -61,23 +57,14 @@ class ManagedNode(LifecycleNode):
 
     def report_parameters(self) -> None:
         """Log what was given at the start and has no effect."""
-        unused = unused_overrides(self, self.siblings) + parameter_files(self, sys.argv)[1]
+        unused = unused_overrides(self, self.siblings) + parameter_files(self)[1]
         problem = f'parameters without effect: {", ".join(unused)}' if unused else ''
         if problem not in ('', self.overrides_problem):
             self.get_logger().warning(problem)
         self.overrides_problem = problem
 
-    @property
-    def failed(self) -> bool:
-        """Whether it broke in a way that ends the process with an error."""
-        return False
-
     def autostart(self) -> None:
-        """Configure and activate, where the parameter ``autostart`` asks for it.
-
-        Raises:
-            Exception: what `open` or `begin` raised.
-        """
+        """Configure and activate if the parameter says so; raises what `open` and `begin` do."""
         if not self.get_parameter('autostart').value:
             self.get_logger().info('unconfigured; waiting for ~/change_state (autostart is false)')
             return

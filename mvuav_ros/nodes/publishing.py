@@ -17,9 +17,6 @@ from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import (
-    COMPRESSED_IMAGE,
-    COMPRESSED_VIDEO,
-    FFMPEG_PACKET,
     IMAGE,
     BadFrame,
     CodedImage,
@@ -31,8 +28,8 @@ from mvuav_ros.messages.images import (
     view_coded_image,
 )
 from mvuav_ros.messages.sensors import decode_camera_info, encode_camera_info, make_header
-from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes, StampMonitor
-from mvuav_ros.nodes.image_input import ReceivedImage, camera_info_topic
+from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes
+from mvuav_ros.nodes.image_input import TRANSPORT_TYPES, ReceivedImage, camera_info_topic
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
@@ -64,71 +61,58 @@ _STALE = 0.1
 
 
 class ResultPublishers:
-    """Publishes a processor's outputs where somebody listens.
+    """Publishes a processor's outputs, on the topics that it has now, where somebody listens.
 
-    The processor's topics are those that it has when this is made. To ask all of them for their
-    subscribers takes 0.1 ms, so that a stream of images is asked for now and then, by `look` after
-    its results are out. Whoever subscribes is found that much later at most.
+    To ask for all subscribers takes 0.1 ms, so that a stream of images is asked for now and then,
+    by `look` after its results are out. Whoever subscribes is found that much later at most.
     """
 
     def __init__(self, node: Node, processor: Processor) -> None:
         self._node = node
-        images = dict.fromkeys(processor.debug_topics, RosImage)
-        self._results, self._debug = (
-            {topic: create_result_publisher(node, kind, resolve(topic)) for topic, kind in kinds}
-            for kinds in (processor.topics.items(), images.items())
-        )
-        self._periodic = {
-            topic: node.create_publisher(kind, resolve(topic), 10)
-            for topic, kind in processor.periodic_topics.items()
+        self._debug_topics = processor.debug_topics
+        self._publishers = {
+            topic: create_result_publisher(node, kind, resolve(topic))
+            for topic, kind in processor.message_types.items()
         }
         self._looked, self._heard = -math.inf, set[str]()
 
     def publish(self, outputs: Iterable[Output]) -> float:
         """Make and send the messages that anybody would get; how long that took of it all, s."""
-        if time.monotonic() - self._looked > _STALE:
-            self.look()
+        self.look(_STALE)
         seconds = 0.0
         for topic, make in outputs:
             if topic in self._heard:
                 start = time.perf_counter()
-                (self._results.get(topic) or self._debug[topic]).publish(make())
+                self._publishers[topic].publish(make())
                 seconds += time.perf_counter() - start
         return seconds
 
-    def look(self, at_most_every: float = 0.0) -> None:
+    def look(self, at_most_every: float) -> None:
         """See which topics are heard, unless that was done so many seconds ago."""
         now = time.monotonic()
-        if now - self._looked < at_most_every:
-            return
-        self._looked = now
-        publishers = {**self._results, **self._debug}
-        self._heard = {topic for topic, publisher in publishers.items() if is_heard(publisher)}
-
-    def publish_periodic(self, outputs: list[Output]) -> None:
-        """Send what is said once a second."""
-        for topic, make in outputs:
-            self._periodic[topic].publish(make())
+        if now - self._looked >= at_most_every:
+            # In this order: results of a frame and those once a second come from two threads.
+            self._heard = {topic for topic, each in self._publishers.items() if is_heard(each)}
+            self._looked = now
 
     def debug_wanted(self) -> list[str]:
         """The debug topics that somebody looks at."""
-        return [topic for topic in self._debug if topic in self._heard]
+        return [topic for topic in self._debug_topics if topic in self._heard]
 
     def destroy(self) -> None:
         """Take the topics off the graph."""
-        for publishers in (self._results, self._debug, self._periodic):
-            for publisher in publishers.values():
-                self._node.destroy_publisher(publisher)
-
-
-Listener = Callable[[Frame], None]
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
 
 
 class FramePublisher:
     """Publishes frames where somebody listens, and hands them to detectors of this process."""
 
     def __init__(
-        self, node: Node, calibration: CameraModel | None, listeners: Sequence[Listener]
+        self,
+        node: Node,
+        calibration: CameraModel | None,
+        listeners: Sequence[Callable[[Frame], None]],
     ) -> None:
         """Make the topics; without a calibration frames keep their own, if they have one."""
         self._node = node
@@ -152,11 +136,7 @@ class FramePublisher:
             self._node.destroy_publisher(publisher)
 
     def publish(self, frame: Frame, given: VideoSourceParameters) -> Image:
-        """Send a frame as the parameters have it; returns the image that was sent.
-
-        Raises:
-            ImageError: it cannot be converted.
-        """
+        """Send a frame as the parameters have it; returns its image, or raises an `ImageError`."""
         image = as_encoding(frame.image, given.encoding).gamma_corrected(given.gamma)
         stamp_ns = frame.stamp_ns
         if given.stamp == 'now':
@@ -206,22 +186,14 @@ def _jpeg(image: Image, header: bytes, quality: int) -> bytes:
 
 
 _MAX_REMEMBERED = 64
-_TYPES = {
-    'raw': IMAGE,
-    'compressed': COMPRESSED_IMAGE,
-    'ffmpeg': FFMPEG_PACKET,
-    'foxglove': COMPRESSED_VIDEO,
-}
-"""Of the messages of a transport."""
 
 
 class FrameDecoder:
     """Decodes what comes on one topic, in its order."""
 
-    def __init__(self, transport: str, image_topic: str = '') -> None:
+    def __init__(self, transport: str) -> None:
         """Begin a topic of a transport; see the parameter ``image_transport``."""
-        self._type = _TYPES[transport]
-        self._topic = image_topic
+        self._type = TRANSPORT_TYPES[transport]
         self._images = ImageDecoder()
         self._received: dict[int, ReceivedImage] = {}
         self.forget()
@@ -239,11 +211,11 @@ class FrameDecoder:
         """
         data = received.data
         if isinstance(data, Frame):
-            yield self._completed(data, received)
+            yield _completed(data, received)
         elif self._type != IMAGE and (coded := view_coded_image(self._type, data)).is_video:
             yield from self._of_video(coded, received)
         elif not received.is_skipped:
-            yield self._completed(self._images.decode(self._type, data), received)
+            yield _completed(self._images.decode(self._type, data), received)
 
     def _of_video(self, packet: CodedImage, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
         if received.follows_loss:
@@ -255,16 +227,14 @@ class FrameDecoder:
         for frame in self._video.frames(packet, not received.is_skipped):
             known = self._received.pop(frame.stamp_ns, None)
             if isinstance(frame, Frame) and known is not None:
-                frame = self._completed(frame, known)
+                frame = _completed(frame, known)
             yield frame
 
-    def _completed(self, frame: Frame, received: ReceivedImage) -> Frame:
-        """With the calibration and attitude that came with it, or beside it."""
-        if received.info is not None:
-            frame = replace(frame, camera=decode_camera_info(received.info, self._topic))
-        if received.attitude is not None:
-            frame = replace(frame, attitude=received.attitude)
-        return frame
+
+def _completed(frame: Frame, received: ReceivedImage) -> Frame:
+    """With the calibration and attitude that came with it, or beside it."""
+    camera, attitude = received.camera or frame.camera, received.attitude or frame.attitude
+    return replace(frame, camera=camera, attitude=attitude)
 
 
 _LOOK_INTERVAL = 0.05
@@ -278,16 +248,11 @@ class FrameAnswerer:
 
     A frame that cannot be used is counted, logged and dropped. Called in the thread of the images;
     ``lock`` guards the processor and the statistics, which the executor's thread touches as well.
-    ``stamps`` are those since the last `restart`, ``statistics`` those since the node was made;
-    where it is not ``enabled``, images are counted only.
     """
 
     def __init__(self, node: Node, processor: Processor) -> None:
         self.lock = Lock()
         self.statistics = FrameStatistics()
-        self.stamps = StampMonitor()
-        self.enabled = True
-        self.image_format = ''
         self._node = node
         self._processor = processor
         self._publishers: ResultPublishers | None = None
@@ -295,15 +260,11 @@ class FrameAnswerer:
         self._awaits_first = True
         self._logged: dict[str, float] = {}
 
-    def restart(self, publishers: ResultPublishers, transport: str, topic: str) -> None:
-        """Forget all from before.
-
-        Images come as the parameter ``image_transport`` says, and belong to a topic.
-        """
+    def restart(self, publishers: ResultPublishers, transport: str) -> None:
+        """Forget all from before; images come as the parameter ``image_transport`` says."""
         with self.lock:
             self._processor.reset()
-            self._publishers, self._decoder = publishers, FrameDecoder(transport, topic)
-            self.stamps = StampMonitor()
+            self._publishers, self._decoder = publishers, FrameDecoder(transport)
             self.statistics.restart()
             self._awaits_first = True
 
@@ -329,8 +290,8 @@ class FrameAnswerer:
         with self.lock:
             if not received.is_skipped:
                 self.statistics.arrived()
-            if not self.enabled:
-                self.stamps.interrupt()
+            if not self.statistics.enabled:
+                self.statistics.stamps.interrupt()
                 self._decoder.forget()
                 return
         for frame in self._decoder.frames(received):
@@ -357,21 +318,18 @@ class FrameAnswerer:
         publishers.look(_LOOK_INTERVAL)
         debug = publishers.debug_wanted()
         with self.lock:
-            self.image_format = f'{frame.image.width}x{frame.image.height} {frame.image.encoding}'
-            self.statistics.processed_one(times)
-            self.stamps.follow(frame.stamp_ns)
+            self.statistics.processed_one(frame, times)
             images = self._processor.draw(debug) if debug else []
         publishers.publish(images)
         if self._awaits_first:
             self._awaits_first = False
             self._node.get_logger().info(
-                f'first image: {self.image_format}, frame {frame.frame_id!r}'
+                f'first image: {self.statistics.image_format}, frame {frame.frame_id!r}'
             )
 
     def _reject(self, kind: str, reason: str) -> None:
         with self.lock:
             self.statistics.reject(kind, reason)
-            self.stamps.interrupt()
         # rclpy's own throttle goes by the line of code: one kind would silence the others.
         now = time.monotonic()
         if now - self._logged.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:

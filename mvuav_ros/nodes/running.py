@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import time
@@ -51,12 +52,16 @@ def prepare_transport(*, camera_images: bool = True) -> None:
     of which best-effort subscribers lose most (640x480 bgr8: 11 of 90 frames arrived). Other
     middlewares do not look at the variables. A set-up of the user's own is left alone.
 
-    A process that publishes a camera's images gets 16 MB, any other 8 MB, enough for debug images:
-    every process takes its segment as a whole, and a container often has 64 MB for all of them.
+    A publisher of camera images gets 16 MB, any other 8 MB, enough for debug images: every process
+    takes its segment as a whole, and a container often has 64 MB for all of them.
     """
     if any(os.environ.get(name) for name in _USERS_OWN):
         return
-    if not _has_room(_SEGMENTS[camera_images] + _TO_SPARE):
+    try:
+        room = shutil.disk_usage(_SHARED_MEMORY).free
+    except OSError:
+        room = 0
+    if room < _SEGMENTS[camera_images] + _TO_SPARE:
         # A segment that does not fit makes Fast DDS give up shared memory altogether.
         print(
             f'mvuav_ros: {_SHARED_MEMORY} is almost full or too small: large images may be lost; '
@@ -68,14 +73,6 @@ def prepare_transport(*, camera_images: bool = True) -> None:
         os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(PROFILE)
     else:
         os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = _SMALLER
-
-
-def _has_room(needed: int) -> bool:
-    try:
-        shared_memory = os.statvfs(_SHARED_MEMORY)
-    except OSError:
-        return False
-    return shared_memory.f_bavail * shared_memory.f_frsize >= needed
 
 
 _LOG_INTERVAL = 5.0
@@ -126,21 +123,17 @@ class _StopRequest:
         self._ends.put(None)
 
 
-def run_nodes(
-    make_nodes: Callable[[], Sequence[ManagedNode]], *, camera_images: bool = False
-) -> int:
-    """Spin nodes in one process until SIGINT, SIGTERM or shutdown.
-
-    ``make_nodes`` makes them, in the order in which they start, after ``rclpy.init()``;
-    ``camera_images``: one of them publishes a camera's images, see `prepare_transport`.
+def run_nodes(names: Sequence[str]) -> int:
+    """Spin nodes of `NODES` in one process until SIGINT, SIGTERM or shutdown.
 
     Returns:
         Exit status: 0, 2 with one line on stderr where the user's set-up is at fault, or 1 where a
         node has `failed` and said why in its log.
     """
+    make_nodes = nodes_of(names)
     stop = _StopRequest()
     tune_process()
-    prepare_transport(camera_images=camera_images)
+    prepare_transport(camera_images=SOURCE in names)
     nodes: Sequence[ManagedNode] = ()
     status = 1
     try:
@@ -210,8 +203,6 @@ def _spin(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode]) -> Non
     while rclpy.ok():
         try:
             executor.spin_once()
-        except ExternalShutdownException:
-            break
         except Exception as error:
             # Such as a request for a parameter of a type that does not exist, which rclpy itself
             # stumbles over: one client must not end the flight.
@@ -228,33 +219,28 @@ NODES = (*DETECTORS, SOURCE)
 
 
 def nodes_of(names: Sequence[str]) -> Callable[[], list[ManagedNode]]:
-    """What makes the nodes of one process, with the names, parameters and topics of all others.
+    """What makes the nodes of a process, in the order of their start, after ``rclpy.init()``.
 
     Beside a source detectors take its frames as they are, without DDS in between.
     """
     from mvuav_ros.nodes.vision_node import VisionNode
 
     handed_over = SOURCE in names
-    chosen = [detector for name, detector in DETECTORS.items() if name in names]
-    processors = [load_class(detector.processor) for detector in chosen]
+    processors = [load_class(each.processor) for name, each in DETECTORS.items() if name in names]
     if handed_over:
         from mvuav_ros.nodes.video_source_node import VideoSource
 
     def make() -> list[ManagedNode]:
         detectors = [VisionNode(each(), handed_over=handed_over) for each in processors]
-        if not handed_over:
-            return list(detectors)
-        takers = [detector.take for detector in detectors]
-        source = VideoSource(takers, lambda: sum(detector.listens for detector in detectors))
         # The source last: what it plays is to be answered from the first frame on.
-        return [*detectors, source]
+        return [*detectors, VideoSource(detectors)] if handed_over else list(detectors)
 
     return make
 
 
 def _run(name: str) -> None:
     _parse(ArgumentParser(name))
-    sys.exit(run_nodes(nodes_of([name]), camera_images=name == SOURCE))
+    sys.exit(run_nodes([name]))
 
 
 def vision_process() -> None:
@@ -265,7 +251,7 @@ def vision_process() -> None:
     names = [name.strip() for name in _parse(parser).nodes.split(',')]
     if unknown := [name for name in names if name not in NODES]:
         parser.error(f'--nodes: {unknown[0]!r} is not one of {", ".join(NODES)}')
-    sys.exit(run_nodes(nodes_of(names), camera_images=SOURCE in names))
+    sys.exit(run_nodes(names))
 
 
 def own_arguments() -> list[str]:

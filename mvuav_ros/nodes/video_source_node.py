@@ -5,23 +5,25 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from threading import Event, Thread
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.nodes.diagnostics import SourceStatus, publish_status
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.managed_node import ManagedNode
-from mvuav_ros.nodes.publishing import FramePublisher, Listener
+from mvuav_ros.nodes.publishing import FramePublisher
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.files import DEFAULT_RATE
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import ImageError
+
+if TYPE_CHECKING:
+    from mvuav_ros.nodes.vision_node import VisionNode
 
 RETRY_INTERVAL = 1.0
 """Seconds between two attempts to open a camera."""
@@ -79,15 +81,10 @@ class Pace:
 
 
 class SourcePlayer:
-    """Reads a source and publishes its frames when they are due.
-
-    Attributes:
-        failed: whether the source broke in a way that nothing here is made for.
-    """
+    """Reads a source and publishes its frames when they are due."""
 
     def __init__(self, node: VideoSource, source: FrameSource) -> None:
         """Prepare; `start` plays, `stop` closes the source."""
-        self.failed = False
         self._node, self._source, self._status = node, source, node.status
         self._stop, self._interrupt, self._running = Event(), Event(), Event()
         self._running.set()
@@ -96,20 +93,19 @@ class SourcePlayer:
 
     @property
     def paused(self) -> bool:
-        """Whether it waits for `resume`."""
+        """Whether it holds after the present frame, until this is set to False."""
         return not self._running.is_set()
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
+        if paused:
+            self._running.clear()
+        else:
+            self._running.set()
 
     def start(self) -> None:
         """Play, from the start of the source."""
         self._thread.start()
-
-    def pause(self) -> None:
-        """Hold after the present frame."""
-        self._running.clear()
-
-    def resume(self) -> None:
-        """Go on after `pause`."""
-        self._running.set()
 
     def restart(self) -> None:
         """Play from the start again."""
@@ -135,12 +131,10 @@ class SourcePlayer:
                 self._rewind = False
                 self._status.state = 'playing'
                 self._play()
-        except ExternalShutdownException:
-            pass
         except Exception as error:
             if self._stop.is_set() or not self._node.context.ok():
                 return
-            self.failed = True
+            self._node.failed = True
             words = f'{self._source.name}: {type(error).__name__}: {error}'
             self._node.get_logger().fatal(words)
             self._node.context.try_shutdown()
@@ -193,10 +187,9 @@ class SourcePlayer:
         return False
 
     def _send(self, frame: Frame | BadFrame) -> bool:
-        if isinstance(frame, BadFrame):
-            self._warn(f'frame skipped: {frame.reason}')
-            return False
         try:
+            if isinstance(frame, BadFrame):
+                raise ImageError(frame.reason)
             self._node.publish(frame)
         except ImageError as error:
             self._warn(f'frame skipped: {error}')
@@ -205,7 +198,9 @@ class SourcePlayer:
 
     def _at_end(self, count: int, bad: int, pace: Pace) -> None:
         if errors := self._source.account.errors:
-            self._warn('; '.join(errors), throttled=False)
+            words = '; '.join(errors)
+            self._status.trouble(words)
+            self._node.get_logger().warning(words)
         if self._node.current.loop and count:
             pace.wait_for_end(self._interrupt)
             return
@@ -221,39 +216,23 @@ class SourcePlayer:
                 return
             self._interrupt.wait(0.2)
 
-    def _warn(self, text: str, *, throttled: bool = True) -> None:
+    def _warn(self, text: str) -> None:
         self._status.trouble(text)
-        if throttled:
-            self._node.get_logger().warning(text, throttle_duration_sec=LOG_INTERVAL)
-        else:
-            self._node.get_logger().warning(text)
+        self._node.get_logger().warning(text, throttle_duration_sec=LOG_INTERVAL)
 
 
 ResponseT = TypeVar('ResponseT', SetBool.Response, Trigger.Response)
 
 
 class VideoSource(ManagedNode):
-    """Publishes a source's frames from a thread of its own, so that services stay responsive.
-
-    Attributes:
-        status: of the source, for diagnostics.
-    """
+    """Publishes a source's frames from a thread of its own, so that services stay responsive."""
 
     _live: LiveParameters[VideoSourceParameters]
 
-    def __init__(
-        self,
-        listeners: Sequence[Listener] = (),
-        count_listening: Callable[[], int] = lambda: 0,
-    ) -> None:
-        """Make the node; it plays once it is configured and activated.
-
-        ``listeners`` of this process are called with each frame as it is published;
-        ``count_listening`` says how many of them answer now.
-        """
+    def __init__(self, detectors: Sequence[VisionNode] = ()) -> None:
+        """Make the node; ``detectors`` of this process are handed each frame it publishes."""
         super().__init__('video_source')
-        self._listeners = listeners
-        self._count_listening = count_listening
+        self._detectors = detectors
         self._live = LiveParameters(self, VideoSourceParameters, lambda _: None)
         self._publisher: FramePublisher | None = None
         self._source: FrameSource | None = None
@@ -263,11 +242,6 @@ class VideoSource(ManagedNode):
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/restart', self._on_restart)
 
-    @property
-    def failed(self) -> bool:
-        """Whether the source broke in a way that nothing here is made for."""
-        return self._player is not None and self._player.failed
-
     def open(self) -> None:
         """Open the source, the calibration and the topics; a camera is only named."""
         given = self.current
@@ -275,7 +249,7 @@ class VideoSource(ManagedNode):
         calibration = load_calibration(given.camera_info_url) if given.camera_info_url else None
         if calibration is not None and self._source.is_rectified:
             calibration = calibration.rectified()
-        self._publisher = FramePublisher(self, calibration, self._listeners)
+        self._publisher = FramePublisher(self, calibration, [each.take for each in self._detectors])
 
     def _open_source(self) -> FrameSource:
         given = self.current
@@ -286,11 +260,10 @@ class VideoSource(ManagedNode):
         assert self._publisher is not None
         source, self._source = self._source or self._open_source(), None
         self.status.source = source.name
-        self._player = SourcePlayer(self, source)
         self.status.state = 'waiting'
-        self.get_logger().info(
-            f'publishing {source.name} on {self.resolve_topic_name("image_raw")}'
-        )
+        topic = self.resolve_topic_name('image_raw')
+        self.get_logger().info(f'publishing {source.name} on {topic}')
+        self._player = SourcePlayer(self, source)
         self._player.start()
 
     def end(self) -> None:
@@ -314,11 +287,7 @@ class VideoSource(ManagedNode):
         return self._live.current
 
     def publish(self, frame: Frame) -> None:
-        """Send a frame.
-
-        Raises:
-            ImageError: it cannot be converted.
-        """
+        """Send a frame; an `ImageError` where it cannot be converted."""
         assert self._publisher is not None
         self.status.published(self._publisher.publish(frame, self.current))
 
@@ -326,24 +295,22 @@ class VideoSource(ManagedNode):
     def subscribers(self) -> int:
         """How many get a frame."""
         others = 0 if self._publisher is None else self._publisher.subscribers
-        return others + self._count_listening()
+        return others + sum(each.listens for each in self._detectors)
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        action = SourcePlayer.pause if request.data else SourcePlayer.resume
-        return self._ask(action, response, 'paused' if request.data else 'playing')
+        if self._player is not None:
+            self._player.paused = request.data
+        return self._answered(response, 'paused' if request.data else 'playing')
 
     def _on_restart(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        said = f'playing {self.status.source} from the start'
-        return self._ask(SourcePlayer.restart, response, said)
+        if self._player is not None:
+            self._player.restart()
+        return self._answered(response, f'playing {self.status.source} from the start')
 
-    def _ask(
-        self, action: Callable[[SourcePlayer], None], response: ResponseT, said: str
-    ) -> ResponseT:
-        if self._player is None:
-            response.message = f'the node is {self.lifecycle_state}, not active'
-        else:
-            action(self._player)
-            response.success, response.message = True, said
+    def _answered(self, response: ResponseT, done: str) -> ResponseT:
+        response.success = self._player is not None
+        inactive = f'the node is {self.lifecycle_state}, not active'
+        response.message = done if response.success else inactive
         return response
 
     def _report(self) -> DiagnosticStatus:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu
 from std_srvs.srv import SetBool, Trigger
 
@@ -17,9 +16,8 @@ from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.poses import TF_TOPIC, TF_TYPE
 from mvuav_ros.nodes.diagnostics import (
     WINDOW,
-    InputMonitor,
+    DetectorStatus,
     every_second,
-    explain_no_images,
     publish_status,
     status,
 )
@@ -35,76 +33,15 @@ from mvuav_ros.nodes.image_input import (
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.publishing import FrameAnswerer, ResultPublishers
-from mvuav_ros.parameters.declaration import ParameterSet, condition_text
+from mvuav_ros.parameters.common_parameters import DetectorParameters
+from mvuav_ros.parameters.declaration import condition_text
 from mvuav_ros.processing.processor import Processor
-
-
-class DetectorStatus:
-    """Turns counts into a diagnostic status, once a second while the node is active."""
-
-    def __init__(self, answerer: FrameAnswerer, processor: Processor) -> None:
-        self._answerer = answerer
-        self._processor = processor
-        self._monitor = InputMonitor()
-
-    @property
-    def state(self) -> str:
-        """``running`` or ``disabled``."""
-        return 'running' if self._answerer.enabled else 'disabled'
-
-    def explain_no_images(self, images: InputState) -> str:
-        """Why no images come, by the newest `report`."""
-        return explain_no_images(images, self._monitor.lost)
-
-    def report(self, name: str, images: InputState, notes: Sequence[str]) -> DiagnosticStatus:
-        """The status of the last seconds; `FrameAnswerer.lock` is held by the caller.
-
-        ``notes`` are said beside it, and are no reason for a warning.
-        """
-        problems = self._monitor.problems(images.events, self._answerer.stamps)
-        level = DiagnosticStatus.OK
-        statistics = self._answerer.statistics
-        if self._answerer.enabled and statistics.silent:
-            never = statistics.received == 0
-            level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
-            since = '' if never else f' for {WINDOW:.0f} s'
-            problems = [f'no images{since}: {self.explain_no_images(images)}']
-        elif self._answerer.enabled:
-            problems += statistics.problems()
-            if (count := len(images.publishers)) > 1:
-                problems.append(f'{count} publishers on {images.topic}: their images are mixed')
-            problems += filter(None, (self._processor.status, self._processor.frames_problem))
-        if problems and level == DiagnosticStatus.OK:
-            level = DiagnosticStatus.WARN
-        words = '; '.join([*(problems or [self.state]), *notes])
-        return status(level, name, words, self._values(images))
-
-    def _values(self, images: InputState) -> dict[str, str]:
-        events, stamps = images.events, self._answerer.stamps
-        spacing = stamps.spacing_ns
-        return {
-            'state': self.state,
-            **self._answerer.statistics.values(),
-            'frames_skipped': str(events.skipped),
-            'frames_lost_in_transport': str(events.lost),
-            'frames_missing': str(events.missing),
-            'frames_left_out_by_stamps': str(stamps.frames_left_out),
-            'stamp_rate_hz': f'{1e9 / spacing:.1f}' if spacing else 'nan',
-            'stamp_jumps_back': str(self._processor.resets),
-            'stamp_jumps_forward': str(stamps.jumps_forward),
-            'image': self._answerer.image_format,
-            'image_topic': images.topic,
-            'calibration': self._processor.calibration,
-            'image_publishers': ' '.join(images.publishers),
-            'incompatible_publishers': str(events.incompatible),
-        }
 
 
 class VisionNode(ManagedNode):
     """Answers the images of ``image_raw`` with a processor's messages, while it is active.
 
-    Images are processed in the thread of their `ImageInput`; parameters, services, transitions
-    and diagnostics in that of the executor.
+    Images are processed in the thread of their input; all else in that of the executor.
     """
 
     def __init__(self, processor: Processor, *, handed_over: bool = False) -> None:
@@ -119,7 +56,7 @@ class VisionNode(ManagedNode):
         self._input: FrameInput | None = None
         self._static: Any = None
         self._answerer = FrameAnswerer(self, processor)
-        self._status = DetectorStatus(self._answerer, processor)
+        self._status = DetectorStatus(self._answerer.statistics, processor)
         self._reported_silence = False
         self._live = LiveParameters(self, processor.parameters_type, self._apply)
         publish_status(self, self._report)
@@ -140,18 +77,17 @@ class VisionNode(ManagedNode):
     def begin(self) -> None:
         """Subscribe; images before this moment are not answered."""
         assert self._results is not None
-        self._status = DetectorStatus(self._answerer, self._processor)
-        self._reported_silence = False
-        images, answer = self.resolve_topic_name('image_raw'), self._answerer.answer
+        self._status = DetectorStatus(self._answerer.statistics, self._processor)
+        answer = self._answerer.answer
         transport = 'raw' if self._handed_over else self.get_parameter('image_transport').value
-        self._answerer.restart(self._results, transport, images)
-        topic = image_topic(transport, images)
+        name, kind = image_topic(transport, self.resolve_topic_name('image_raw'))
+        self._answerer.restart(self._results, transport)
         # Before the images, so that a source that sees that one subscription has seen these.
         synchronized = self._synchronized_topics()
         if self._handed_over:
-            self._input = IntraProcessInput(self, images, answer, synchronized)
+            self._input = IntraProcessInput(self, name, answer, synchronized)
         else:
-            self._input = ImageInput(self, topic, answer, synchronized)
+            self._input = ImageInput(self, name, kind, answer, synchronized)
         self._input.start()
         self._announce(self._input.topic)
 
@@ -206,22 +142,21 @@ class VisionNode(ManagedNode):
 
     def _announce(self, topic: str) -> None:
         values = self._live.current.as_dict()
-        files = ', '.join(parameter_files(self, sys.argv)[0]) or 'none'
+        files = ', '.join(parameter_files(self)[0]) or 'none'
         mode = f'mode {values["mode"]}, ' if 'mode' in values else ''
         words = f'{mode}images from {topic}, parameter files: {files}'
         if values.get('publish_tf', 'off') != 'off' and TF_TOPIC not in self._processor.topics:
             words += '; no /tf, as tf2_msgs is not installed'
         self.get_logger().info(words)
 
-    def _apply(self, parameters: ParameterSet) -> None:
+    def _apply(self, parameters: DetectorParameters) -> None:
         if self._results is None:
             # `open` does it, and names what it cannot use.
             return
         with self._answerer.lock:
             self._processor.configure(parameters)
-        threads = int(getattr(parameters, 'opencv_threads'))  # noqa: B009 - both detectors' have it
         # OpenCV takes a negative number for its own choice.
-        cv2.setNumThreads(threads if threads > 0 else -1)
+        cv2.setNumThreads(parameters.opencv_threads or -1)
 
     def _add_trigger(self, name: str, action: Callable[[], None], said: str = '') -> None:
         def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -234,9 +169,9 @@ class VisionNode(ManagedNode):
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         with self._answerer.lock:
-            if request.data and not self._answerer.enabled:
+            if request.data and not self._answerer.statistics.enabled:
                 self._processor.reset()
-            self._answerer.enabled = request.data
+            self._answerer.statistics.enabled = request.data
         response.success, response.message = True, self._status.state
         if self._input is None:
             response.message = f'the node is {self.lifecycle_state}'
@@ -248,12 +183,6 @@ class VisionNode(ManagedNode):
             state = self.lifecycle_state
             return status(DiagnosticStatus.OK, name, state, {'state': state})
         images = self._input.poll()
-        if isinstance(self._input, ImageInput) and (better := self._input.better) is not None:
-            reliable = better is ReliabilityPolicy.RELIABLE
-            why = 'images are lost' if reliable else 'no publisher is reliable any more'
-            how = 'reliably' if reliable else 'as best effort'
-            self.get_logger().info(f'{why}: {images.topic} is asked for {how} now')
-            self._input.subscribe_anew(better)
         with self._answerer.lock:
             said = self._status.report(name, images, self._notes())
         if said.level == DiagnosticStatus.OK and self.overrides_problem:
@@ -281,11 +210,12 @@ class VisionNode(ManagedNode):
             header = cdr_header(self.get_clock().now().nanoseconds, '')
             with self._answerer.lock:
                 outputs = self._processor.periodic(header)
-            self._results.publish_periodic(outputs)
+            self._results.publish(outputs)
 
     def _report_silence(self, images: InputState) -> None:
         """Warn once when no images have come for a while."""
-        quiet = self._answerer.enabled and self._answerer.statistics.quiet_for >= WINDOW
+        statistics = self._answerer.statistics
+        quiet = statistics.enabled and statistics.quiet_for >= WINDOW
         if quiet and not self._reported_silence:
             why = self._status.explain_no_images(images)
             self.get_logger().warning(f'no images for {WINDOW:.0f} s: {why}')

@@ -3,47 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
+from mvuav_ros.parameters.declaration import (
+    ParameterError,
+    ParameterSet,
+    ParameterSpec,
+    parameter,
+)
 
 TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
 """Of images, beside the raw ones: each is published below the topic of those."""
-
-
-def image_transport() -> Any:
-    """How images come to a processing node."""
-    return parameter(
-        'raw',
-        'Transport of the images. raw: the image topic. The others subscribe to '
-        '<image topic>/<transport>: compressed to CompressedImage (JPEG, PNG, H.264, H.265), '
-        'ffmpeg to FFMPEGPacket, foxglove to CompressedVideo.',
-        choices=('raw', *TRANSPORTS),
-        read_only=True,
-        stage='Node',
-    )
-
-
-def image_is_rectified() -> Any:
-    """Whether a processing node's images are rectified."""
-    return parameter(
-        False,
-        'The images are rectified: P of camera_info holds for them, without distortion. Images '
-        'whose topic begins with image_rect are taken so without this.',
-        stage='Node',
-    )
-
-
-def opencv_threads() -> Any:
-    """How many threads OpenCV has in a processing node."""
-    return parameter(
-        1,
-        "Number of OpenCV's threads in the node; 0: one for each core. More than one rarely helps: "
-        'two made a whole frame of 1920x1080 slower.',
-        limits=(0, 64),
-        stage='Node',
-        usual=(0, 16),
-    )
+_node = partial(parameter, stage='Node')
 
 
 def autostart(stage: str = '') -> Any:
@@ -55,6 +28,38 @@ def autostart(stage: str = '') -> Any:
         read_only=True,
         stage=stage,
     )
+
+
+@dataclass(frozen=True)
+class DetectorParameters(ParameterSet):
+    """What every detector has; a subclass adds its own, which come first."""
+
+    image_transport: str = _node(
+        'raw',
+        'Transport of the images. raw: the image topic. The others subscribe to '
+        '<image topic>/<transport>: compressed to CompressedImage (JPEG, PNG, H.264, H.265), '
+        'ffmpeg to FFMPEGPacket, foxglove to CompressedVideo.',
+        choices=('raw', *TRANSPORTS),
+        read_only=True,
+    )
+    image_is_rectified: bool = _node(
+        False,
+        'The images are rectified: P of camera_info holds for them, without distortion. Images '
+        'whose topic begins with image_rect are taken so without this.',
+    )
+    opencv_threads: int = _node(
+        1,
+        "Number of OpenCV's threads in the node; 0: one for each core. More than one rarely helps: "
+        'two made a whole frame of 1920x1080 slower.',
+        limits=(0, 64),
+        usual=(0, 16),
+    )
+    autostart: bool = autostart('Node')
+
+    @classmethod
+    def specs(cls) -> tuple[ParameterSpec, ...]:
+        """See `ParameterSet.specs`."""
+        return tuple(sorted(super().specs(), key=lambda spec: spec.stage == 'Node'))
 
 
 def publish_tf(make: Callable[..., Any], target: str) -> Any:
@@ -112,11 +117,7 @@ def camera_mount_rpy_deg(make: Callable[..., Any], uses: str) -> Any:
 
 
 def check_frames(parameters: ParameterSet, *names: str) -> None:
-    """Make sure that tf2 takes the names of frames.
-
-    Raises:
-        ParameterError: one begins with a slash.
-    """
+    """Raise a `ParameterError` where a frame begins with a slash, which tf2 does not take."""
     for name in names:
         if str(getattr(parameters, name)).startswith('/'):
             raise ParameterError(name, 'must not begin with a slash: tf2 takes no such frame')

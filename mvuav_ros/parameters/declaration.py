@@ -1,8 +1,6 @@
 """Declaring a node's parameters as the fields of one frozen dataclass.
 
-Default, type, range, choices and documentation stand in the field; the node's ROS descriptors,
-the YAML files' checks and the README's tables are all made from it. What a descriptor has no field
-for is written as sentences at the end of its description, as ``ros2 param describe`` shows them.
+ROS descriptors, the checks of YAML files and the reference pages are all made from them.
 """
 
 from __future__ import annotations
@@ -33,28 +31,22 @@ class ParameterError(ValueError):
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """What one parameter may be; ``minimum`` and ``maximum`` are inclusive.
-
-    ``usual`` is the range that makes sense on most footage, ``stage`` the step of the processing
-    that the parameter belongs to; where ``counts`` has conditions, the parameter has an effect
-    only while one of them holds. ``booleans`` are the choices that false and true stand for, where
-    the parameter takes those as well.
-    """
+    """What one parameter may be."""
 
     name: str
     default: Value
     description: str
     unit: str = ''
-    thesis: str = ''
-    minimum: float | None = None
+    thesis: str = ''  # the thesis's name and value
+    minimum: float | None = None  # inclusive, as is the maximum
     maximum: float | None = None
     choices: tuple[str, ...] = ()
     odd: bool = False
     read_only: bool = False
-    usual: tuple[float, float] | None = None
-    stage: str = ''
-    counts: tuple[Condition, ...] = ()
-    booleans: tuple[str, str] | None = None
+    usual: tuple[float, float] | None = None  # the range that makes sense on most footage
+    stage: str = ''  # of the processing
+    counts: tuple[Condition, ...] = ()  # if any, one must hold for an effect
+    booleans: tuple[str, str] | None = None  # the choices that false and true stand for as well
 
     @property
     def type(self) -> type[bool | int | float | str | tuple[float, ...]]:
@@ -74,10 +66,9 @@ class ParameterSpec:
         return words.strip()
 
     def convert(self, value: object) -> Value:
-        """Return ``value`` as the parameter's type.
+        """Return ``value``, which may be NumPy's, as the parameter's type.
 
         A whole number is accepted for a float, and for a free text (``source:=0`` is a camera).
-        NumPy's numbers and arrays are taken as Python's.
 
         Raises:
             ParameterError: the value has another type, or is out of range.
@@ -93,13 +84,8 @@ class ParameterSpec:
             given = _TYPE_NAMES.get(type(value), type(value).__name__)
             wanted = _TYPE_NAMES[self.type]
             raise ParameterError(self.name, f'takes a {wanted}, not the {given} {value!r}')
-        assert isinstance(value, bool | int | float | str)
-        if isinstance(value, str):
-            if self.choices and value not in self.choices:
-                raise ParameterError(self.name, f'must be {self.constraint}, not {value!r}')
-        elif not isinstance(value, bool):
-            self._check(value)
-        return value
+        checked: Value = self._checked(value)
+        return checked
 
     def _convert_tuple(self, value: object, length: int) -> tuple[float, ...]:
         is_list = isinstance(value, Sequence) and not isinstance(value, str)
@@ -108,18 +94,17 @@ class ParameterSpec:
             raise ParameterError(
                 self.name, f'takes {length} numbers, not {given if is_list else value!r}'
             )
-        numbers = tuple(map(float, given))
-        for number in numbers:
-            self._check(number)
-        return numbers
+        return tuple(self._checked(float(number)) for number in given)
 
-    def _check(self, number: float) -> None:
-        if not math.isfinite(number):
-            raise ParameterError(self.name, f'must be a finite number, not {number}')
-        too_small = self.minimum is not None and number < self.minimum
-        too_large = self.maximum is not None and number > self.maximum
-        if too_small or too_large or (self.odd and int(number) % 2 == 0):
-            raise ParameterError(self.name, f'must be {self.constraint}, not {number}')
+    def _checked(self, value: Any) -> Any:
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ParameterError(self.name, f'must be a finite number, not {value}')
+        is_unknown = self.choices and value not in self.choices
+        is_small = self.minimum is not None and value < self.minimum
+        is_large = self.maximum is not None and value > self.maximum
+        if is_unknown or is_small or is_large or (self.odd and value % 2 == 0):
+            raise ParameterError(self.name, f'must be {self.constraint}, not {value!r}')
+        return value
 
 
 def parameter(
@@ -130,8 +115,7 @@ def parameter(
 ) -> Any:
     """Declare a field of a `ParameterSet`; the default also gives the type.
 
-    ``limits`` are the least and the greatest value allowed, None where there is no such limit;
-    ``constraints`` are the other fields of `ParameterSpec`.
+    ``limits`` are the least and greatest value, if any; the rest are fields of `ParameterSpec`.
     """
     limited = {'minimum': limits[0], 'maximum': limits[1], **constraints}
     spec = {'default': default, 'description': description, **limited}
@@ -140,11 +124,7 @@ def parameter(
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """Base of a node's parameters; an instance holds only valid values.
-
-    A subclass declares its fields with `parameter` and overrides `_check_together` for rules
-    between several of them.
-    """
+    """Base of a node's parameters, which are all valid; fields are declared with `parameter`."""
 
     def __post_init__(self) -> None:
         for spec in self.specs():
@@ -163,11 +143,7 @@ class ParameterSet:
 
     @classmethod
     def spec(cls, name: str) -> ParameterSpec:
-        """The parameter of that name.
-
-        Raises:
-            ParameterError: there is none.
-        """
+        """The parameter of that name; a `ParameterError` where there is none."""
         for spec in cls.specs():
             if spec.name == name:
                 return spec
@@ -176,24 +152,16 @@ class ParameterSet:
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """The parameters' names in order of declaration."""
-        return tuple(f.name for f in dataclasses.fields(cls))
+        return tuple(spec.name for spec in cls.specs())
 
     @classmethod
     def from_mapping(cls: type[_Set], values: Mapping[str, object]) -> _Set:
-        """The defaults, changed by ``values``.
-
-        Raises:
-            ParameterError: a name is unknown or a value is not valid.
-        """
+        """The defaults, with some values replaced as by `changed`."""
         return cls().changed(values)
 
     @classmethod
     def given(cls: type[_Set], parameters: _Set | None) -> _Set:
-        """What a program gives, or the defaults for None.
-
-        Raises:
-            TypeError: it is something else.
-        """
+        """What a program gives, or the defaults for None; a `TypeError` for anything else."""
         if parameters is not None and not isinstance(parameters, cls):
             kind = type(parameters).__name__
             raise TypeError(f'parameters must be {cls.__name__} (see load_parameters), not {kind}')
@@ -205,8 +173,9 @@ class ParameterSet:
         Raises:
             ParameterError: a name is unknown or a value is not valid.
         """
-        converted = {name: self.spec(name).convert(value) for name, value in values.items()}
-        return dataclasses.replace(self, **converted)
+        for name in values:
+            self.spec(name)
+        return dataclasses.replace(self, **values)
 
     def without_effect(self) -> dict[str, tuple[Condition, ...]]:
         """The names that are not at their defaults and have no effect now, and when they have."""
@@ -223,7 +192,7 @@ class ParameterSet:
 
     def as_dict(self) -> dict[str, Value]:
         """Name to value, in order of declaration."""
-        return dataclasses.asdict(self)
+        return {name: getattr(self, name) for name in self.names()}
 
 
 def _of_python(value: Any) -> Any:

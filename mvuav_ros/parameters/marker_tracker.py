@@ -6,18 +6,15 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 from mvuav_ros.parameters.common_parameters import (
-    autostart,
+    DetectorParameters,
     base_frame,
     camera_frame,
     camera_mount_rpy_deg,
     camera_mount_xyz,
     check_frames,
-    image_is_rectified,
-    image_transport,
-    opencv_threads,
     publish_tf,
 )
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
+from mvuav_ros.parameters.declaration import ParameterError, parameter
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
@@ -31,7 +28,7 @@ _integrity = partial(parameter, stage='Integrity', counts=({'mode': ('detect', '
 
 
 @dataclass(frozen=True)
-class MarkerTrackerParameters(ParameterSet):
+class MarkerTrackerParameters(DetectorParameters):
     """How markers are found, labelled, predicted and tracked."""
 
     mode: str = parameter(
@@ -210,10 +207,6 @@ class MarkerTrackerParameters(ParameterSet):
         usual=(0, 5),
         counts=_FOLLOWED,
     )
-    image_transport: str = image_transport()
-    image_is_rectified: bool = image_is_rectified()
-    opencv_threads: int = opencv_threads()
-    autostart: bool = autostart('Node')
 
     @cached_property
     def weighted(self) -> bool:

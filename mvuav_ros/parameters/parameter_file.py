@@ -30,19 +30,15 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
 
 def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
     """As `read_parameter_values`, of a file's text; ``name`` is what errors call it."""
+    every = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
+    others = every.difference(NODE_PARAMETERS[node].names())
     values: dict[str, object] = {}
     for key, section in _sections(text, name):
         if names_node(key, node):
             given = _flattened(section)
-            others = _names_of_others(node) if '*' in key.rsplit('/', 1)[-1] else ()
-            values.update({name: given[name] for name in given if name not in others})
+            left_out = others if '*' in key.rsplit('/', 1)[-1] else ()
+            values.update({name: given[name] for name in given if name not in left_out})
     return values
-
-
-def _names_of_others(node: str) -> set[str]:
-    """Parameters that other nodes of this package have, and this one has not."""
-    others = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
-    return others.difference(NODE_PARAMETERS[node].names())
 
 
 def names_node(key: str, node: str) -> bool:
@@ -51,11 +47,7 @@ def names_node(key: str, node: str) -> bool:
 
 
 def read_node_keys(path: Path) -> list[str]:
-    """The nodes that a parameter file speaks of, as it names them.
-
-    Raises:
-        ParameterError: the file cannot be read or is not a parameter file.
-    """
+    """The nodes that a file speaks of, as it names them; errors as of `read_parameter_values`."""
     return [key for key, _ in _sections(_text(path), str(path))]
 
 
@@ -99,11 +91,7 @@ def is_every_nodes(name: str) -> bool:
 
 
 def parse_assignment(text: str) -> tuple[str, str, object]:
-    """Node, name and value of ``node:name:=value``; the value is read as YAML, as ROS does.
-
-    Raises:
-        ParameterError: the text has another form.
-    """
+    """Node, name and value, read as YAML, of ``node:name:=value``; else a `ParameterError`."""
     target, sign, value = text.partition(':=')
     node, colon, name = target.partition(':')
     if not (sign and colon and node and name):
@@ -180,7 +168,12 @@ def resolve_parameters(
         if node not in given:
             raise ParameterError(f'{node}:{name}', f'{node} is not among {", ".join(nodes)}')
         given[node][name] = value
-    return {node: _valid(node, values) for node, values in given.items()}
+    resolved = {}
+    for node, values in given.items():
+        own = {name: value for name, value in values.items() if not is_every_nodes(name)}
+        known = NODE_PARAMETERS[node].from_mapping(own)
+        resolved[node] = {name: getattr(known, name) for name in own}
+    return resolved
 
 
 def _check_node_keys(path: Path) -> None:
@@ -203,12 +196,6 @@ def complete(parameters: NodeParameters) -> NodeParameters:
         node: NODE_PARAMETERS[node].from_mapping(values).as_dict()
         for node, values in parameters.items()
     }
-
-
-def _valid(node: str, values: dict[str, object]) -> dict[str, Value]:
-    own = {name: value for name, value in values.items() if not is_every_nodes(name)}
-    known = NODE_PARAMETERS[node].from_mapping(own).as_dict()
-    return {name: known[name] for name in own}
 
 
 def load_parameters(path: str | Path, node: str) -> ParameterSet:

@@ -6,18 +6,15 @@ from dataclasses import dataclass
 from functools import partial
 
 from mvuav_ros.parameters.common_parameters import (
-    autostart,
+    DetectorParameters,
     base_frame,
     camera_frame,
     camera_mount_rpy_deg,
     camera_mount_xyz,
     check_frames,
-    image_is_rectified,
-    image_transport,
-    opencv_threads,
     publish_tf,
 )
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
+from mvuav_ros.parameters.declaration import ParameterError, parameter
 
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
 MAX_ROUND = 31
@@ -32,7 +29,7 @@ _correction = partial(parameter, stage='Correction')
 
 
 @dataclass(frozen=True)
-class RunwayDetectorParameters(ParameterSet):
+class RunwayDetectorParameters(DetectorParameters):
     """Where and how runway lines are searched, and when a measured line is rejected."""
 
     mode: str = parameter(
@@ -254,10 +251,6 @@ class RunwayDetectorParameters(ParameterSet):
         thesis='index',
         counts=_THESIS,
     )
-    image_transport: str = image_transport()
-    image_is_rectified: bool = image_is_rectified()
-    opencv_threads: int = opencv_threads()
-    autostart: bool = autostart('Node')
 
     def _check_together(self) -> None:
         if not self.runway_frame:

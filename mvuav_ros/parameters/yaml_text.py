@@ -36,7 +36,6 @@ def read_yaml(text: str) -> Any:
     """The content of a text.
 
     Raises:
-        Exception: it is not YAML; beside YAMLError whatever its constructors stumble over, such as
-            IndexError for ``!!int ""``.
+        Exception: it is not YAML: YAMLError, or an IndexError for ``!!int ""``, say.
     """
     return Loader(text).get_single_data()

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from functools import lru_cache, partial
+from operator import attrgetter
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.messages import detections, poses
@@ -22,8 +21,9 @@ from mvuav_ros.messages.marker_messages import (
 from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.posed_tracker import PosedTracker
 from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import IntegrityBudget, ProtectionLevels, protection_levels
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
@@ -32,12 +32,9 @@ from mvuav_ros.vision.markers.marker_results import (
     Label,
     MarkerResult,
     MarkerState,
-    named_places,
 )
-from mvuav_ros.vision.markers.tracker import MarkerTracker, rig_of
-from mvuav_ros.vision.pose import Pose, PoseEstimator
-from mvuav_ros.vision.reprojection import MIN_MARKERS
-from mvuav_ros.vision.rig import MarkerRig
+from mvuav_ros.vision.markers.tracker import rig_of
+from mvuav_ros.vision.pose import Pose
 
 _TOPICS = {
     'markers': PointCloud2,
@@ -49,12 +46,7 @@ _TOPICS = {
 
 
 class MarkerTrackerProcessor(Processor):
-    """Frames to labelled points, roll and pose.
-
-    Attributes:
-        topics: with one for each marker of the rig; they are those of the parameters given at
-            the construction or by the first `configure`.
-    """
+    """Frames to labelled points, roll and pose; a topic for each marker of the rig."""
 
     name = 'marker_tracker'
     parameters_type = MarkerTrackerParameters
@@ -100,49 +92,33 @@ class MarkerTrackerProcessor(Processor):
         },
     )
     uses_camera_info = True
+    _parameters: MarkerTrackerParameters
 
     def __init__(self, parameters: MarkerTrackerParameters | None = None) -> None:
-        super().__init__()
-        self._parameters = parameters or MarkerTrackerParameters()
+        super().__init__(parameters)
         self._newest: tuple[Image, MarkerResult, Pose | None, bytes] | None = None
-        self._checked: tuple[CameraModel, int, int] | None = None
-        self._rejection = ''
-        self._seen: tuple[list[int], NDArray[np.float64]] = [], np.empty((0, 2))
-        self._warnings: list[str] = []
-        self._set_rig(self._parameters)
-
-    def _set_rig(self, parameters: MarkerTrackerParameters) -> None:
-        self._rig = _rig_of_topics(parameters)
-        self._tracker = MarkerTracker(parameters, self._rig)
-        self._doubts = [f'rig: {doubt}' for doubt in self._tracker.doubts]
-        self._marker_topics = [f'marker/{name}' for name in self._rig.names]
-        markers = dict.fromkeys(self._marker_topics, PointStamped)
-        topics = {**_TOPICS, **detections.TYPES, **markers}
-        self._set_topics(topics, parameters.publish_tf)
-        self._poses = PoseEstimator(self._rig)
-
-    def configure(self, parameters: MarkerTrackerParameters) -> None:
-        """See `Processor.configure`.
-
-        Raises:
-            ParameterError: the rig's file cannot be used.
-        """
-        if _setup(parameters) != _setup(self._parameters):
-            self.open(parameters)
-            return
-        self._tracker.configure(parameters)
-        self._parameters = parameters
-        self._share_camera()
+        self.open(self._parameters)
 
     def open(self, parameters: MarkerTrackerParameters) -> None:
-        """See `Processor.open`.
+        """See `Processor.open`; a `ParameterError` where the rig's file cannot be used."""
+        rig = rig_of(parameters)
+        for reason in refused_names(rig):
+            raise ParameterError('layout', f'{parameters.layout}: {reason}')
+        self._posed = PosedTracker(parameters, rig)
+        self._posed.set_camera(self._camera)
+        self._rig, self._parameters = rig, parameters
+        self._marker_topics = [f'marker/{name}' for name in self._rig.names]
+        markers = dict.fromkeys(self._marker_topics, PointStamped)
+        self._set_topics({**_TOPICS, **detections.TYPES, **markers})
 
-        Raises:
-            ParameterError: the rig's file cannot be used.
-        """
-        self._set_rig(parameters)
-        self._parameters = parameters
-        self._share_camera()
+    def configure(self, parameters: MarkerTrackerParameters) -> None:
+        """See `Processor.configure`; another rig's file is read as by `open`."""
+        setup = attrgetter('layout', 'allow_ambiguous', 'publish_tf')
+        if setup(parameters) != setup(self._parameters):
+            self.open(parameters)
+        else:
+            self._posed.configure(parameters)
+            self._parameters = parameters
 
     @property
     def awaits_camera_info(self) -> bool:
@@ -156,35 +132,28 @@ class MarkerTrackerProcessor(Processor):
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
-        if self._parameters.image_is_rectified:
-            camera = camera.rectified()
-        if camera is not self._camera and camera != self._camera:
-            self._camera = camera
-            self._poses.reset()
-            self._share_camera()
-
-    def _share_camera(self) -> None:
-        # Without a pose nobody waits for a calibration, so names must not depend on one.
-        self._tracker.set_camera(self._camera if self._parameters.has_pose else None)
+        super().set_camera(camera)
+        self._posed.set_camera(self._camera)
 
     def _forget(self) -> None:
         self._newest = None
-        self._tracker.reset()
-        self._poses.reset()
+        self._posed.reset()
 
     def _process(self, frame: Frame, header: bytes) -> Iterator[Output]:
-        result = self._tracker.process(frame.image, frame.stamp_ns)
+        posed = self._posed
+        result = posed.tracker.process(frame.image, frame.stamp_ns)
         numbered = self._parameters.mode == 'track_any'
         yield Output('markers', partial(encode_markers, result, header, numbered=numbered))
-        pose = self._estimate(frame, result)
-        self.status = '; '.join(filter(None, (result.status, *self._warnings, *self._doubts)))
+        pose = posed.pose(frame.image, result, frame.stamp_ns)
+        doubts = (f'rig: {doubt}' for doubt in posed.tracker.doubts)
+        self.status = '; '.join(filter(None, (result.status, posed.problem, *doubts)))
         self._newest = (frame.image, result, pose, header)
         yield Output('rpy', partial(encode_rpy, result, header, pose))
         yield Output('pose', partial(poses.encode_pose, pose, header))
         if pose is not None:
             camera, body = poses.camera_in_body(pose), poses.body_in_camera(pose)
             name = self._parameters.body_frame or self._rig.name
-            yield from self._placements(camera, body, name, frame, self._parameters)
+            yield from self._placements(camera, body, name, frame)
         for marker in result.markers:
             if marker.label != Label.UNLABELLED and marker.state is not MarkerState.LOST:
                 topic = self._marker_topics[marker.label]
@@ -205,53 +174,26 @@ class MarkerTrackerProcessor(Processor):
             draw_pose(canvas, pose, self._camera, self._rig)
         return [Output('debug_image', partial(serialize_image, Image(canvas, 'bgr8'), header))]
 
-    def _estimate(self, frame: Frame, result: MarkerResult) -> Pose | None:
-        self._warnings = []
-        if self._camera is None or not self._parameters.has_pose:
-            return None
-        self._check(self._camera, frame.image)
-        if self._rejection:
-            self._warnings.append(self._rejection)
-            return None
-        if result.camera_doubt:
-            self._warnings.append(f'no pose: {result.camera_doubt}')
-            return None
-        self._seen = named_places(result, (frame.image.width, frame.image.height))
-        pose = self._poses.estimate(self._camera, *self._seen, frame.stamp_ns)
-        if pose is None and len(self._seen[0]) >= MIN_MARKERS:
-            self._warnings.append(f'no pose: {self._poses.reason}')
-        return pose
-
     def _encode_integrity(self, pose: Pose | None, header: bytes) -> bytes:
         """How wrong the newest frame's pose may be; computed only where somebody listens."""
-        given, camera = self._parameters, self._camera
+        given, camera, posed = self._parameters, self._camera, self._posed
         if pose is not None and camera is not None:
             levels = protection_levels(
                 camera,
                 self._rig,
-                *self._seen,
+                *posed.seen,
                 pose.rotation,
                 pose.translation,
-                self._poses.noise,
+                posed.poses.noise,
                 _budget(given),
             )
         elif camera is None or not given.pose:
             reason = 'no calibration' if camera is None else 'the parameter pose is off'
             levels = ProtectionLevels(reason=reason)
         else:
-            reason = '; '.join(self._warnings) or f'{len(self._seen[0])} lights have a name'
+            reason = posed.problem or f'{len(posed.seen[0])} lights have a name'
             levels = ProtectionLevels(reason=reason)
         return encode_integrity(levels, given.alert_limit, given.integrity_risk, header)
-
-    def _check(self, camera: CameraModel, image: Image) -> None:
-        """Find out whether the calibration is one of such images, if that is not known yet."""
-        checked = (camera, image.width, image.height)
-        if checked != self._checked:
-            self._checked, self._rejection = checked, ''
-            try:
-                camera.check(image.width, image.height)
-            except CalibrationError as error:
-                self._rejection = f'no pose: {error}'
 
 
 @lru_cache(maxsize=4)
@@ -262,14 +204,3 @@ def _budget(given: MarkerTrackerParameters) -> IntegrityBudget:
         given.focal_length_error / 100.0,
         given.principal_point_error,
     )
-
-
-def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, str]:
-    return parameters.layout, parameters.allow_ambiguous, parameters.publish_tf
-
-
-def _rig_of_topics(parameters: MarkerTrackerParameters) -> MarkerRig:
-    rig = rig_of(parameters)
-    for reason in refused_names(rig):
-        raise ParameterError('layout', f'{parameters.layout}: {reason}')
-    return rig

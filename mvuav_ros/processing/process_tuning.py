@@ -14,11 +14,10 @@ _SWITCH_INTERVAL = 0.0005
 
 
 def keep_freed_memory() -> None:
-    """Keep freed image buffers for the next frame.
+    """Keep freed image buffers for the next frame, where there is glibc.
 
-    glibc gives them back to the kernel, which hands them out again page by page, zeroed: of the
-    5 ms that a 1920x1080 mono8 image took to reach Python, 3 were page faults, and a replay of
-    640x480 went at 450 frames/s instead of 680. Where there is no glibc nothing changes.
+    It gives them back to the kernel, which hands them out again page by page, zeroed: of the 5 ms
+    that a 1920x1080 mono8 image took to reach Python, 3 were page faults.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt
@@ -32,8 +31,7 @@ def keep_freed_memory() -> None:
 def tune_process() -> None:
     """Call once before the node is made.
 
-    A thread that works for long in Python keeps others waiting for 5 ms by default; an image is
-    not to wait that long for a service call.
+    Else a thread that works for long in Python would keep a service call waiting for 5 ms.
     """
     sys.setswitchinterval(_SWITCH_INTERVAL)
     keep_freed_memory()

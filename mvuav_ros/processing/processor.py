@@ -12,8 +12,8 @@ from sensor_msgs.msg import Image
 from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.parameters.common_parameters import DetectorParameters
+from mvuav_ros.vision.camera import CameraModel
 
 
 class DuplicateStampError(ValueError):
@@ -21,15 +21,10 @@ class DuplicateStampError(ValueError):
 
 
 class Output(NamedTuple):
-    """A message for one of a node's topics.
+    """A message for one of a node's topics."""
 
-    Attributes:
-        topic: its name below the node's, or with a slash in front its full name; see `resolve`.
-        make: builds the message in CDR; called only where somebody listens.
-    """
-
-    topic: str
-    make: Callable[[], bytes]
+    topic: str  # its name below the node's, or with a slash in front its full name; see `resolve`
+    make: Callable[[], bytes]  # builds the message in CDR; called only where somebody listens
 
 
 @lru_cache(maxsize=1024)
@@ -42,81 +37,48 @@ def resolve(topic: str, node: str = '~') -> str:
 
 
 class Chart(NamedTuple):
-    """Curves over time that the panel draws of a result topic.
+    """Curves over time that the panel draws of a result topic."""
 
-    Attributes:
-        topic: below the node's.
-        field: of a PointCloud2, with a curve for each row; of another message such as ``point.x``.
-        title: for people.
-        unit: ``°`` for angles, which messages have in rad.
-        rows: what a row of a PointCloud2 is called.
-    """
-
-    topic: str
-    field: str
-    title: str
-    unit: str
-    rows: str = ''
+    topic: str  # below the node's
+    field: str  # of a PointCloud2, with a curve for each row; else such as ``point.x``
+    title: str  # for people
+    unit: str  # ``°`` for angles, which messages have in rad
+    rows: str = ''  # what a row of a PointCloud2 is called
 
 
 class PanelPage(NamedTuple):
-    """What the panel shows of a node; `Processor.topics` says which topics there are.
+    """What the panel shows of a node; `Processor.topics` says which topics there are."""
 
-    Attributes:
-        known_by: a topic that only nodes of this kind have.
-        image: the debug image with the results drawn in.
-        images: all debug images in their order.
-        charts: the curves, by a short name.
-    """
-
-    known_by: str
-    image: str
-    images: tuple[str, ...]
-    charts: Mapping[str, Chart]
+    known_by: str  # a topic that only nodes of this kind have
+    image: str  # the debug image with the results drawn in
+    images: tuple[str, ...]  # all debug images in their order
+    charts: Mapping[str, Chart]  # the curves, by a short name
 
 
 class Processor(ABC):
-    """A node's work without its ROS connections.
+    """A node's work without its ROS connections; the same for live nodes and replay."""
 
-    Live nodes and offline replay feed frames to the same subclass, which is why they give the
-    same messages.
-
-    Attributes:
-        name: the node's name.
-        parameters_type: its parameters.
-        topics: result topics below ``~/`` and their message classes.
-        debug_topics: image topics below ``~/`` that are computed only when wanted.
-        descriptions: what each topic holds, for the reference pages.
-        panel: what the panel shows.
-        periodic_topics: topics below ``~/`` of `periodic`, and their message classes.
-        uses_camera_info: whether frames should come with their camera.
-        uses_attitude: whether frames should come with the body's attitude.
-        triggers: names of methods without arguments that users may call: ``~/<name>``.
-        status: what was missing in the newest frame, in words; empty when all was well.
-        frames_problem: the same of the frames that a pose needs.
-        message_types: the message classes of all topics.
-        static_transforms: those of ``/tf_static``, as far as they are known.
-        resets: how often a stamp jumped back.
-    """
-
-    name: ClassVar[str]
-    parameters_type: ClassVar[type[ParameterSet]]
-    topics: ClassVar[Mapping[str, type]]
-    debug_topics: ClassVar[tuple[str, ...]]
-    descriptions: ClassVar[Mapping[str, str]]
+    name: ClassVar[str]  # of the node
+    parameters_type: ClassVar[type[DetectorParameters]]
+    topics: ClassVar[Mapping[str, type]]  # of results, below ``~/``, and their message classes
+    debug_topics: ClassVar[tuple[str, ...]]  # of images that are computed only when wanted
+    descriptions: ClassVar[Mapping[str, str]]  # what each topic holds, for the reference pages
     panel: ClassVar[PanelPage]
-    periodic_topics: ClassVar[Mapping[str, type]] = {}
-    uses_camera_info: ClassVar[bool] = False
-    uses_attitude: ClassVar[bool] = False
-    triggers: ClassVar[tuple[str, ...]] = ()
+    periodic_topics: ClassVar[Mapping[str, type]] = {}  # those of `periodic`
+    uses_camera_info: ClassVar[bool] = False  # whether frames should come with their camera
+    uses_attitude: ClassVar[bool] = False  # whether frames should come with the body's attitude
+    triggers: ClassVar[tuple[str, ...]] = ()  # methods that users may call: ``~/<name>``
 
-    def __init__(self) -> None:
-        self.status = self.frames_problem = ''
-        self.static_transforms = poses.TransformTree()
-        self.resets = 0
+    def __init__(self, parameters: Any = None) -> None:
+        """Prepare for the first frame; the parameters are the defaults if None."""
+        self._parameters: Any = parameters or self.parameters_type()
+        self.status = ''  # What was missing in the newest frame, in words
+        self.frames_problem = ''  # The same of the coordinate frames that a pose needs
+        self.static_transforms = poses.TransformTree()  # Those of ``/tf_static``, as far as known
+        self.resets = 0  # How often a stamp jumped back
         self._camera: CameraModel | None = None
         self._last_stamp_ns: int | None = None
-        self._set_topics(self.topics, 'off')
+        self._set_topics(self.topics)
 
     @property
     def awaits_camera_info(self) -> bool:
@@ -133,9 +95,9 @@ class Processor(ABC):
         """Whether a pose is wanted and no calibration has come yet."""
         return False
 
-    def _set_topics(self, topics: Mapping[str, type], publish_tf: str) -> None:
+    def _set_topics(self, topics: Mapping[str, type]) -> None:
         """Say what the node publishes; its parameters are known from the start on."""
-        known = publish_tf != 'off' and poses.TF_TYPE is not None
+        known = poses.TF_TYPE and getattr(self._parameters, 'publish_tf', 'off') != 'off'
         tf = {poses.TF_TOPIC: poses.TF_TYPE} if known else {}
         self.topics = {**topics, **tf}  # type: ignore[misc]
         images = dict.fromkeys(self.debug_topics, Image)
@@ -147,22 +109,16 @@ class Processor(ABC):
         target: poses.Placement,
         name: str,
         frame: Frame,
-        given: Any,
     ) -> list[Output]:
-        """A frame's pose as others take it.
+        """A frame's pose as others take it: the camera's body axes in the frame of that name.
 
-        Args:
-            camera: the camera's body axes in the target's frame.
-            target: the target in the camera's optical frame.
-            name: of the target's frame.
-            frame: the image.
-            given: the node's parameters.
+        The ``target`` is that frame in the camera's optical one.
         """
-        vehicle = camera
+        given, vehicle = self._parameters, camera
         # tf2 takes neither a frame without a name nor one that begins with a slash.
         own = given.camera_frame or frame.frame_id.lstrip('/')
         if given.base_frame:
-            vehicle = poses.vehicle_of(camera, self._mount(own, given))
+            vehicle = poses.vehicle_of(camera, self._mount(own))
         make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
         outputs = [Output('vision_pose', make)]
         if poses.TF_TOPIC not in self.topics:
@@ -186,8 +142,9 @@ class Processor(ABC):
             outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
 
-    def _mount(self, camera_frame: str, given: Any) -> poses.Placement:
+    def _mount(self, camera_frame: str) -> poses.Placement:
         """The camera's body axes on what ``~/vision_pose`` is the pose of."""
+        given = self._parameters
         xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
         if any(xyz) or any(rpy_deg):
             return poses.mount_of(xyz, rpy_deg)
@@ -226,7 +183,7 @@ class Processor(ABC):
 
     def set_camera(self, camera: CameraModel) -> None:
         """Take the calibration of the next frame on; it may be an unusable one."""
-        self._camera = camera
+        self._camera = camera.rectified() if self._parameters.image_is_rectified else camera
 
     @property
     def calibration(self) -> str:
@@ -234,10 +191,8 @@ class Processor(ABC):
         camera = self._camera
         if camera is None:
             return 'none'
-        try:
-            camera.check(camera.width, camera.height)
-        except CalibrationError as error:
-            return f'none: {error}'
+        if objection := camera.objection(camera.width, camera.height):
+            return f'none: {objection}'
         if camera.is_rectified:
             return 'P: the images are rectified'
         return f'K and d ({camera.distortion_model or "without a name"})'
@@ -253,10 +208,9 @@ class Processor(ABC):
         self._forget()
 
     def process(self, frame: Frame) -> Iterator[Output]:
-        """The messages that follow from one frame, each with the frame's header.
+        """The messages that follow from one frame, each as soon as it is known.
 
-        Each comes as soon as it is known, so that a live node can send it before the next one is
-        worked out. A stamp earlier than the last one (a bag that loops) resets the state.
+        A stamp earlier than the last one (a bag that loops) resets the state.
 
         Raises:
             DuplicateStampError: the stamp is that of the last frame.

@@ -29,7 +29,7 @@ from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance
 from mvuav_ros.vision.approach.overlay import draw_approach
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import RunwayLevels, runway_levels
 from mvuav_ros.vision.runway.debug_images import draw_confined, draw_edges, draw_hough, draw_overlay
@@ -107,14 +107,14 @@ class RunwayDetectorProcessor(Processor):
     uses_camera_info = True
     uses_attitude = True
     triggers = ('reset_statistics',)
+    _parameters: RunwayDetectorParameters
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
-        super().__init__()
-        self._parameters = parameters or RunwayDetectorParameters()
+        super().__init__(parameters)
         self._thesis = RunwayDetector(replace(self._parameters, mode='thesis'))
         self._approach = ApproachDetector(parameters)
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
-        self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
+        self._set_topics({**type(self).topics, **_DETECTIONS})
 
     @property
     def awaits_attitude(self) -> bool:
@@ -136,7 +136,7 @@ class RunwayDetectorProcessor(Processor):
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         before, self._parameters = self._parameters, parameters
-        self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
+        self._set_topics({**type(self).topics, **_DETECTIONS})
         self._thesis.configure(replace(parameters, mode='thesis'))
         self._approach.configure(parameters)
         if parameters.mode != before.mode:
@@ -145,10 +145,9 @@ class RunwayDetectorProcessor(Processor):
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
-        if self._parameters.image_is_rectified:
-            camera = camera.rectified()
         super().set_camera(camera)
-        self._approach.set_camera(camera)
+        assert self._camera is not None
+        self._approach.set_camera(self._camera)
 
     def reset_statistics(self) -> None:
         """Begin the statistics at zero."""
@@ -167,19 +166,20 @@ class RunwayDetectorProcessor(Processor):
 
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
         result: RunwayResult | ApproachResult
-        camera, unusable = self._usable_camera(frame.image)
+        camera, image = self._camera, frame.image
+        unusable = '' if camera is None else camera.objection(image.width, image.height)
         if self._parameters.mode == 'approach':
-            result = self._approach.process(frame.image, frame.stamp_ns, frame.attitude)
+            result = self._approach.process(image, frame.stamp_ns, frame.attitude)
             wants_pose = self._parameters.runway_width > 0
             no_pose = f'no pose: {unusable}' if unusable and wants_pose else ''
             said = (result.status, self._approach.attitude_problem, no_pose)
             self.status = '; '.join(filter(None, said))
         else:
-            result = self._thesis.process(frame.image, frame.stamp_ns)
+            result = self._thesis.process(image, frame.stamp_ns)
             self.status = result.status
         outputs = [
             Output('line_params', partial(encode_line_params, result, header)),
-            Output('lines', partial(encode_lines, result, header, camera)),
+            Output('lines', partial(encode_lines, result, header, None if unusable else camera)),
             Output('corrections', partial(encode_corrections, result, header)),
             Output('vanishing_point', partial(encode_vanishing_point, result, header)),
             Output('integrity', partial(self._encode_integrity, result, header)),
@@ -216,17 +216,7 @@ class RunwayDetectorProcessor(Processor):
         if not camera.known:
             return outputs
         runway = poses.runway_in_camera(guidance)
-        return outputs + self._placements(camera, runway, name, frame, self._parameters)
-
-    def _usable_camera(self, image: Image) -> tuple[CameraModel | None, str]:
-        """The camera, if it is one of such images, else why it is not."""
-        if self._camera is None:
-            return None, ''
-        try:
-            self._camera.check(image.width, image.height)
-        except CalibrationError as error:
-            return None, str(error)
-        return self._camera, ''
+        return outputs + self._placements(camera, runway, name, frame)
 
     def draw(self, debug: Collection[str]) -> list[Output]:
         """See `Processor.draw`."""

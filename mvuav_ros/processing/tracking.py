@@ -13,20 +13,19 @@ from numpy.typing import NDArray
 
 from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.posed_tracker import PosedTracker
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource
 from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.overlay import draw_approach
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, ImageError, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.identity_tracker import Reporter
-from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, named_places
-from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult
 from mvuav_ros.vision.point_operations import Pixels
-from mvuav_ros.vision.pose import Pose, PoseEstimator
-from mvuav_ros.vision.reprojection import MIN_MARKERS
+from mvuav_ros.vision.pose import Pose
 from mvuav_ros.vision.rig import MarkerRig, load_rig
 from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
@@ -107,75 +106,56 @@ def track(
     """
     given = load_calibration(camera) if isinstance(camera, (str, Path)) else camera
     body = load_rig(rig) if isinstance(rig, (str, Path)) else rig
-    tracker = MarkerTracker(parameters, body)
+    posed = PosedTracker(parameters, body)
     opened: Any = source
     if not hasattr(opened, 'frames'):
         opened = open_source(opened)
     if given is not None and opened.is_rectified:
         given = given.rectified()
-    return _tracked(opened, given, tracker)
+    return _tracked(opened, given, posed)
 
 
 def _tracked(
-    source: FrameSource, camera: CameraModel | None, tracker: MarkerTracker
+    source: FrameSource, camera: CameraModel | None, posed: PosedTracker
 ) -> Iterator[TrackedFrame]:
-    poses = PoseEstimator(tracker.rig)
-    used: CameraModel | None = None
     last_ns: int | None = None
     try:
         for frame in source.frames():
-            if isinstance(frame, BadFrame) or frame.stamp_ns == last_ns:
-                reason = frame.reason if isinstance(frame, BadFrame) else 'a stamp came twice'
-                yield _without_image(frame, tracker, used, reason)
-                continue
-            if last_ns is not None and frame.stamp_ns < last_ns:
-                tracker.reset()
-                poses.reset()
-            last_ns = frame.stamp_ns
-            now = camera or frame.camera or used
-            if now is not None and tracker.parameters.image_is_rectified:
-                now = now.rectified()
-            if now is not None and camera is not None:
-                now.check(frame.image.width, frame.image.height)
-            if now != used:
-                used = now
-                poses.reset()
-                tracker.set_camera(used if tracker.parameters.has_pose else None)
             try:
-                answer = _answer(frame, tracker, poses, used)
+                if isinstance(frame, BadFrame):
+                    raise ImageError(frame.reason)
+                if frame.stamp_ns == last_ns:
+                    raise ImageError('a stamp came twice')
+                if last_ns is not None and frame.stamp_ns < last_ns:
+                    posed.reset()
+                last_ns = frame.stamp_ns
+                if (known := camera or frame.camera) is not None:
+                    if posed.tracker.parameters.image_is_rectified:
+                        known = known.rectified()
+                    if camera is not None:
+                        known.check(frame.image.width, frame.image.height)
+                    posed.set_camera(known)
+                answer = _answer(frame, posed)
             except ImageError as error:
-                answer = _without_image(frame, tracker, used, str(error))
+                answer = _without_image(frame, posed, str(error))
             yield answer
     finally:
         source.close()
 
 
-def _without_image(
-    frame: Frame | BadFrame, tracker: MarkerTracker, camera: CameraModel | None, reason: str
-) -> TrackedFrame:
-    has_names = tracker.parameters.has_names
-    nothing = Reporter(tracker.rig).nothing(reason) if has_names else MarkerResult(())
-    return TrackedFrame(frame.stamp_ns, None, nothing, math.nan, None, reason, camera, tracker.rig)
+def _without_image(frame: Frame | BadFrame, posed: PosedTracker, reason: str) -> TrackedFrame:
+    rig = posed.tracker.rig
+    has_names = posed.tracker.parameters.has_names
+    nothing = Reporter(rig).nothing(reason) if has_names else MarkerResult(())
+    return TrackedFrame(frame.stamp_ns, None, nothing, math.nan, None, reason, posed.camera, rig)
 
 
-def _answer(
-    frame: Frame, tracker: MarkerTracker, poses: PoseEstimator, camera: CameraModel | None
-) -> TrackedFrame:
+def _answer(frame: Frame, posed: PosedTracker) -> TrackedFrame:
+    tracker, camera = posed.tracker, posed.camera
     result = tracker.process(frame.image, frame.stamp_ns)
-    pose, reason = None, ''
-    if camera is None and tracker.parameters.has_pose:
-        reason = 'no pose: no calibration'
-    elif camera is not None and tracker.parameters.has_pose:
-        labels, pixels = named_places(result, (frame.image.width, frame.image.height))
-        try:
-            camera.check(frame.image.width, frame.image.height)
-            if result.camera_doubt:
-                raise CalibrationError(result.camera_doubt)
-            pose = poses.estimate(camera, labels, pixels, frame.stamp_ns)
-            if pose is None and len(labels) >= MIN_MARKERS:
-                reason = f'no pose: {poses.reason}'
-        except CalibrationError as error:
-            reason = f'no pose: {error}'
+    pose = posed.pose(frame.image, result, frame.stamp_ns)
+    lacks_camera = camera is None and tracker.parameters.has_pose
+    reason = 'no pose: no calibration' if lacks_camera else posed.problem
     roll = result.roll
     if not result.has_wings:
         roll = math.nan if pose is None else pose.rpy[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -36,11 +35,7 @@ from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.stored_file import RecordedMessage, TopicInfo
-from mvuav_ros.sources.source import (
-    EVERYTHING,
-    FrameSource,
-    Selection,
-)
+from mvuav_ros.sources.source import EVERYTHING, FrameSource, Selection
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import ImageError
@@ -50,8 +45,7 @@ _NS = 1_000_000_000
 _END_OF_TIME = 1 << 31
 """Seconds: a stamp has 32 bits for them."""
 _STAMP_START, _STAMP_END = 4, 12
-_STAMPS = (struct.Struct('>iI'), struct.Struct('<iI'))
-"""Of a message that begins with a header, by the last bit of its CDR's second byte."""
+"""Of a message that begins with a header."""
 _LEAD_IN_NS = 30 * _NS
 """Before a part: longer than a video's groups of pictures, and than between two calibrations."""
 _DECODER = ImageDecoder()
@@ -87,12 +81,9 @@ def stamp_ns_of_image(recorded: RecordedMessage) -> int:
 
 
 def choose_image_topic(recording: Recording, wanted: str | None = None) -> TopicInfo:
-    """The image topic to read.
+    """The image topic of that name, with or without its leading slash; if None, the only one.
 
-    Args:
-        recording: an open recording.
-        wanted: the topic's name, with or without its leading slash; if None, the only one there
-            is (topics known to be empty do not count where another one is not).
+    Topics known to be empty do not count where another one is not.
 
     Raises:
         RecordingError: none fits, or several do and none is named; says which there are.
@@ -133,25 +124,12 @@ def _described(topic: TopicInfo) -> str:
 
 
 class BagImages(FrameSource):
-    """Image or CompressedImage messages with their own stamps and frames.
-
-    Attributes:
-        topic: the image topic.
-        topics: every topic that can be read.
-        camera_topic: that of the CameraInfo beside the image topic, None if there is none.
-        imu_topic: that of the body's attitude: ``imu`` beside the image topic or ``/imu``; None if
-            there is none.
-        count: number of the images read by the newest pass; an estimate until it ends.
-    """
+    """Image or CompressedImage messages with their own stamps and frames."""
 
     rate: float | None = None
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
-        """Find the image topic.
-
-        Args:
-            path: the bag.
-            topic: needed where the bag has several image topics.
+        """Open a bag; ``topic`` is needed where it has several of images.
 
         Raises:
             RecordingError: it is not a bag, or the topic cannot be chosen.
@@ -170,10 +148,12 @@ class BagImages(FrameSource):
         self.topic = chosen.name
         self.is_rectified = is_rectified_topic(self.topic)
         self.topics = tuple(topic.name for topic in self._recording.topics)
+        # None where there is none, as of the body's attitude.
         self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
         beside = self._named(IMU, topic_beside(self.topic, 'imu'))
         self.imu_topic = beside or self._named(IMU, '/imu')
         self._message_count = chosen.message_count
+        # Of the images read by the newest pass; an estimate until it ends.
         self.count: int | None = chosen.message_count
         self.name = f'bag {words(path.name)} {words(self.topic)}'
 
@@ -186,8 +166,6 @@ class BagImages(FrameSource):
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; a message that does not decode is a `BadFrame`.
-
-        A stamp of zero means that the driver did not set one: the time of recording is used.
 
         Raises:
             RecordingError: the bag cannot be read any more.
@@ -215,8 +193,7 @@ class BagImages(FrameSource):
             attitude: give each frame the attitude of `imu_topic` (see `AttitudePairing`).
 
         Yields:
-            Frames that are not decoded yet, as that can be done apart (those of a video cannot,
-            and are), and messages.
+            Frames that are not decoded yet, but for those of a video, and messages.
 
         Raises:
             RecordingError: the bag cannot be read any more.
@@ -241,16 +218,15 @@ class BagImages(FrameSource):
             if others:
                 yield message
             paired.take(message)
+            found: Iterable[AnyFrame | BadFrame] = ()
             if message.topic == self.topic and is_image_type(message.type):
-                wanted = images % selection.every == 0
-                yield from paired.add(_frames(message, video, wanted))
+                found = _frames(message, video, images % selection.every == 0)
                 images += 1
                 if is_part:
                     elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                     self.count = self._estimate(selection, images, elapsed_ns)
-            yield from paired.ready(wait=True)
-        yield from paired.add(video.end())
-        yield from paired.ready(wait=False)
+            yield from paired.completed(found, wait=True)
+        yield from paired.completed(video.end(), wait=False)
 
     def _lead_in(self, video: VideoDecoder, start_ns: int) -> None:
         """Decode a video's packets before a part, whose first frames may need them."""
@@ -297,11 +273,7 @@ def _frames(
 
 
 def _video_packet(recorded: RecordedMessage) -> CodedImage | None:
-    """A video's packet; None of an image by itself.
-
-    Raises:
-        ImageError: the bytes are no such message.
-    """
+    """A video's packet, None of an image by itself; an `ImageError` where it is neither."""
     if normalised_type(recorded.type) == IMAGE:
         return None
     coded = view_coded_image(recorded.type, recorded.data)
@@ -352,24 +324,23 @@ class SynchronizedTopics:
                 return
             self._attitudes.add_info(stamp_ns_of(decoded.header), decode_imu(decoded))
 
-    def add(self, frames: Iterable[AnyFrame | BadFrame]) -> Iterator[BadFrame]:
-        """Frames that may have to wait; gives those that cannot be used."""
-        for frame in frames:
-            if isinstance(frame, BadFrame):
-                yield frame
+    def completed(
+        self, frames: Iterable[AnyFrame | BadFrame], *, wait: bool
+    ) -> Iterator[AnyFrame | BadFrame]:
+        """Of these frames and those before, the ones that need not wait any more."""
+        for found in frames:
+            if isinstance(found, BadFrame):
+                yield found
             else:
-                self._cameras.add_image(frame.stamp_ns, frame)
-
-    def ready(self, *, wait: bool) -> Iterator[AnyFrame]:
-        """Frames that need not wait any more."""
+                self._cameras.add_image(found.stamp_ns, found)
         for_camera = wait and self._camera_topic is not None
         while (pair := self._cameras.take(wait=for_camera)) is not None:
             camera, frame = pair
             whole = frame if camera is None else replace(frame, camera=camera)
             self._attitudes.add_image(frame.stamp_ns, whole)
         for_imu = wait and self._imu_topic is not None
-        while (found := self._attitudes.take(wait=for_imu)) is not None:
-            attitude, frame = found
+        while (match := self._attitudes.take(wait=for_imu)) is not None:
+            attitude, frame = match
             yield frame if attitude is None else replace(frame, attitude=attitude)
 
     def _add_camera(self, recorded: RecordedMessage) -> bool:
@@ -377,19 +348,12 @@ class SynchronizedTopics:
         if recorded.type != CAMERA_INFO:
             return False
         data = recorded.data
-        if self._known is not None and self._known[0] == _without_stamp(data):
-            seconds, nanoseconds = _STAMPS[data[1] & 1].unpack_from(data, _STAMP_START)
-            self._cameras.add_info(seconds * _NS + nanoseconds, self._known[1])
-            return True
+        rest = bytes(data[:_STAMP_START]) + bytes(data[_STAMP_END:])
         try:
-            message = decode_message(recorded.type, recorded.data)
-        except MalformedMessageError:
+            if self._known is None or self._known[0] != rest:
+                message = decode_message(recorded.type, data)
+                self._known = rest, decode_camera_info(message, self._image_topic)
+            self._cameras.add_info(stamp_ns_in(data), self._known[1])
+        except (MalformedMessageError, ImageError):
             return False
-        camera = decode_camera_info(message, self._image_topic)
-        self._cameras.add_info(stamp_ns_of(message.header), camera)
-        self._known = _without_stamp(data), camera
         return True
-
-
-def _without_stamp(message: bytes | memoryview) -> bytes:
-    return bytes(message[:_STAMP_START]) + bytes(message[_STAMP_END:])

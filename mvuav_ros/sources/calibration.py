@@ -57,13 +57,9 @@ def load_calibration(path: str | Path) -> CameraModel:
 
 
 def save_calibration(camera: CameraModel, path: Path, name: str = 'camera') -> None:
-    """Write the YAML file that camera_calibration_parsers reads.
+    """Write the YAML file that camera_calibration_parsers reads, replaced as a whole.
 
-    Args:
-        camera: calibrated; without a rectification and a projection those of a single camera are
-            written, the identity and K.
-        path: of the file, which is replaced as a whole.
-        name: of the camera.
+    Without a rectification and a projection those of a single camera are written.
 
     Raises:
         RecordingError: it cannot be written.

@@ -25,11 +25,20 @@ class ImageFolder(FrameSource):
     """Image files in the order of the numbers in their names; file k has the stamp k / rate."""
 
     def __init__(self, name: str, files: Sequence[Path], rate: float | None = None) -> None:
-        """Take the files (in any order) that are images; the name is for people, the rate in Hz."""
+        """Take the files (in any order) that are images; the name is for people, the rate in Hz.
+
+        Raises:
+            SourceError: none is an image.
+        """
         self.name = f'images {words(name)}'
         self.rate: float | None = rate or DEFAULT_RATE
         self.account = Account(f'images {name}')
         self._files = sorted((file for file in files if is_image_file(file)), key=natural_key)
+        if not self._files:
+            raise SourceError(
+                f'{name}: no images and no bag there (images end in '
+                f'{", ".join(sorted(IMAGE_SUFFIXES))}; a bag in .mcap, .db3 or .bag)'
+            )
         self.count: int | None = len(self._files)
 
     def frames(self) -> Iterator[Frame | BadFrame]:
@@ -70,11 +79,7 @@ class VideoFile(FrameSource):
     """A video file; frames carry their own times, counted from the first, and stand upright."""
 
     def __init__(self, path: Path, rate: float | None = None) -> None:
-        """Open the file.
-
-        Args:
-            path: anything that FFmpeg reads.
-            rate: frames per second, instead of the file's own times.
+        """Open anything that FFmpeg reads; a ``rate``, Hz, counts instead of the file's own times.
 
         Raises:
             SourceError: it is not a video.

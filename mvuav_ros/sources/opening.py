@@ -69,19 +69,19 @@ def open_source(
         return Camera(int(text) if text.isdecimal() else text, camera)
     path = Path(text).expanduser()
     if any(sign in text for sign in '*?[') and not path.exists():
-        return _images(text, [Path(name) for name in glob.glob(str(path))], rate)  # noqa: PTH207
+        return ImageFolder(text, [Path(name) for name in glob.glob(str(path))], rate)  # noqa: PTH207
     if not path.exists():
         raise SourceError(f'{text}: there is no such file or folder')
     if looks_like_bag(path):
         return _bag(path, topic)
     if path.is_dir():
-        return _images(text, _visible(path), rate)
+        return ImageFolder(text, _visible(path), rate)
     if not path.is_file():
         raise SourceError(f'{text} is neither a file nor a folder')
     if path.stat().st_size == 0:
         raise SourceError(f'{text} is empty')
     if is_image_file(path):
-        return _images(text, [path], rate)
+        return ImageFolder(text, [path], rate)
     return VideoFile(path, rate)
 
 
@@ -133,30 +133,11 @@ def _bag(path: Path, topic: str | None) -> FrameSource:
     return BagImages(path, topic)
 
 
-def _images(text: str, files: list[Path], rate: float | None) -> ImageFolder:
-    folder = ImageFolder(text, files, rate)
-    if folder.count == 0:
-        raise SourceError(
-            f'{text}: no images and no bag there (images end in '
-            f'{", ".join(sorted(IMAGE_SUFFIXES))}; a bag in .mcap, .db3 or .bag)'
-        )
-    return folder
-
-
 class SimulatedFlight(FrameSource):
     """The images of a synthetic flight; its calibration comes along."""
 
     def __init__(self, text: str, rate: float | None = None) -> None:
-        """Plan the flight.
-
-        Args:
-            text: ``sim:tanker`` or ``sim:runway``, then settings as in an URL:
-                ``sim:tanker?motion=roll&shake=2`` (see ``mvuav simulate tanker --help``).
-            rate: frames per second, instead of the setting ``fps``.
-
-        Raises:
-            SourceError: there is no such flight or setting.
-        """
+        """Plan a flight as `planned_flight` does; a ``rate``, Hz, counts instead of ``fps``."""
         self._flight = planned_flight(text, {} if rate is None else {'fps': rate})
         self.name = text
         self.account = Account(self.name)
@@ -173,10 +154,10 @@ class SimulatedFlight(FrameSource):
 def planned_flight(
     text: str, more: Mapping[str, object] = MappingProxyType({})
 ) -> TankerFlight | RunwayFlight:
-    """The flight that ``sim:…`` names, with more settings.
+    """The flight that ``sim:tanker?motion=roll&shake=2`` names, with more settings.
 
     Raises:
-        SourceError: there is no such flight or setting.
+        SourceError: there is no such flight or setting (see ``mvuav simulate tanker --help``).
     """
     kind, _, query = text.removeprefix(SIMULATED).partition('?')
     given: dict[str, object] = {}
@@ -195,11 +176,7 @@ def planned_flight(
 
 
 def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFlight:
-    """Plan a flight: ``tanker`` or ``runway`` with some settings changed.
-
-    Raises:
-        SourceError: there is no such flight or setting.
-    """
+    """A ``tanker`` or ``runway`` flight with other settings; errors as of `planned_flight`."""
     try:
         if kind == 'tanker':
             return TankerFlight(TankerSettings.from_mapping(given))

@@ -12,23 +12,14 @@ from mvuav_ros.recordings.account import SourceError as SourceError
 
 
 class FrameSource(Protocol):
-    """A stream of frames.
+    """A stream of frames."""
 
-    Attributes:
-        name: what it is, for people: ``video flight.avi``.
-        rate: frames per second as far as it is known beforehand.
-        count: number of frames as far as it is known beforehand.
-        live: True for a camera, which cannot be read faster or slower than it comes.
-        account: what could not be read; more may come while frames are read.
-        is_rectified: whether its images are, as their topic's name says.
-    """
-
-    name: str
-    rate: float | None
-    count: int | None
-    live: bool = False
-    account: Account
-    is_rectified: bool = False
+    name: str  # what it is, for people: ``video flight.avi``
+    rate: float | None  # frames per second, as far as it is known beforehand
+    count: int | None  # number of frames, likewise
+    live: bool = False  # a camera, which cannot be read faster or slower than it comes
+    account: Account  # what could not be read; more may come while frames are read
+    is_rectified: bool = False  # whether its images are, as their topic's name says
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; may be called again after the end."""

@@ -178,6 +178,14 @@ class CameraModel:
                 f'the images are {width} x {height} px'
             )
 
+    def objection(self, width: int, height: int) -> str:
+        """What `check` has against images of that size, in words; empty where it has nothing."""
+        try:
+            self.check(width, height)
+        except CalibrationError as error:
+            return str(error)
+        return ''
+
     def undistort(self, pixels: ArrayLike) -> Array:
         """Where the rays of pixels meet the plane one ahead: (n, 2) px to (n, 2), x / z and y / z.
 

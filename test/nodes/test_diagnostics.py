@@ -9,17 +9,16 @@ from std_srvs.srv import SetBool
 from support.live_stream import KEEP_EVERYTHING, Stream
 
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.messages.images import Frame, serialize_image
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes.diagnostics import (
+    DetectorStatus,
     FrameStatistics,
     FrameTimes,
-    InputMonitor,
     StampMonitor,
     explain_no_images,
 )
 from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState, IntraProcessInput
-from mvuav_ros.nodes.vision_node import DetectorStatus
 from mvuav_ros.vision.image import Image
 
 
@@ -103,7 +102,8 @@ def test_a_node_alone(graph):
 def test_what_was_before_an_activation_is_not_of_the_last_seconds():
     statistics = FrameStatistics()
     statistics.arrived()
-    statistics.processed_one(FrameTimes(0.0, 0.0, 0.0, 0.0, 0.0))
+    frame = Frame(0, 'camera', Image(np.zeros((2, 2), np.uint8), 'mono8'))
+    statistics.processed_one(frame, FrameTimes(0.0, 0.0, 0.0, 0.0, 0.0))
     statistics.reject('bad image', 'torn')
     statistics.restart()
     statistics.arrived()
@@ -144,16 +144,23 @@ def test_irregular_stamps_are_no_gaps():
 
 
 def test_problems_are_those_of_the_last_seconds():
-    watch, stamps, events = InputMonitor(), StampMonitor(), InputEvents()
-    assert watch.problems(events, stamps) == []
+    statistics, events = FrameStatistics(), InputEvents()
+    processor = SimpleNamespace(resets=0, calibration='none', status='', frames_problem='')
+    status, images = DetectorStatus(statistics, processor), InputState('/image_raw', [], events)
+    statistics.arrived()
+
+    def said():
+        return status.report('node', images, []).message
+
+    assert said() == 'running'
     events.lost = events.missing = 7
-    (problem,) = watch.problems(events, stamps)
+    problem = said()
     assert problem.startswith('7 images lost') and 'docs/transport.md' in problem
     events.missing += 3
-    assert any('too slow' in words for words in watch.problems(events, stamps))
+    assert 'too slow' in said()
     for _ in range(6):
-        last = watch.problems(events, stamps)
-    assert last == []
+        last = said()
+    assert last == 'running'
 
 
 def test_reasons_for_silence():
@@ -241,10 +248,7 @@ def test_a_handover_never_holds_up_the_source(graph):
 
 def test_a_loss_of_long_ago_is_not_why_no_image_comes_now():
     """A source that was paused after one lost image was said to lose every image."""
-    answerer = SimpleNamespace(
-        enabled=True, statistics=FrameStatistics(), stamps=StampMonitor(), image_format=''
-    )
-    status = DetectorStatus(answerer, SimpleNamespace(resets=0, calibration='none'))
+    status = DetectorStatus(FrameStatistics(), SimpleNamespace(resets=0, calibration='none'))
     images = InputState('/image_raw', ['/cam'], InputEvents())
     status.report('node', images, [])
     images.events.lost = 1

@@ -230,7 +230,7 @@ def never(*_, **__):
 
 running._LONGEST_CLEANUP = 0.2
 video_source_node.open_source = never
-sys.exit(running.run_nodes(running.nodes_of(['video_source'])))
+sys.exit(running.run_nodes(['video_source']))
 """
 
 

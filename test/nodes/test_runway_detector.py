@@ -214,6 +214,13 @@ def test_every_parameter_is_declared(shared_node):
     assert all(d.description for d in described)
 
 
+def test_statistics_can_have_another_qos_as_all_results(graph):
+    """The override was refused as a parameter without effect."""
+    name = f'qos_overrides./{NODE}/statistics.publisher.depth'
+    graph.start(NODE, **{name: 3})
+    assert graph.get_parameter(NODE, name) == 3
+
+
 def test_statistics_and_their_reset(frames):
     graph = frames.graph
     statistics = graph.listen(f'/{NODE}/statistics', DiagnosticArray)

@@ -3,6 +3,7 @@
 import os
 import signal
 import xml.etree.ElementTree as ET
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -200,11 +201,8 @@ def test_publishers_of_images_get_the_larger_segment(environment):
 
 def test_a_small_shared_memory_is_left_to_fast_dds(environment, capsys):
     """A segment that does not fit would switch shared memory off."""
-
-    class Full:
-        f_bavail, f_frsize = 1000, 4096
-
-    environment.setattr(transport.os, 'statvfs', lambda _: Full)
+    full = SimpleNamespace(free=1000 * 4096)
+    environment.setattr(transport.shutil, 'disk_usage', lambda _: full)
     transport.prepare_transport()
     assert not any(name in os.environ for name in VARIABLES)
     assert '--shm-size' in capsys.readouterr().err

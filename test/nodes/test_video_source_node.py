@@ -331,11 +331,11 @@ def test_no_frame_comes_after_a_pause_although_it_is_waited_for(clock):
 
     def wait(seconds):
         clock.now += seconds
-        player.pause()
+        player.paused = True
 
     def resumed():
         go_on.append((clock.now, list(sent)))
-        player.resume()
+        player.paused = False
 
     player._interrupt, player._running.wait = clock.event, resumed
     player._at_end = lambda *_: None
@@ -368,13 +368,13 @@ def test_what_a_camera_sees_during_a_pause_is_left():
 
     def frames():
         yield Frame(0, '', None)
-        player.pause()
+        player.paused = True
         yield Frame(1, '', None)
-        player.resume()
+        player.paused = False
         yield Frame(2, '', None)
 
     camera.live, camera.frames = True, frames
     player._at_end = lambda *_: None
-    player._running.wait = player.resume  # in place of waiting for ever
+    player._running.wait = player._running.set  # in place of waiting for ever
     player._play()
     assert sent == [0, 2]

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
-from mvuav_ros.nodes.diagnostics import (
-    WINDOW,
-    FrameStatistics,
-    SourceStatus,
-    StampMonitor,
-)
+from mvuav_ros.nodes.diagnostics import WINDOW, DetectorStatus, FrameStatistics, SourceStatus
 from mvuav_ros.nodes.image_input import InputEvents, InputState
-from mvuav_ros.nodes.vision_node import DetectorStatus
 
 REJECTIONS = ('bad image', 'duplicate stamp', 'internal error')
 
@@ -153,12 +146,9 @@ def detector_keys() -> list[str]:
     statistics = FrameStatistics()
     for kind in REJECTIONS:
         statistics.reject(kind, '')
-    answerer: Any = SimpleNamespace(
-        statistics=statistics, stamps=StampMonitor(), enabled=True, image_format='', lock=Lock()
-    )
     processor: Any = SimpleNamespace(status='', resets=0, calibration='')
     images = InputState('/image_raw', [], InputEvents())
-    status = DetectorStatus(answerer, processor).report('/node', images, [])
+    status = DetectorStatus(statistics, processor).report('/node', images, [])
     return [each.key for each in status.values]
 
 

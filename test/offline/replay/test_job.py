@@ -11,6 +11,7 @@ from std_msgs.msg import Header
 
 from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.offline.replay.job import DEFECT, FrameResults, replay
+from mvuav_ros.parameters.common_parameters import DetectorParameters
 from mvuav_ros.processing.processor import Output, Processor, resolve
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.vision.image import Image
@@ -20,6 +21,7 @@ class Node(Processor):
     """Says something of its own and something for everybody; stumbles at stamp 7."""
 
     name = 'node'
+    parameters_type = DetectorParameters
     topics = {'own': PointCloud2, '/for_all': Header}
     debug_topics = ()
     periodic_topics = {'last': PointCloud2}
