@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import CentroidMeter, clipped, cutter_of
+from mvuav_ros.vision.markers.centroid import CentroidMeter
 from mvuav_ros.vision.markers.lights import (
     MAX_BLOBS,
     Blobs,
@@ -160,15 +160,11 @@ def weigh(gray: Pixels, lights: Array, level: float) -> Array:
         return lights
     x, y, area = lights.T
     reach = np.sqrt(area / math.pi) + DARK_EDGE
-    bounds = np.round((x - reach, x + reach, y - reach, y + reach))
-    windows, size = clipped(bounds, gray), (gray.shape[1], gray.shape[0])
-    meter = CentroidMeter(level, weighted=True)
-    found = meter.measure_all(cutter_of(gray), windows, size, [None] * len(windows))
-    alone = [
-        seen[0][:3] if seen and seen[0].area == light[2] else light
-        for seen, light in zip(found, lights.tolist(), strict=True)
-    ]
-    return np.array(alone, np.float64)
+    meter = CentroidMeter(gray, level, weighted=True)
+    windows = meter.windows(*np.round((x - reach, x + reach, y - reach, y + reach)))
+    alone = meter.measure_alone(windows, area.tolist())
+    rows = [spot[:3] if spot else row for spot, row in zip(alone, lights.tolist(), strict=True)]
+    return np.array(rows, np.float64)
 
 
 def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:

@@ -13,14 +13,8 @@ from numpy.typing import NDArray
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import (
-    NOWHERE,
-    CentroidMeter,
-    Detection,
-    clipped,
-    cutter,
-    cutter_of,
-)
+from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection
+from mvuav_ros.vision.markers.marker_results import NO_WINDOW
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
@@ -123,8 +117,7 @@ class Blobs:
         Raises:
             GroupingError: the frame is too bright or too noisy to hold markers.
         """
-        self._gray = gray
-        self._meter = CentroidMeter(parameters.threshold, parameters.weighted)
+        self._meter = CentroidMeter(gray, parameters.threshold, parameters.weighted)
         mask = threshold(gray, parameters.threshold)
         count_bright(mask)
         self._labels, stats = label(mask)
@@ -148,25 +141,20 @@ class Blobs:
         """
         chosen = np.arange(len(self.stats)) if chosen is None else chosen
         x, y, width, height, area = self.stats[chosen].T
-        windows = clipped((x - 1, x + width, y - 1, y + height), self._gray)
+        windows = self._meter.windows(x - 1, x + width, y - 1, y + height)
         # The window around a thin slanting line would be far larger than the line.
         compact = (width + 2) * (height + 2) <= 4 * area + 64
-        looked = [windows[i] if small else NOWHERE for i, small in enumerate(compact.tolist())]
-        cut = cutter_of(self._gray)
-        size = self._gray.shape[1], self._gray.shape[0]
-        found = self._meter.measure_all(cut, looked, size, [None] * len(looked))
-        spots = {
-            index: seen[0]
-            for index, (seen, own) in enumerate(zip(found, area.tolist(), strict=True))
-            if seen and seen[0].area == own
-        }
-        crowded = [index for index in range(len(windows)) if index not in spots]
-        around = [windows[index] for index in crowded]
-        labels = cutter_of(self._labels)
-        numbers = self._numbers[chosen][crowded].tolist()
-        patches = [cut(*w) * (labels(*w) == n) for w, n in zip(around, numbers, strict=True)]
-        spots.update(zip(crowded, self._meter.measure_own(patches, around), strict=True))
-        return [spots[index] for index in range(len(windows))]
+        looked = [windows[i] if small else NO_WINDOW for i, small in enumerate(compact.tolist())]
+        alone = self._meter.measure_alone(looked, area.tolist())
+        crowded = [row for row, spot in enumerate(alone) if spot is None]
+        around = [windows[row] for row in crowded]
+        patches = [
+            self._meter.cut(window)
+            * (self._labels[window.y0 : window.y1 + 1, window.x0 : window.x1 + 1] == number)
+            for window, number in zip(around, self._numbers[chosen][crowded].tolist(), strict=True)
+        ]
+        own = iter(self._meter.measure_own(patches, around))
+        return [spot or next(own) for spot in alone]
 
 
 def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -200,26 +188,14 @@ MAX_MEASURED = 24
 
 
 class Frame:
-    """One image, and how its lights are measured.
-
-    Attributes:
-        image: its pixels.
-        time: its stamp, s.
-        number: of the frame.
-        size: width and height, px.
-        parameters: of the tracker.
-        meter: measures a light.
-        cut: gives parts of the image.
-    """
+    """One image of a time (s), and how its lights are measured; of a size, px."""
 
     def __init__(
         self, image: Image, time: float, number: int, parameters: MarkerTrackerParameters
     ) -> None:
-        self.image, self.time, self.number = image, time, number
-        self.size = image.width, image.height
-        self.meter = CentroidMeter(parameters.threshold, parameters.weighted)
-        self.cut = cutter(image)
-        self.parameters = parameters
+        self.image, self.time, self.number, self.parameters = image, time, number, parameters
+        self.meter = CentroidMeter(image, parameters.threshold, parameters.weighted)
+        self.size = self.meter.size
 
     @property
     def earliest(self) -> float:

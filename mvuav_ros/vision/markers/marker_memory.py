@@ -237,7 +237,7 @@ class MarkerMemory:
             windows.append(window)
             # The background changes slowly: it is looked at in turn.
             pulls.append(known.pull if (index + frame.number) % RING_EVERY else None)
-        found = frame.meter.measure_all(frame.cut, windows, size, pulls)
+        found = frame.meter.measure_all(windows, pulls)
         spots: dict[int, Detection] = {}
         for index, (known, seen) in enumerate(zip(self.markers, found, strict=True)):
             if seen is not None:

@@ -8,7 +8,7 @@ import cv2
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
+from mvuav_ros.vision.markers.centroid import CentroidMeter
 from mvuav_ros.vision.markers.detection import detect, detected
 from mvuav_ros.vision.markers.lights import area_fits
 from mvuav_ros.vision.markers.marker_results import (
@@ -197,8 +197,7 @@ def measure_window(
     if x1 < x0 or y1 < y0:
         return None
     if parameters.weighted:
-        meter = CentroidMeter(parameters.threshold, weighted=True)
-        spot = meter.measure(cutter(image), window, (image.width, image.height))
+        spot = CentroidMeter(image, parameters.threshold, weighted=True).measure(window)
         if spot is None or not area_fits(spot.area, parameters):
             return None
         return Cluster(spot.x, spot.y, spot.area)
