@@ -21,8 +21,13 @@ from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image, ImageError, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
-from mvuav_ros.vision.markers.identity_tracker import Reporter
-from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, named_places
+from mvuav_ros.vision.markers.marker_results import (
+    Label,
+    Marker,
+    MarkerResult,
+    all_lost,
+    named_places,
+)
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.pose import Pose, PoseEstimator
@@ -154,7 +159,7 @@ def _without_image(
     frame: Frame | BadFrame, tracker: MarkerTracker, camera: CameraModel | None, reason: str
 ) -> TrackedFrame:
     has_names = tracker.parameters.has_names
-    nothing = Reporter(tracker.rig).nothing(reason) if has_names else MarkerResult(())
+    nothing = all_lost(tracker.rig.names, reason) if has_names else MarkerResult(())
     return TrackedFrame(frame.stamp_ns, None, nothing, math.nan, None, reason, camera, tracker.rig)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.detection import label_five
-from mvuav_ros.vision.markers.lights import Light, Lights, Point, are_close
+from mvuav_ros.vision.markers.lights import Light, Point, are_close, candidates
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
@@ -407,10 +407,10 @@ class Named(NamedTuple):
     remark: str = ''  # why they cannot be named, or what was left out
 
 
-def initialize(shape: WeakPerspective, lights: Lights, names: Sequence[str]) -> Named:
+def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[str]) -> Named:
     """Name a whole body of which nothing is known; how exact its rig is must be seen."""
     count = len(names)
-    spots = lights.candidates(count)
+    spots = candidates(lights, count)
     if len(spots) < count:
         return Named(remark=f'{len(spots)} of {count} markers in view')
     unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')

@@ -34,11 +34,9 @@ class Lens:
             except CalibrationError:
                 camera = None
         self._camera = camera
-        # px, of that camera; None where the camera is not calibrated, whose pixels are taken as
-        # they are.
+        # px, of that camera; None where the pixels are taken as they are.
         self.focal: float | None = None
-        # (2,), its principal point, px.
-        self.centre: Array = np.array((0.5 * (size[0] - 1), 0.5 * (size[1] - 1)))
+        self.centre: Array = np.array((0.5 * (size[0] - 1), 0.5 * (size[1] - 1)))  # (2,), px
         self.half_diagonal = math.hypot(*size) / 2
         if camera is not None:
             matrix = camera.matrix
@@ -48,17 +46,13 @@ class Lens:
                 # Its pixels are those of a camera without distortion.
                 self._camera = None
 
-    @property
-    def is_straight(self) -> bool:
-        """Whether the pixels are those of a camera without distortion, or taken as such."""
-        return self._camera is None
-
-    def to_ideal(self, pixels: Array) -> Array:
-        """(n, 2) px of the image as px without distortion."""
-        camera = self._camera
-        if camera is None or self.focal is None or not len(pixels):
-            return pixels
-        return np.asarray(camera.undistort(pixels) * self.focal + self.centre)
+    def straightened(self, spots: Iterable[Detection]) -> list[Point]:
+        """Where detections would be without distortion, px."""
+        places = [spot[:2] for spot in spots]
+        if self._camera is None or self.focal is None or not places:
+            return places
+        ideal = self._camera.undistort(np.array(places)) * self.focal + self.centre
+        return [(x, y) for x, y in ideal.tolist()]
 
     def to_image(self, ideal: Array) -> Array:
         """(n, 2) px without distortion as px of the image."""
@@ -109,14 +103,12 @@ class Blobs:
     Attributes:
         stats: (n, 5), x, y, width, height and area of each (px), in the order of their first
             pixels, row by row.
+
+    Raises:
+        GroupingError: the frame is too bright or too noisy to hold markers.
     """
 
     def __init__(self, gray: Pixels, parameters: MarkerTrackerParameters) -> None:
-        """Find the pieces.
-
-        Raises:
-            GroupingError: the frame is too bright or too noisy to hold markers.
-        """
         self._meter = CentroidMeter(gray, parameters.threshold, parameters.weighted)
         mask = threshold(gray, parameters.threshold)
         count_bright(mask)
@@ -135,10 +127,7 @@ class Blobs:
         return np.flatnonzero(is_filled & ~(is_long & (area > 4)))
 
     def measure(self, chosen: Integers | None = None) -> list[Detection]:
-        """The lights of all pieces, or of some by their rows in `stats`.
-
-        What belongs to other pieces does not count.
-        """
+        """The lights of all pieces, or of some by their rows, without what is other pieces'."""
         chosen = np.arange(len(self.stats)) if chosen is None else chosen
         x, y, width, height, area = self.stats[chosen].T
         windows = self._meter.windows(x - 1, x + width, y - 1, y + height)
@@ -197,11 +186,6 @@ class Frame:
         self.meter = CentroidMeter(image, parameters.threshold, parameters.weighted)
         self.size = self.meter.size
 
-    @property
-    def earliest(self) -> float:
-        """When a marker out of sight must have been seen to be predicted, s."""
-        return self.time - self.parameters.lost_timeout
-
 
 class Light(NamedTuple):
     """A light: x and y (px) where a lens without distortion would show it, and as it is seen."""
@@ -211,54 +195,37 @@ class Light(NamedTuple):
     seen: Detection
 
 
-class Lights:
-    """The spots of a frame that may be lights, measured."""
+def find_spots(frame: Frame, lens: Lens, around: Sequence[Point] = ()) -> list[Light]:
+    """The lights of a whole frame, measured.
 
-    def __init__(self, frame: Frame, lens: Lens, around: Sequence[Point] = ()) -> None:
-        """Measure the lights of a frame.
+    Of very many the nearest to some places (px) are measured; the largest, which show what is
+    small, if there are none.
 
-        Of very many the nearest to some places (px) are measured; the largest, which show what is
-        small, if there are none.
-
-        Raises:
-            GroupingError: it is too bright or too noisy to hold markers.
-        """
-        blobs = Blobs(frame.image.gray(), frame.parameters)
-        chosen = blobs.may_be_lights()
-        if len(chosen) > MAX_MEASURED:
-            chosen = chosen[_most_useful(blobs.stats[chosen], around)]
-        spots = blobs.measure(chosen)
-        places = straightened(lens, spots)
-        self.spots = [Light(x, y, spot) for (x, y), spot in zip(places, spots, strict=True)]
-
-    def __len__(self) -> int:
-        return len(self.spots)
-
-    def candidates(self, count: int) -> list[Light]:
-        """The round ones that could be among a body's ``count`` markers, the largest first."""
-        spots = [light for light in self.spots if light.seen.spread <= ROUND]
-        spots.sort(key=lambda light: -light.seen.area)
-        if len(spots) < count:
-            return spots
-        least = MIN_SHARE * spots[count - 1].seen.area
-        return [light for light in spots if light.seen.area >= least]
+    Raises:
+        GroupingError: the frame is too bright or too noisy to hold markers.
+    """
+    blobs = Blobs(frame.image.gray(), frame.parameters)
+    chosen = blobs.may_be_lights()
+    if len(chosen) > MAX_MEASURED:
+        left, top, width, height, area = blobs.stats[chosen].T
+        order = -area
+        if around:
+            middles = np.column_stack((left + 0.5 * (width - 1), top + 0.5 * (height - 1)))
+            order = np.abs(middles[:, None] - np.array(around)).max(axis=2).min(axis=1)
+        chosen = chosen[np.argsort(order, kind='stable')[:MAX_MEASURED]]
+    spots = blobs.measure(chosen)
+    places = lens.straightened(spots)
+    return [Light(x, y, spot) for (x, y), spot in zip(places, spots, strict=True)]
 
 
-def _most_useful(stats: Integers, around: Sequence[Point]) -> Integers:
-    """The pieces (n, 5) that are the nearest to some places, or the largest."""
-    if not len(around):
-        return np.argsort(-stats[:, cv2.CC_STAT_AREA], kind='stable')[:MAX_MEASURED]
-    middles = stats[:, :2] + 0.5 * (stats[:, 2:4] - 1)
-    apart = np.abs(middles[:, None] - np.array(around)).max(axis=2).min(axis=1)
-    return np.argsort(apart, kind='stable')[:MAX_MEASURED]
-
-
-def straightened(lens: Lens, spots: Iterable[Detection]) -> list[Point]:
-    """Where a lens without distortion would show detections, px."""
-    places = [spot[:2] for spot in spots]
-    if lens.is_straight:
-        return places
-    return [(x, y) for x, y in lens.to_ideal(np.array(places)).tolist()]
+def candidates(lights: Sequence[Light], count: int) -> list[Light]:
+    """The round ones that could be among a body's ``count`` markers, the largest first."""
+    spots = [light for light in lights if light.seen.spread <= ROUND]
+    spots.sort(key=lambda light: -light.seen.area)
+    if len(spots) < count:
+        return spots
+    least = MIN_SHARE * spots[count - 1].seen.area
+    return [light for light in spots if light.seen.area >= least]
 
 
 def places_of(found: Mapping[int, Light]) -> dict[int, Point]:

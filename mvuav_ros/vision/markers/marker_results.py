@@ -151,6 +151,20 @@ class MarkerResult:
         return replace(self, status='; '.join(filter(None, (self.status, remark))))
 
 
+WINGS = ('left_wing', 'right_wing')
+
+
+def labels_of(names: Sequence[str]) -> Sequence[int]:
+    """The labels of a rig's markers."""
+    return TANKER_LABELS if tuple(names) == TANKER_NAMES else range(len(names))
+
+
+def all_lost(names: Sequence[str], status: str) -> MarkerResult:
+    """The result in which none of a rig's markers is known, and why."""
+    lost = tuple(Marker(label, MarkerState.LOST) for label in labels_of(names))
+    return MarkerResult(lost, status=status, has_wings={*WINGS} <= {*names})
+
+
 def is_cut(marker: Marker, size: tuple[int, int]) -> bool:
     """Whether the border of an image of a size (px) cuts a detected light off.
 

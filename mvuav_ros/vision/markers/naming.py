@@ -20,7 +20,7 @@ from mvuav_ros.vision.markers.initialization import (
     guess_body,
     log_odds_of,
 )
-from mvuav_ros.vision.markers.lights import Light, Lights, are_close, places_of
+from mvuav_ros.vision.markers.lights import Light, are_close, candidates, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
@@ -269,12 +269,11 @@ class Search:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
 
-    def name(self, frame: Lights, clutter: Clutter, older: ViewFilter) -> None:
+    def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter) -> None:
         """Give names to the lights of the frame.
 
         The older filter is that which last had enough firm names, at this frame's time.
         """
-        lights = frame.spots
         self._clutter = clutter
         self._free = [
             light
@@ -299,7 +298,7 @@ class Search:
         clutter.update(nameless, self.expected(self.missing) if known else None)
         few = len(self.reacquired) < FAULTS.min_firm
         if not self.found or (nameless and self.missing and few):
-            self._find_otherwise(frame, older)
+            self._find_otherwise(lights, older)
 
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
@@ -397,14 +396,14 @@ class Search:
         """Density of lights that are no markers, per px²."""
         return STRAY if self._clutter.is_about else RARE * STRAY
 
-    def _find_otherwise(self, frame: Lights, older: ViewFilter) -> None:
+    def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view.
 
         Where names were found it must name two markers more, or one and show that one of those
         names is wrong; and the odds of its names must exceed theirs.
         """
         count = len(self._markers)
-        lights = frame.candidates(count)
+        lights = candidates(every, count)
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         holds = is_firm or (self.found and count > FAULTS.min_firm)
         if len(lights) > MAX_NAMED or (holds and len(lights) <= len(self.found)):
