@@ -43,7 +43,7 @@ class FaultTuning:
 
 
 TUNING = FaultTuning()
-_PAIRS_UP_TO = 8
+MAX_DROPPED = 3  # Markers at once that may contradict the others
 
 
 class Evidence(NamedTuple):
@@ -128,12 +128,12 @@ class FaultDetector:
                 return consensus
         if not contradicted:
             return Consensus(correction.view, markers)
-        if len(markers) <= _PAIRS_UP_TO:
-            for dropped in range(1, min(len(markers) - 2, 3) + 1):
-                consensus = self._without(found, dropped)
-                if consensus is not None:
-                    return consensus
-        return self._greedy(found)
+        most = min(len(markers) - 2, MAX_DROPPED)
+        for dropped in range(min(most, 1), most + 1):
+            consensus = self._without(found, dropped)
+            if consensus is not None:
+                return consensus
+        return Consensus(partial(self.views.look, {}), (), (), markers)
 
     def _added(self, correction: Correction) -> dict[int, float]:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
@@ -199,18 +199,6 @@ class FaultDetector:
         if len(others) > number:
             return Consensus(view, names, (), others)
         return Consensus(view, names, others)
-
-    def _greedy(self, found: Mapping[int, Point]) -> Consensus:
-        rest = dict(found)
-        while True:
-            fitted = self.views.fit(NamedPlaces.of(rest))
-            farthest = max(fitted.nis)
-            if len(rest) <= 2 or farthest <= TUNING.gate:
-                break
-            del rest[list(rest)[fitted.nis.index(farthest)]]
-        if farthest > TUNING.gate or 2 * len(rest) <= len(found):
-            return Consensus(partial(self.views.look, {}), (), (), tuple(found))
-        return Consensus(fitted.view, tuple(rest), tuple(m for m in found if m not in rest))
 
     def evidence(self, found: Mapping[int, Point]) -> Evidence:
         """What a frame's places say for their names."""
