@@ -57,10 +57,8 @@ _ROUGH_TWOS = 2.0  # px (1 sigma), by which they may miss them after that
 _SAME_TILT = 0.2  # rad, within which two views to start from are the same
 _KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights are enough
 _MAX_TILTED = 1.2  # rad, from straight behind
-_TRIED = 16
-_FEW_SPOTS = 5
-_TRIED_AMONG_MANY = 10
-"""Ways of naming that are fitted."""
+_TRIED, _FEW_SPOTS, _TRIED_AMONG_MANY = 16, 5, 10
+"""Ways of naming that are fitted where there are so few spots, and where there are more."""
 ABSENT = 22.0  # Squared distance over variance from which on a marker has no light
 STRAY = 1e-5  # Density of lights that are none of the body's, per px²
 MAX_AWAY, ROUGHLY_AWAY = 40.0, 120.0
@@ -109,9 +107,15 @@ class Prior:
 
     def away(self, views: Array) -> Array:
         """Squared distance over variance of views (v, 8), without what the lens makes of them."""
-        apart = views[:, :FOCAL] - self.mean[:FOCAL]
-        apart[:, ROLL] = _turned(apart[:, ROLL])
+        apart = self.untwisted(views)[:, :FOCAL] - self.mean[:FOCAL]
         return np.asarray(np.square(apart / self.deviations[:FOCAL]).sum(axis=1))
+
+    def untwisted(self, views: Array) -> Array:
+        """Views (v, 8) whose roll is within half a turn of the expected one."""
+        views = views.copy()
+        off = views[:, ROLL] - self.mean[ROLL]
+        views[:, ROLL] = self.mean[ROLL] + np.angle(np.exp(1j * off))
+        return views
 
     def allows(self, views: Array, most: float = MAX_AWAY) -> NDArray[np.bool_]:
         """Which of some views (v, 8) are not out of the question."""
@@ -119,13 +123,9 @@ class Prior:
         return is_near if self.noise is None else is_near & (self.away(views) < most)
 
 
-def _turned(angles: Array) -> Array:
-    """Angles (rad) less whole turns."""
-    return np.asarray(np.angle(np.exp(1j * angles)))
-
-
 Way = tuple[tuple[int, int], ...]
 """Markers, and for each the index of its spot."""
+Start = tuple[Way, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,41 +147,22 @@ def guess_body(
 ) -> list[Guess]:
     """All probable ways of seeing a body in a number of spots, most probable first.
 
-    Three markers are tried on all threes of spots (`MAX_NAMED` at most, px without
-    distortion), in every order; the views of each that follow say where the other markers
-    are, and the best are fitted. The fewest of its markers must be among the spots, beside which
-    there are so many strays per px².
+    Three markers are tried on all threes of spots (`MAX_NAMED` at most, px without distortion), in
+    every order; the views that follow say where the other markers are, and the best are fitted. The
+    fewest of the markers must be among the spots, beside which there are so many strays per px².
     """
-    places = np.array([complex(spot.x, spot.y) for spot in spots])
-    starts = _rough_guesses(shape, places, prior, fewest)
+    places = np.array([(spot.x, spot.y) for spot in spots]).reshape(-1, 2)
+    starts = _rough_guesses(shape, places.view(np.complex128).ravel(), prior, fewest)
     if not starts:
         return []
-    guesses: dict[Way, Guess] = {}
-    for guess in _fitted(shape, spots, starts, prior, strays):
-        if guess.way not in guesses or guess.evidence > guesses[guess.way].evidence:
-            guesses[guess.way] = guess
-    return sorted(guesses.values(), key=lambda guess: -guess.evidence)
-
-
-def _fitted(
-    shape: WeakPerspective,
-    spots: Sequence[Light],
-    starts: Sequence[Start],
-    prior: Prior,
-    strays: float,
-) -> list[Guess]:
-    """Several ways of naming, each with the view that fits it."""
     guesses = []
-    flat = np.array([(spot.x, spot.y) for spot in spots])
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
     scale = median_high([float(start[SCALE]) for _, start in starts])
     for number in sorted({len(way) for way, _ in starts}):
         same = [start for start in starts if len(start[0]) == number]
         pairs = np.array([way for way, _ in same], np.intp)
-        views = np.array([start for _, start in same])
-        # From half a turn about the expected roll.
-        views[:, ROLL] = prior.mean[ROLL] + _turned(views[:, ROLL] - prior.mean[ROLL])
-        named = NamedPlaces(pairs[..., 0], flat[pairs[..., 1]].reshape(len(same), -1))
+        views = prior.untwisted(np.array([start for _, start in same]))
+        named = NamedPlaces(pairs[..., 0], places[pairs[..., 1]].reshape(len(same), -1))
         fits = _fit(shape, named, prior, scale, views)
         # Logarithms of how probable strays are in so many places, and in one place less.
         others, fewer = (
@@ -198,7 +179,10 @@ def _fitted(
                 for (marker, _), own in zip(way, fits.log_densities(row), strict=True)
             }
             guesses.append(Guess(way, view, log_density - others, without))
-    return guesses
+    best: dict[Way, Guess] = {}
+    for guess in sorted(guesses, key=lambda guess: -guess.evidence):
+        best.setdefault(guess.way, guess)
+    return list(best.values())
 
 
 def _fit(
@@ -229,9 +213,6 @@ def log_odds_of(best: Guess, ways: Sequence[Guess]) -> dict[int, float]:
         against = np.logaddexp.reduce([0.0, *without, *others])
         odds[name[0]] = float(np.logaddexp.reduce(own) - against)
     return odds
-
-
-Start = tuple[Way, Array]
 
 
 def _rough_guesses(
@@ -285,12 +266,9 @@ def _rough_guesses(
 def _views_of_threes(
     shape: WeakPerspective, places: Complex, prior: Prior, hidden: int, may_be: NDArray[np.bool_]
 ) -> Array:
-    """Views (v, 8) in which three of the markers are any three of the spots.
-
-    Two of each may be (see `_pairs`) two of the other.
-    """
+    """Views (v, 8) in which three markers are any three of the spots that may be by `_pairs`."""
     triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
-    markers, orders = np.reshape(triangles, (-1, 3)).astype(np.intp), _orders(len(places), 3)
+    markers, orders = np.reshape(triangles, (-1, 3)).astype(np.intp), _orders(len(places))
     first, second, third = markers.T[..., None]
     a, b, c = orders.T
     allowed = may_be[first, second, a, b] & may_be[second, third, b, c]
@@ -307,13 +285,9 @@ def _views_of_twos(
     expected: tuple[Complex, Complex],
     may_be: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
-    """Views in which two of the markers are two of the spots, and the tilt is the expected one.
+    """Views (v, 8) in which two markers are two of the spots, with the expected tilt.
 
-    Two lights say nothing of the tilt. Where it is known well, it is so better than three spots
-    would give it.
-
-    Returns:
-        The views (v, 8), and how far the other markers may be off (1 sigma, px), (v, n).
+    And how far that leaves the other markers in doubt (1 sigma, px), (v, n).
     """
     at, slopes = expected
     ahead = at - at[:, None]
@@ -368,10 +342,9 @@ def _apart(places: Complex) -> Complex:
 
 
 @cache
-def _orders(count: int, size: int) -> NDArray[np.intp]:
-    """All ways of taking some of a number of spots in turn, (n, size)."""
-    orders = list(permutations(range(count), size))
-    return np.array(orders, np.intp).reshape(-1, size)
+def _orders(count: int) -> NDArray[np.intp]:
+    """All ways of taking three of a number of spots in turn, (n, 3)."""
+    return np.array([*permutations(range(count), 3)], np.intp).reshape(-1, 3)
 
 
 MAX_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
@@ -500,18 +473,15 @@ class Attempts:
         """Take a way of naming them; whether it is that of the last attempt."""
         assert named.view is not None
         reach = 0.5 * named.view.scale
-        alike = self.last.keys() == named.lights.keys() or not self.last
-        alike = alike and all(
-            are_close(light, named.lights[marker], reach) for marker, light in self.last.items()
-        )
+        alike = all(are_close(light, named.lights[m], reach) for m, light in self.last.items())
         most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
         changed = abs(named.view.misfit - self._first_misfit) > most
         goes_on = alike and bool(self.last)
         self._is_odd = named.odd or (goes_on and self._is_odd)
-        goes_on = goes_on and not (self._is_odd and changed)
-        self.agreed = self.agreed + 1 if goes_on else 1
-        if not goes_on:
-            self._first_misfit = named.view.misfit
+        if goes_on and not (self._is_odd and changed):
+            self.agreed += 1
+        else:
+            self.agreed, self._first_misfit = 1, named.view.misfit
         self.last = named.lights
         return alike
 
@@ -519,7 +489,7 @@ class Attempts:
 class Trial:
     """A body that is followed and not what its rig says: measured badly, or lights of others.
 
-    The former goes on to differ from its rig as it did; the latter do not.
+    Measured badly, it goes on to differ from its rig as it did.
     """
 
     def __init__(self, shape: WeakPerspective, view: ViewState, found: Mapping[int, Point]) -> None:
