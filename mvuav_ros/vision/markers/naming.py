@@ -26,8 +26,7 @@ from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED
 
-DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
-GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
+GATE = FAULTS.gate  # Squared distance over variance at which a light is too far from a place
 GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
 MAX_WAYS = 1000
 MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
@@ -46,7 +45,7 @@ def assign(
     All ways of giving the lights to the markers are weighed; a marker is named where every way that
     costs little more than the best gives it the same light.
     """
-    costs: dict[int, dict[int, float]] = {}
+    choices: list[tuple[int, dict[int, float]]] = []
     for marker, place in expected.items():
         near = {}
         for number, light in enumerate(lights):
@@ -55,14 +54,18 @@ def assign(
             if unlike < math.inf:
                 near[number] = cost + unlike
         if near:
-            costs[marker] = near
-    if not costs:
-        return {}
-    ways = list(islice(_ways(list(costs.items())), MAX_WAYS + 1))
+            choices.append((marker, near))
+    ways = list(islice(_ways(choices), MAX_WAYS + 1))
     if len(ways) > MAX_WAYS:
         return {}
-    named = {marker: lights[number] for marker, number in _shared(ways).items()}
-    return {marker: light for marker, light in named.items() if not unlikeness(marker, light)}
+    least, best = min(ways, key=lambda pair: pair[0])
+    probable = [way for cost, way in ways if cost < least + FAULTS.doubt]
+    return {
+        marker: lights[number]
+        for marker, number in best.items()
+        if all(way.get(marker) == number for way in probable)
+        and not unlikeness(marker, lights[number])
+    }
 
 
 def _ways(
@@ -78,13 +81,6 @@ def _ways(
         if number not in taken:
             for cost, way in _ways(rest, taken | {number}):
                 yield cost + own, {marker: number, **way}
-
-
-def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
-    """What all ways share that cost little more than the best."""
-    least, best = min(ways, key=lambda pair: pair[0])
-    probable = [way for cost, way in ways if cost < least + DOUBT]
-    return {m: light for m, light in best.items() if all(w.get(m) == light for w in probable)}
 
 
 MIN_AGAIN = (2, 3)
@@ -127,7 +123,7 @@ def reacquire(
     likely = [way for way in ways if not any(unlikeness(m, lights[i]) for m, i in way.way)]
     if not likely:
         return None
-    best = max(likely, key=lambda guess: guess.evidence)
+    best = likely[0]
     if any(_are_alike(way, best) for way in likely):
         return None
     odds = log_odds_of(best, ways)
@@ -224,7 +220,15 @@ BESIDE = 24.0
 
 
 class Search:
-    """Names the lights of a frame by the body's geometry, some markers being known already."""
+    """Names the lights of a frame by the body's geometry, some markers being known already.
+
+    Attributes:
+        found: the lights, by marker.
+        faults: what speaks against each marker; another one where others have taken all names.
+        suspects: those of the found of which one or some must be another light.
+        reacquired: log odds of the markers found again together, after hardly any was in sight.
+        alone: markers beside whose lights no other light is near.
+    """
 
     def __init__(
         self,
@@ -235,16 +239,13 @@ class Search:
     ) -> None:
         """Begin with the markers found so far, without those that a consensus drops."""
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
-        self._known = tuple(self.found)
-        # What speaks against each marker; another one where others have taken all names.
         self.faults = faults
         self.views = faults.views  # at this frame's time
-        # Those of the found of which one or some must be another light.
         self.suspects = set(consensus.suspects)
-        # Log odds of the markers found again together, after hardly any was in sight.
         self.reacquired: Mapping[int, float] = {}
+        self.alone: set[int] = set()
+        self._known = tuple(self.found)
         self._doubtful = faults.doubtful
-        self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._markers = markers
         self._view = consensus.view()
         self._expected: list[Expectation] = []  # of all markers, by this view:
@@ -254,15 +255,6 @@ class Search:
     def given(self) -> set[int]:
         """The markers that have got their lights in this frame, by the geometry alone."""
         return self.found.keys() - set(self._known)
-
-    @property
-    def _firm(self) -> int:
-        """How many names are in no doubt: those from before, unless all markers have theirs."""
-        firm = self.found.keys() - self._doubtful
-        # Of three markers no two say where the third one is.
-        if len(firm) == len(self._markers) or len(self._markers) <= FAULTS.min_firm:
-            return len(firm)
-        return len(firm - self.given)
 
     @property
     def missing(self) -> list[int]:
@@ -284,7 +276,11 @@ class Search:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
                 self._name_joined()
-        if self._firm < FAULTS.min_firm:
+        # Names from before, unless all markers have theirs; of three no two show the third one.
+        firm, count = self.found.keys() - self._doubtful, len(self._markers)
+        if len(firm) < count and count > FAULTS.min_firm:
+            firm -= self.given
+        if len(firm) < FAULTS.min_firm:
             self._find_again()
         self._check()
         self.alone = {
@@ -315,17 +311,17 @@ class Search:
                     return math.inf
                 return self._unlikeness(index, light)
 
-            free = [light for light in self._free if not self._is_joined(light, places)]
+            free = []
+            for light in self._free:
+                inside = self._inside(light, places)
+                areas = [self._markers[index].area for index in inside]
+                # The lights of two markers may have run together.
+                if len(inside) < 2 or light.seen.area <= LARGER * max(areas):
+                    free.append(light)
             named = assign(gates, free, unlike)
             if not named:
                 return
             self._take({**self.found, **named})
-
-    def _is_joined(self, light: Light, places: Mapping[int, Expectation]) -> bool:
-        """Whether the lights of two markers have run together."""
-        inside = self._inside(light, places)
-        areas = [self._markers[index].area for index in inside]
-        return len(inside) > 1 and light.seen.area > LARGER * max(areas)
 
     def _inside(self, light: Light, places: Mapping[int, Expectation]) -> list[int]:
         reach = light.seen.radius + TOUCHING
@@ -356,7 +352,7 @@ class Search:
                 u, v = light.seen.x + x - light.x, light.seen.y + y - light.y
                 seen = Detection(u, v, round(marker.area), marker.spread)
                 self.found[index] = Light(x, y, seen)
-            self._free = [other for other in self._free if other is not light]
+            self._free.remove(light)
             self._view = self.views.look(places_of(self.found))
             return
 
@@ -373,23 +369,18 @@ class Search:
         may_be_none, strays = self._clutter.may_be_new, self._strays
         if self._clutter.is_about and not may_be_none:
             strays *= KNOWN
-        again = reacquire(
-            self.views.shape,
-            Prior.of(self.views),
-            new,
-            self._unlikeness,
-            strays,
-            MIN_AGAIN[may_be_none],
-        )
-        if again is not None:
-            self.suspects.clear()
-            self.reacquired = again.odds
-            self._free = lights
-            self._take(dict(again.lights))
-            away = max(self.faults.nis_of(places_of(self.found)).values())
-            if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
-                self._begin(self.views.shape, again)
-            self._name_clear()
+        prior, fewest = Prior.of(self.views), MIN_AGAIN[may_be_none]
+        again = reacquire(self.views.shape, prior, new, self._unlikeness, strays, fewest)
+        if again is None:
+            return
+        self.suspects.clear()
+        self.reacquired = again.odds
+        self._free = lights
+        self._take(dict(again.lights))
+        away = max(self.faults.nis_of(places_of(self.found)).values())
+        if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
+            self._begin(self.views.shape, again)
+        self._name_clear()
 
     @property
     def _strays(self) -> float:
@@ -429,11 +420,11 @@ class Search:
 
     def _is_better(self, again: Again) -> bool:
         """Whether a body says more of the lights than the names found so far."""
-        is_other = any(
-            marker not in again.lights or not are_close(again.lights[marker], light, SAME_SPOT)
+        is_same = all(
+            marker in again.lights and are_close(again.lights[marker], light, SAME_SPOT)
             for marker, light in self.found.items()
         )
-        if len(again.lights) - len(self.found) <= (0 if is_other else 1):
+        if len(again.lights) <= len(self.found) + is_same:
             return False
         return sum(again.odds.values()) > sum(self._markers[marker].odds for marker in self.found)
 
