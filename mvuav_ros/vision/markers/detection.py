@@ -31,7 +31,7 @@ from mvuav_ros.vision.markers.marker_results import (
     MarkerState,
     roll_of,
 )
-from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
+from mvuav_ros.vision.point_operations import Mask, threshold
 
 Array = NDArray[np.float64]
 
@@ -42,15 +42,11 @@ def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
     """Group bright pixels around seeds: the first pixel left, with all within T of it.
 
     The scan goes column by column, each from the top. A group is every pixel left with x in
-    [x_seed, x_seed + T] and |y - y_seed| <= T, bounds included; its centre is the mean of its
-    pixels. A light wider than T falls into several groups; lights closer than T share one.
-
-    Args:
-        mask: (height, width) uint8, non-zero where bright.
-        grouping_distance: T, px.
+    [x_seed, x_seed + T] and |y - y_seed| <= T, bounds included, where T is the grouping distance,
+    px. A light wider than T falls into several groups; lights closer than T share one.
 
     Returns:
-        (n, 3): x, y (px) and area (px), in scan order of the seeds.
+        (n, 3): the mean of each group's pixels, x and y (px), and its area (px), in scan order.
 
     Raises:
         GroupingError: more than 5 % of the frame is bright, or there are more than `MAX_CLUSTERS`.
@@ -102,27 +98,23 @@ def label_five(clusters: Sequence[Cluster]) -> tuple[int, int, int, int, int]:
     first in the scan (the smaller x), so the names hold for roll between -90° and 90°.
 
     Returns:
-        Indices into five clusters in scan order: left wing, left stabilizer, rudder, right
-        stabilizer and right wing.
+        Indices into the clusters, which are in scan order, of the five `TANKER_LABELS`.
 
     Raises:
         ValueError: there are not exactly five.
     """
     if len(clusters) != 5:
         raise ValueError(f'labels need five clusters, not {len(clusters)}')
-    left_wing, right_wing = _farthest_pair(clusters, range(5))
-    others = [i for i in range(5) if i not in (left_wing, right_wing)]
-    left_stabilizer, right_stabilizer = _farthest_pair(clusters, others)
-    (rudder,) = (i for i in others if i not in (left_stabilizer, right_stabilizer))
-    return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing
 
-
-def _farthest_pair(clusters: Sequence[Cluster], indices: Sequence[int]) -> tuple[int, int]:
     def squared_distance(pair: tuple[int, int]) -> float:
         a, b = clusters[pair[0]], clusters[pair[1]]
         return (a.x - b.x) ** 2 + (a.y - b.y) ** 2
 
-    return max(combinations(indices, 2), key=squared_distance)
+    left_wing, right_wing = max(combinations(range(5), 2), key=squared_distance)
+    others = [i for i in range(5) if i not in (left_wing, right_wing)]
+    left_stabilizer, right_stabilizer = max(combinations(others, 2), key=squared_distance)
+    (rudder,) = (i for i in others if i not in (left_stabilizer, right_stabilizer))
+    return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing
 
 
 DARK_EDGE = 4.0  # px around a light that belong to its window
@@ -145,24 +137,16 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
     if parameters.by_components:
         spots = sorted(Blobs(gray, parameters).measure())
         return np.array([spot[:3] for spot in spots], np.float64).reshape(-1, 3)
-    lights = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
-    lights = lights[area_fits(lights[:, 2], parameters)]
-    return weigh(gray, lights, parameters.threshold) if parameters.weighted else lights
-
-
-def weigh(gray: Pixels, lights: Array, level: float) -> Array:
-    """The lights (n, 3) of x, y and area (px) at their places by intensity.
-
-    A light with others around it keeps its binary centroid, and so do all of them where they
-    are too many to be looked at one by one. The level is a fraction of full scale.
-    """
-    if not 0 < len(lights) <= MAX_BLOBS:
+    groups = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
+    lights: Array = groups[area_fits(groups[:, 2], parameters)]
+    if not parameters.weighted or not 0 < len(lights) <= MAX_BLOBS:
         return lights
     x, y, area = lights.T
     reach = np.sqrt(area / math.pi) + DARK_EDGE
-    meter = CentroidMeter(gray, level, weighted=True)
+    meter = CentroidMeter(gray, parameters.threshold, weighted=True)
     windows = meter.windows(*np.round((x - reach, x + reach, y - reach, y + reach)))
     alone = meter.measure_alone(windows, area.tolist())
+    # A light with others around it keeps its binary centroid.
     rows = [spot[:3] if spot else row for spot, row in zip(alone, lights.tolist(), strict=True)]
     return np.array(rows, np.float64)
 
@@ -170,10 +154,9 @@ def weigh(gray: Pixels, lights: Array, level: float) -> Array:
 def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
     """Find and label the five markers in a whole frame (Appendix A).
 
-    The thesis's program takes the first five groups of the scan, so that one hot pixel at the
-    left pushes the right wing out; here the five of greatest area are taken. With exactly five
-    groups the two are the same. All five are lost where labels cannot be known: with fewer
-    groups, and where the sixth largest is too much like the fifth.
+    The thesis's program takes the first five groups of the scan, so that one hot pixel at the left
+    pushes the right wing out; here the five of greatest area are taken. All are lost where there
+    are fewer groups, and where the sixth largest is too much like the fifth.
     """
     try:
         clusters = find_clusters(image, parameters)
@@ -198,11 +181,7 @@ def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
 
 
 def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
-    """Find any number of clusters, without names (the purpose of Appendix B).
-
-    The thesis's program works for five or six markers and loops forever when two clusters
-    interleave in the scan; this one ends on every input.
-    """
+    """Find any number of clusters, without names (the purpose of Appendix B)."""
     try:
         clusters = find_clusters(image, parameters)
     except GroupingError as error:

@@ -81,15 +81,12 @@ FAR_OFF = 1e6
 
 
 class Marker(NamedTuple):
-    """One marker in one frame; whatever is not known is NaN.
-
-    Position in px, velocity in px/s, acceleration in px/s², area in px.
-
-    ``confidence`` is the probability of the name, 0 to 1; NaN of lights without a name, of markers
-    that are not detected, and where the thesis's assumptions give the names.
+    """One marker in one frame, px and s; whatever is not known is NaN.
 
     ``label`` is a `Label` for the tanker, the place in the rig for any other body, and
-    `Label.UNLABELLED` in ``detect_any`` and ``track_any``.
+    `Label.UNLABELLED` in ``detect_any`` and ``track_any``. ``confidence`` is the probability of the
+    name; NaN of lights without one, of markers that are not detected, and where the thesis's
+    assumptions give the names.
     """
 
     label: int
@@ -166,10 +163,7 @@ def all_lost(names: Sequence[str], status: str) -> MarkerResult:
 
 
 def is_cut(marker: Marker, size: tuple[int, int]) -> bool:
-    """Whether the border of an image of a size (px) cuts a detected light off.
-
-    The centre of what is left of it is up to a radius beside its own.
-    """
+    """Whether the border of an image of a size (px) cuts a detected light off."""
     width, height = size
     radius = math.sqrt(marker.area / math.pi)
     across = radius <= marker.x <= width - 1 - radius

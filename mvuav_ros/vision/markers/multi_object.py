@@ -34,10 +34,9 @@ def nearest_other(places: Array) -> Array:
 
 
 def choices(predicted: Array, seen: Array, widest: float) -> tuple[Array, Integers]:
-    """The detections (m, 2) near each known light (n, 2), px, at most `MAX_CHOICES`.
+    """The distances (n, k) of detections (m, 2) near known lights (n, 2), px, and their numbers.
 
-    Returns:
-        (n, k) their distances (px, infinite beyond the widest) and (n, k) their numbers.
+    They are at most `MAX_CHOICES`; a distance beyond the widest is infinite.
     """
     count = np.arange(1, min(MAX_CHOICES, len(seen)) + 1)
     apart, number = cKDTree(seen).query(predicted, k=count, distance_upper_bound=widest)
@@ -47,14 +46,9 @@ def choices(predicted: Array, seen: Array, widest: float) -> tuple[Array, Intege
 def assign(cost: Array, number: Integers) -> Integers:
     """Give detections to known lights so that most have one, and the sum of costs is least.
 
-    Pairs without another choice are taken at once, the rest by the Hungarian method.
-
-    Args:
-        cost: (n, k) of each light's choices, `IMPOSSIBLE` where they cannot be a pair.
-        number: (n, k) of the detections.
-
-    Returns:
-        (n,) the detection's number, or -1.
+    The cost (n, k) of each light's choices is `IMPOSSIBLE` where they cannot be a pair; the numbers
+    (n, k) are the detections'. Pairs without another choice are taken at once, the rest by the
+    Hungarian method. Returns each light's detection, (n,), or -1.
     """
     given = np.full(len(cost), -1)
     possible = cost < IMPOSSIBLE
@@ -79,19 +73,11 @@ def assign(cost: Array, number: Integers) -> Integers:
 def common_shift(
     predicted: Array, seen: Array, nearest: Array, longest: float, tolerance: float
 ) -> Array | None:
-    """A jump that most lights made together, as by a push to the camera.
+    """A jump (2,) that most lights made together, as by a push to the camera; None for none.
 
-    The shifts from every prediction to every detection vote in cells; the fullest are tried.
-
-    Args:
-        predicted: (n, 2) px.
-        seen: (m, 2) px.
-        nearest: (n,) px, from each prediction to the nearest detection.
-        longest: px, of a jump.
-        tolerance: px, by which the lights may differ.
-
-    Returns:
-        (2,) px, or None where they made none.
+    The shifts from every prediction (n, 2) to every detection (m, 2) vote in cells; the fullest are
+    tried. The nearest detection of each is (n,) px away, a jump is so long at most, and lights that
+    jump together differ by no more than the tolerance, px.
     """
     count = len(predicted)
     at_rest = int((nearest < tolerance).sum())
@@ -164,10 +150,8 @@ class MultiObjectTracker:
     """Every light of the frame, as persistent as its motion allows.
 
     The lights of a frame are given to the known ones so that the squared distances from the
-    predictions, over their variances, are least in sum; where several are new or hidden at once
-    the others' motion is a prediction too (`MotionPredictor` shares what they have in common). A
-    light out of sight is predicted for ``lost_timeout`` and then forgotten; two that run into
-    one are both kept that long.
+    predictions, over their variances, are least in sum. A light out of sight is predicted for
+    ``lost_timeout`` and then forgotten; two that run into one are both kept that long.
     """
 
     def __init__(self) -> None:

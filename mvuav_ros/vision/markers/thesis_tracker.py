@@ -36,25 +36,22 @@ class Motion:
 
     Times are seconds on the images' own clock: the thesis's program took its processing time
     for the time step, so that one slow frame threw the estimate off by 8 to 10 px.
+
+    Attributes:
+        last_seen: the time of the newest position, s.
+        velocity: px/s between the two newest positions (eqs 3.14, 3.15); NaN before there are two.
+        acceleration: px/s² from the three newest positions (eqs 3.16, 3.17), each velocity being
+            that of the middle of its interval; NaN before there are three.
     """
 
     def __init__(self) -> None:
         self._seen: list[tuple[float, float, float]] = []
-        # px/s between the two newest positions (eqs 3.14, 3.15); NaN before there are two.
-        self.velocity: Vector = UNKNOWN
-        # px/s² from the three newest positions (eqs 3.16, 3.17); NaN before there are three. Each
-        # velocity belongs to the middle of its interval; with equal time steps this is eq. 3.16 to
-        # the letter.
-        self.acceleration: Vector = UNKNOWN
-
-    @property
-    def last_seen(self) -> float:
-        """The time of the newest position, s."""
-        return self._seen[-1][0]
+        self.last_seen = -math.inf
+        self.velocity = self.acceleration = UNKNOWN
 
     def add(self, time: float, x: float, y: float) -> None:
         """Append a position (px), later than the last one."""
-        seen = self._seen
+        seen, self.last_seen = self._seen, time
         seen.append((time, x, y))
         if len(seen) < 2:
             return
@@ -74,14 +71,10 @@ class Motion:
     def predict(self, time: float, method: str, steps_unseen: int = 0) -> Vector:
         """Where the marker should be (px) at a time (s) after it was last seen.
 
-        Args:
-            time: s, later than `last_seen`.
-            method: ``none``, ``velocity`` (eq. 4.1), ``acceleration`` (eqs 3.18, 4.2), or
-                ``acceleration_program``: Appendix C as coded, whose acceleration is (older minus
-                newer velocity) over two time steps, a smoother instead of an extrapolator.
-            steps_unseen: frames since the marker was last seen, before this one. An
-                acceleration from three positions cannot be trusted for longer than one frame,
-                so a marker out of sight is carried on by its velocity.
+        The method is ``none``, ``velocity`` (eq. 4.1), ``acceleration`` (eqs 3.18, 4.2), or
+        ``acceleration_program``: Appendix C as coded, whose acceleration is (older minus newer
+        velocity) over two time steps, a smoother instead of an extrapolator. A marker out of sight
+        for some frames is carried on by its velocity: its acceleration cannot be trusted so long.
         """
         last, x, y = self._seen[-1]
         vx, vy = self.velocity
@@ -104,12 +97,10 @@ WHOLE_FRAMES = 3  # Frames searched whole before tracking: an acceleration needs
 class ThesisTracker:
     """Three whole frames, then a window around each marker's predicted position.
 
-    Where the thesis's program stops, this one goes on: a window that leaves the image is
-    clipped; a marker that is not in its window is ``predicted``, and ``lost`` once it has not
-    been seen for ``lost_timeout``. While any marker is lost every frame is searched whole as
-    well, and as soon as all five are found there the tracker starts again from them. A frame of
-    another size starts afresh. Two markers whose windows meet may go on with one light, as in the
-    program; the status says so.
+    Where the thesis's program stops, this one goes on: a marker that is not in its window is
+    ``predicted``, and ``lost`` once it has not been seen for ``lost_timeout``. While any is lost
+    every frame is searched whole as well, and all five found there are the start anew. Two markers
+    whose windows meet may go on with one light, as in the program; the status says so.
     """
 
     def __init__(self) -> None:
