@@ -189,13 +189,12 @@ def _fit(
     shape: WeakPerspective, named: NamedPlaces, prior: Prior, scale: float, starts: Array
 ) -> Correction:
     """Views (f, 8) by named lights, of about this scale (its logarithm), from where to start."""
-    mean = np.tile(prior.mean, (len(starts), 1))
+    mean = prior.mean[None].copy()
     if prior.deviations[SCALE] >= FREE[0]:
         mean[:, SCALE] = scale
-    before = Belief(mean, np.tile(np.diag(prior.deviations**2), (len(starts), 1, 1)))
+    before = Belief(mean, np.diag(prior.deviations**2)[None])
     variance = (prior.noise or 0.3 + MODEL_ERROR * math.exp(scale)) ** 2
-    noise = np.full(named.places.shape, variance)
-    return Correction.of(shape, before, named, noise, variance, starts, iterations=8)
+    return Correction.of(shape, before, named, variance, starts=starts, iterations=8)
 
 
 def log_odds_of(best: Guess, ways: Sequence[Guess]) -> dict[int, float]:
@@ -433,7 +432,7 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | No
     before = Belief(start[None], np.diag(deviations**2)[None])
     named = NamedPlaces.of({i: (spot.x, spot.y) for i, spot in enumerate(chosen)})
     variance = (0.02 * span) ** 2
-    view = Correction.of(shape, before, named, np.full((1, 10), variance), variance).view()
+    view = Correction.of(shape, before, named, variance).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
     # Three frames must agree: nearly any five lights have some such order.

@@ -225,12 +225,6 @@ SETTLED = 5e-3
 _MAX_STEP = 0.5  # rad, and logarithms
 
 
-def columns_of(markers: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Where x and y of some markers (..., k) are among those of all, (..., 2 k)."""
-    pairs = 2 * markers[..., None] + (0, 1)
-    return np.asarray(pairs.reshape(*markers.shape[:-1], 2 * markers.shape[-1]))
-
-
 def limited(step: Array) -> tuple[Array, float]:
     """Gauss-Newton steps (m, 8) no longer than they may be, and how long the longest was."""
     longest = np.abs(step * SHARED)

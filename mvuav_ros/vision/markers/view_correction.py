@@ -19,7 +19,6 @@ from mvuav_ros.vision.markers.rig_view import (
     Array,
     ViewState,
     WeakPerspective,
-    columns_of,
     limited,
     possible,
 )
@@ -57,30 +56,28 @@ class Gain:
     """What k named lights will make of f views wherever near they are seen.
 
     Attributes:
-        covariance: (f, s, s), of the priors.
+        covariance: (f, s, s), of the priors, or (1, s, s) of one for all.
         markers: those seen, in the first of them.
+        noise: (f, 2 k), px², variances at which the coordinates take part.
+        own: px², variance of a marker's place.
         at: (f, 2 k + 8), places, px, and the views at which they have their slopes.
         slopes: (f, 8, 2 k), of the places by the parameters.
         towards: (f, s, 2 k), covariance of the state with the places.
         weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
-        noise: (f, 2 k), px², variances at which the coordinates take part.
-        own: px², variance of a marker's place.
     """
 
     def __init__(
         self,
         covariance: Array,
         markers: list[int],
-        views: Array,
-        seen: tuple[Array, Array],
         noise: Array,
         own: float,
+        at: Array,
+        slopes: Array,
     ) -> None:
-        """Where the markers are seen in the views by these places and slopes."""
         count = noise.shape[1]
         self.covariance, self.markers, self.noise, self.own = covariance, markers, noise, own
-        places, slopes = seen
-        self.at, self.slopes = np.concatenate((places, views), axis=1), slopes
+        self.at, self.slopes = at, slopes
         self.towards = covariance[:, :, :COUNT] @ slopes
         spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
         spread.reshape(-1, count * count)[:, :: count + 1] += noise
@@ -101,8 +98,7 @@ class Gain:
     def after(self) -> Array:
         """The covariances with what has been seen, in Joseph's form: no variance gets negative.
 
-        With K the gain, H the slopes and P the prior's covariance, it is A - (A H - K R) K^T, where
-        A = (I - K H^T) P.
+        It is A - (A H - K R) K^T with A = (I - K H^T) P, the gain K, slopes H and prior P.
         """
         gain = self._kalman
         transposed = gain.transpose(0, 2, 1)
@@ -148,7 +144,7 @@ class Correction:
 
     Attributes:
         gain: where the places were linearized last.
-        before: (f, s), the priors' means.
+        before: (f, s), the priors' means, or (1, s), that of one for all.
         change: (f, s), of the state.
         weighed: (f, 2 k), the innovations over their covariance, px^-1.
     """
@@ -164,28 +160,34 @@ class Correction:
         shape: WeakPerspective,
         before: Belief,
         named: NamedPlaces,
-        noise: Array,
         own: float,
+        noise: Array | None = None,
         starts: Array | None = None,
         iterations: int = 6,
     ) -> Correction:
-        """Correct priors by lights, of whose coordinates each has a variance (f, 2 k), px².
+        """Correct priors by lights, of whose places each has its own variance, px².
 
-        The steps begin at the starts (f, 8), or at the priors.
+        They may take part at others (f, 2 k). The steps begin at the starts (f, 8), or the priors.
         """
         mean, covariance = before
+        ways, width = named.places.shape
+        if noise is None:
+            noise = np.full((max(ways, len(mean)), width), own)
         markers: list[int] = named.markers[0].tolist()
-        every = markers == list(range(len(shape.points))) and len(named.markers) == 1
-        columns = None if every else columns_of(named.markers)
+        every = markers == list(range(len(shape.points))) and ways == 1
+        columns = None if every else _columns_of(named.markers)
         prior = np.ascontiguousarray(mean[:, :COUNT])
-        parameters = prior if starts is None else starts
-        for _ in range(iterations):
+        parameters = (
+            np.repeat(prior, len(noise) // len(prior), axis=0) if starts is None else starts
+        )
+        for number in range(iterations):
             expected, slopes = _seen(columns, *shape.linearize(parameters))
             innovation = named.places - expected
             away = prior - parameters
-            if parameters is not prior:
+            if number or starts is not None:
                 innovation -= times(slopes.transpose(0, 2, 1), away)
-            gain = Gain(covariance, markers, parameters, (expected, slopes), noise, own)
+            at = np.concatenate((expected, parameters), axis=1)
+            gain = Gain(covariance, markers, noise, own, at, slopes)
             weighed = times(gain.weight, innovation)
             change = times(gain.towards, weighed)
             step, largest = limited(change[:, :COUNT] + away)
@@ -227,14 +229,11 @@ class Correction:
 
     @cached_property
     def nis(self) -> list[float]:
-        """For each marker how far it lies from where the main filter's others put it.
-
-        Chi squared with two degrees of freedom.
-        """
+        """For each marker how far it lies from where the others put it, by the main filter."""
         return self.nis_by(0)
 
     def nis_by(self, row: int) -> list[float]:
-        """The same by another filter."""
+        """The same by another filter: chi squared with two degrees of freedom."""
         return _squares(self.weighed[row].tolist(), self.gain.distances(row))
 
     def nis_by_ignoring(self) -> list[float]:
@@ -252,9 +251,8 @@ class Correction:
     def log_likelihoods(self) -> dict[int, tuple[float, float]]:
         """How probable each marker's place is by all others, logarithm per px².
 
-        First that of the marker itself, then that of another light beside there (see `BESIDE`).
-        It is Student's t in two dimensions, whose tails are wider than a normal distribution's: at
-        times a motion was not foreseen.
+        First that of the marker itself, then that of another light beside there (see `BESIDE`). It
+        is Student's t in two dimensions, as a motion is at times not foreseen.
         """
         own, other = self.gain.distances(0), self.gain.distances(0, beside=True)
         far = _squares(self.weighed[0].tolist(), other)
@@ -287,6 +285,12 @@ def _seen(columns: NDArray[np.intp] | None, expected: Array, slopes: Array) -> t
         places = np.take_along_axis(expected, columns, axis=1)
         return places, np.take_along_axis(slopes, columns[:, None], axis=2)
     return expected[:, columns[0]], slopes[:, :, columns[0]]
+
+
+def _columns_of(markers: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Where x and y of some markers (f, k) are among those of all, (f, 2 k)."""
+    pairs = 2 * markers[..., None] + (0, 1)
+    return np.asarray(pairs.reshape(len(markers), -1))
 
 
 def times(matrices: Array, vectors: Array) -> Array:

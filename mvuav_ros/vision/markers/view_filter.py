@@ -227,13 +227,8 @@ class ViewFilter:
     def fit(self, named: NamedPlaces) -> Correction:
         """Views by several ways of naming markers, from this frame's prior."""
         mean, covariance = self.belief
-        ways, width = named.places.shape
-        before = Belief(
-            np.repeat(mean[:1, :COUNT], ways, axis=0),
-            np.repeat(covariance[:1, :COUNT, :COUNT], ways, axis=0),
-        )
-        variance = self.deviation**2
-        return Correction.of(self.shape, before, named, np.full((ways, width), variance), variance)
+        before = Belief(mean[:1, :COUNT], covariance[:1, :COUNT, :COUNT])
+        return Correction.of(self.shape, before, named, self.deviation**2)
 
     def correct(
         self,
@@ -258,7 +253,7 @@ class ViewFilter:
                 noise[rows, 2 * index : 2 * index + 2] = wide
                 if marker in ignored:
                     noise[:, 2 * index : 2 * index + 2] = TUNING.ignored**2
-        return Correction.of(self.shape, before, NamedPlaces.of(found), noise, own)
+        return Correction.of(self.shape, before, NamedPlaces.of(found), own, noise)
 
     def _correct_as_before(self, found: Mapping[int, Point]) -> Correction | None:
         """The same with the gain of the last frames; None where it may have changed."""
