@@ -60,12 +60,9 @@ Sums = tuple[int, int, float, float, float, float]
 class CentroidMeter:
     """Measures the lights of an image in windows, each at the cost of that window alone.
 
-    Binary: the mean of the pixels above the threshold (thesis). Weighted: the mean of all pixels
-    above `FLOOR`, weighted by what they exceed it by, less the pull of an uneven background: what
-    shines through the light's soft edge on one side moves the mean to that side, and a ring
-    around the light shows how much.
-
-    The level is the threshold, a fraction of full scale.
+    Binary: the mean of the pixels above the level, a fraction of full scale (thesis). Weighted: the
+    mean of all pixels above `FLOOR` of it, weighted by what they exceed that by, less the pull of
+    an uneven background behind the light's soft edge, which a ring around the light shows.
     """
 
     def __init__(self, image: Image | Pixels, level: float, weighted: bool) -> None:

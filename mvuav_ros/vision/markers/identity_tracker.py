@@ -125,7 +125,6 @@ class IdentityTracker:
         faults.views.predict(frame.time)
         spots, windows = memory.look(frame)
         named = dict(zip(spots, self._lens.straightened(spots.values()), strict=True))
-        memory.watch(spots)
         faults.jumps = memory.jumps.evidence
         faults.untrusted = memory.untrusted
         faults.doubtful = memory.doubtful

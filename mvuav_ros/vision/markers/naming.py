@@ -42,8 +42,7 @@ def assign(
 ) -> dict[int, Light]:
     """Name the lights that lie where exactly one marker is expected, and look like it.
 
-    All ways of giving the lights to the markers are weighed; a marker is named where every way that
-    costs little more than the best gives it the same light.
+    A marker is named where all ways of naming that cost little more than the best agree.
     """
     choices: list[tuple[int, dict[int, float]]] = []
     for marker, place in expected.items():
@@ -163,15 +162,11 @@ class Clutter:
 
     @property
     def may_be_new(self) -> bool:
-        """Whether lights that are not known to be clutter may be some as well.
-
-        They hardly are where none has come lately, and as much is in sight as there was at most.
-        """
+        """Whether other lights may be clutter as well: some is out of sight, or came lately."""
         return self.is_about and (self._known < self._most or self._settled < SETTLED)
 
     @property
     def _known(self) -> int:
-        """How much of it is in sight."""
         return sum(age >= STRANGE for _, age in self._seen)
 
     def include(self, light: Light) -> bool:
@@ -179,10 +174,10 @@ class Clutter:
         return any(age >= STRANGE and _is_beside(light, other) for other, age in self._seen)
 
     def update(self, lights: Sequence[Light], expected: Mapping[int, Expectation] | None) -> None:
-        """Take the lights of a frame that got no name.
+        """Take the lights of a frame that got no name, and where markers without one should be.
 
-        What lies far from all places where markers without a light are expected is none. Where the
-        body is out of sight (None), only what was clutter before is followed.
+        What lies far from all of those is clutter. Where the body is out of sight (None), only what
+        was clutter before is followed.
         """
         seen = []
         self._settled += 1
@@ -262,10 +257,7 @@ class Search:
         return [index for index in range(len(self._markers)) if index not in self.found]
 
     def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter) -> None:
-        """Give names to the lights of the frame.
-
-        The older filter is that which last had enough firm names, at this frame's time.
-        """
+        """Name the lights of a frame; the older filter is that which last had enough firm names."""
         self._clutter = clutter
         self._free = [
             light
@@ -388,11 +380,7 @@ class Search:
         return STRAY if self._clutter.is_about else RARE * STRAY
 
     def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
-        """Find the body where names that may be those of other lights have bent the view.
-
-        Where names were found it must name two markers more, or one and show that one of those
-        names is wrong; and the odds of its names must exceed theirs.
-        """
+        """Find the body where names that may be those of other lights have bent the view."""
         count = len(self._markers)
         lights = candidates(every, count)
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
@@ -419,7 +407,10 @@ class Search:
         self.faults, self._view = FaultDetector(self.views), self.views.view
 
     def _is_better(self, again: Again) -> bool:
-        """Whether a body says more of the lights than the names found so far."""
+        """Whether a body says more of the lights than the names found so far.
+
+        It must name two markers more, or one and show that one of those names is wrong.
+        """
         is_same = all(
             marker in again.lights and are_close(again.lights[marker], light, SAME_SPOT)
             for marker, light in self.found.items()

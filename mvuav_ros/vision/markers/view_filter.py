@@ -109,11 +109,9 @@ _MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exa
 class ViewFilter:
     """A Kalman filter of a view and its rates, whose measurements are named lights.
 
-    How far each marker lies from where all the others put it follows in closed form from the
-    innovations and their covariance (see `Correction.nis`). A body with just enough lights has a
-    second filter for each marker, which has all but ignored that marker in all frames: a light that
-    drifts slowly with the view is seen by that filter alone. All of them go on together, the main
-    one first.
+    A body with just enough lights has a second filter for each marker, which has all but ignored
+    that marker in all frames: a light that drifts slowly with the view is seen by that one alone.
+    All of them go on together, the main one first.
     """
 
     def __init__(
@@ -127,9 +125,7 @@ class ViewFilter:
 
         The filter before of this very rig has learnt its exactness and motion.
         """
-        # The rig, with what lies beside it on a body that is not what its rig says.
-        self.shape = shape
-        self.time = time  # s
+        self.shape, self.time = shape, time
         covariance = np.diag(np.concatenate((np.zeros(COUNT), _STATIONARY + 1e-12)))
         covariance[:COUNT, :COUNT] = view.covariance
         mean = np.concatenate((view.parameters, np.zeros(COUNT)))
@@ -236,10 +232,7 @@ class ViewFilter:
         untrusted: Collection[int] = (),
         ignored: Collection[int] = (),
     ) -> Correction:
-        """What the named lights, px without distortion, make of the view.
-
-        Those on probation hardly take part, and some not at all.
-        """
+        """What named lights make of the view: untrusted ones hardly take part, ignored ones not."""
         again = None if untrusted or ignored else self._correct_as_before(found)
         if again is not None:
             return again
@@ -342,10 +335,7 @@ class ViewFilter:
 
 
 def _dynamics(elapsed: float, walk: Array) -> tuple[Array, Array]:
-    """What so many s make of states in rows, and the covariance that white noise adds, (16, 16).
-
-    The rates fade. The noise of the parameters has these variances per s, (8,).
-    """
+    """What so many s make of states in rows, and the covariance that white noise adds, (16, 16)."""
     last = TUNING.rates_last
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
