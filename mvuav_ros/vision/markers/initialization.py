@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.detection import label_five
 from mvuav_ros.vision.markers.lights import Light, Point, are_close, candidates
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.rig_view import (
@@ -33,6 +32,7 @@ from mvuav_ros.vision.markers.rig_view import (
     Y,
     views_of_three,
 )
+from mvuav_ros.vision.markers.thesis_tracker import label_five
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED

@@ -1,9 +1,10 @@
-"""The lights of a whole frame: its bright pieces, measured."""
+"""The lights of a whole frame: its bright pixels, grouped and measured."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -168,6 +169,87 @@ def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     _, labels[rows], stats, _ = cv2.connectedComponentsWithStats(mask[rows], connectivity=8)
     stats[1:, cv2.CC_STAT_TOP] = rows[stats[1:, cv2.CC_STAT_TOP]]
     return labels, np.asarray(stats, np.int32)
+
+
+MAX_CLUSTERS = 1000
+DARK_EDGE = 4.0  # px around a light that belong to its window
+
+
+def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
+    """Group bright pixels around seeds: the first pixel left, with all within T of it.
+
+    The scan goes column by column, each from the top. A group is every pixel left with x in
+    [x_seed, x_seed + T] and |y - y_seed| <= T, bounds included, where T is the grouping distance,
+    px. A light wider than T falls into several groups; lights closer than T share one.
+
+    Returns:
+        (n, 3): the mean of each group's pixels, x and y (px), and its area (px), in scan order.
+
+    Raises:
+        GroupingError: more than 5 % of the frame is bright, or there are more than `MAX_CLUSTERS`.
+    """
+    if not count_bright(mask):
+        return np.empty((0, 3))
+    reach = min(grouping_distance, max(mask.shape))
+    # Column after column, as the scan goes: the search for the next seed is one over bytes. With
+    # a dark edge all groups' windows are of one size.
+    ones = cv2.transpose(cv2.threshold(mask, 0, 1, cv2.THRESH_BINARY)[1])
+    framed = cv2.copyMakeBorder(ones, 0, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
+    bright = bytearray(framed)
+    height = framed.shape[1]
+    left = np.frombuffer(bright, np.uint8).reshape(-1, height)
+    seeds: list[int] = []
+    groups: list[bytes] = []
+    seed = bright.find(1)
+    while seed >= 0:
+        if len(seeds) == MAX_CLUSTERS:
+            raise GroupingError(f'more than {MAX_CLUSTERS} clusters above the threshold')
+        column, row = divmod(seed, height)
+        group = left[column : column + reach + 1, row - reach : row + reach + 1]
+        seeds.append(seed)
+        groups.append(group.tobytes())
+        group.fill(0)
+        seed = bright.find(1, seed)
+    pixels = np.frombuffer(b''.join(groups), np.uint8).reshape(len(groups), -1)
+    powers = _powers(reach)
+    area, across, down = pixels.astype(powers.dtype).dot(powers).astype(np.float64).T
+    columns, rows = np.divmod(seeds, height)
+    # The sums are whole numbers, so that the means are exactly those of the pixels.
+    x, y = (columns * area + across) / area, ((rows - 2 * reach) * area + down) / area
+    return np.stack((x, y, area), axis=-1)
+
+
+@lru_cache(maxsize=8)
+def _powers(reach: int) -> NDArray[np.floating]:
+    """(pixels, 3): 1, x, y in a group's window, px; of a type that holds any sum exactly."""
+    x, y = np.indices((reach + 1, 2 * reach + 1)).reshape(2, -1)
+    powers = np.stack((np.ones(len(x)), x, y), axis=-1)
+    return powers.astype(np.float32 if powers.sum(axis=0).max() < 2**24 else np.float64)
+
+
+def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
+    """Every light of the frame within the area limits, (n, 3): x and y (px), area (px).
+
+    In scan order. A light with others around it keeps its binary centroid.
+
+    Raises:
+        GroupingError: the frame is too bright or too noisy to hold markers.
+    """
+    gray = image.gray()
+    if parameters.by_components:
+        spots = sorted(Blobs(gray, parameters).measure())
+        return np.array([spot[:3] for spot in spots], np.float64).reshape(-1, 3)
+    groups = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
+    lights: Array = groups[area_fits(groups[:, 2], parameters)]
+    if not parameters.weighted or not 0 < len(lights) <= MAX_BLOBS:
+        return lights
+    x, y, area = lights.T
+    reach = np.sqrt(area / math.pi) + DARK_EDGE
+    meter = CentroidMeter(gray, parameters.threshold, weighted=True)
+    windows = meter.windows(*np.round((x - reach, x + reach, y - reach, y + reach)))
+    alone = meter.measure_alone(windows, area.tolist())
+    rows = [spot[:3] if spot else row for spot, row in zip(alone, lights.tolist(), strict=True)]
+    return np.array(rows, np.float64)
 
 
 ROUND = 1.4  # Spread of a spot that may be a light

@@ -13,8 +13,7 @@ from scipy.spatial import cKDTree
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import find_lights
-from mvuav_ros.vision.markers.lights import GroupingError
+from mvuav_ros.vision.markers.lights import GroupingError, find_lights
 from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.motion import MotionPredictor
 

@@ -1,16 +1,17 @@
-"""Five markers followed from frame to frame in small windows (Appendix C)."""
+"""The thesis's marker programs: whole frames (Appendices A and B), then small windows (C)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import combinations
 
 import cv2
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import CentroidMeter
-from mvuav_ros.vision.markers.detection import detect, detected
-from mvuav_ros.vision.markers.lights import area_fits
+from mvuav_ros.vision.markers.lights import GroupingError, area_fits, find_lights
 from mvuav_ros.vision.markers.marker_results import (
     LOST_TANKER,
     NAN,
@@ -26,6 +27,85 @@ from mvuav_ros.vision.markers.marker_results import (
     roll_of,
 )
 from mvuav_ros.vision.point_operations import threshold
+
+DOUBTFUL_AREA = 0.5
+"""A sixth cluster larger than this part of the fifth could be a marker just as well."""
+
+
+def label_five(clusters: Sequence[Cluster]) -> tuple[int, int, int, int, int]:
+    """Name five clusters by the ten distances between them.
+
+    The greatest distance of all joins the wings, the greatest among the other three points the
+    stabilizers; the point that remains is the rudder. Of a pair, left is the one that comes
+    first in the scan (the smaller x), so the names hold for roll between -90° and 90°.
+
+    Returns:
+        Indices into the clusters, which are in scan order, of the five `TANKER_LABELS`.
+
+    Raises:
+        ValueError: there are not exactly five.
+    """
+    if len(clusters) != 5:
+        raise ValueError(f'labels need five clusters, not {len(clusters)}')
+
+    def squared_distance(pair: tuple[int, int]) -> float:
+        a, b = clusters[pair[0]], clusters[pair[1]]
+        return (a.x - b.x) ** 2 + (a.y - b.y) ** 2
+
+    left_wing, right_wing = max(combinations(range(5), 2), key=squared_distance)
+    others = [i for i in range(5) if i not in (left_wing, right_wing)]
+    left_stabilizer, right_stabilizer = max(combinations(others, 2), key=squared_distance)
+    (rudder,) = (i for i in others if i not in (left_stabilizer, right_stabilizer))
+    return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing
+
+
+def _clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Cluster]:
+    return [Cluster(x, y, int(area)) for x, y, area in find_lights(image, parameters).tolist()]
+
+
+def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
+    """Find and label the five markers in a whole frame (Appendix A).
+
+    The thesis's program takes the first five groups of the scan, so that one hot pixel at the left
+    pushes the right wing out; here the five of greatest area are taken. All are lost where there
+    are fewer groups, and where the sixth largest is too much like the fifth.
+    """
+    try:
+        clusters = _clusters(image, parameters)
+    except GroupingError as error:
+        return MarkerResult(LOST_TANKER, status=str(error))
+    if len(clusters) < 5:
+        return MarkerResult(LOST_TANKER, status=f'{len(clusters)} of 5 markers in view')
+    status = ''
+    if len(clusters) > 5:
+        by_area = sorted(range(len(clusters)), key=lambda i: -clusters[i].area)
+        if clusters[by_area[5]].area > DOUBTFUL_AREA * clusters[by_area[4]].area:
+            return MarkerResult(
+                LOST_TANKER, status=f'{len(clusters)} clusters in view, five do not stand out'
+            )
+        status = f'{len(clusters)} clusters in view, the five largest were used'
+        clusters = [clusters[i] for i in sorted(by_area[:5])]
+    markers = tuple(
+        _detected(label, clusters[index])
+        for label, index in zip(TANKER_LABELS, label_five(clusters), strict=True)
+    )
+    return MarkerResult(markers, roll_of(markers[0], markers[-1]), status)
+
+
+def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
+    """Find any number of clusters, without names (the purpose of Appendix B)."""
+    try:
+        clusters = _clusters(image, parameters)
+    except GroupingError as error:
+        return MarkerResult((), status=str(error))
+    markers = tuple(_detected(Label.UNLABELLED, cluster) for cluster in clusters)
+    return MarkerResult(markers, status='' if markers else 'no cluster in view')
+
+
+def _detected(label: int, cluster: Cluster) -> Marker:
+    """A cluster as a marker that does not move."""
+    return Marker(label, MarkerState.DETECTED, cluster.x, cluster.y, area=cluster.area)
+
 
 Vector = tuple[float, float]
 UNKNOWN: Vector = (NAN, NAN)
@@ -170,7 +250,7 @@ class ThesisTracker:
         if cluster is not None:
             motion.add(time, cluster.x, cluster.y)
             self._unseen[label] = 0
-            marker = detected(label, cluster)
+            marker = _detected(label, cluster)
         elif time - motion.last_seen > parameters.lost_timeout:
             self._lost[label] = True
             return LOST_TANKER[label], window, (x, y)

@@ -12,7 +12,6 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
-from mvuav_ros.vision.markers.detection import detect, detect_any
 from mvuav_ros.vision.markers.marker_results import (
     TANKER_NAMES,
     Label,
@@ -20,7 +19,7 @@ from mvuav_ros.vision.markers.marker_results import (
     MarkerState,
     is_cut,
 )
-from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
+from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker, detect, detect_any
 from mvuav_ros.vision.point_operations import Pixels, full_scale
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 from mvuav_ros.vision.rig_examination import examine
