@@ -32,19 +32,12 @@ _RING = (2.5, 4.5)
 
 
 class Detection(NamedTuple):
-    """A measured light.
-
-    Attributes:
-        x: px.
-        y: px.
-        area: pixels above the threshold.
-        spread: second moment over that of a disc of this area: 1 for a disc, more for anything
-            long, torn or accompanied.
-    """
+    """A measured light, px."""
 
     x: float
     y: float
-    area: int
+    area: int  # pixels above the threshold
+    # Second moment over that of a disc of this area: 1 for a disc, more for anything long or torn.
     spread: float
 
     @property
@@ -200,12 +193,11 @@ def _powers(shape: tuple[int, int]) -> NDArray[np.float32]:
 def _background_ring(radius: int) -> tuple[NDArray[np.float32], int, float]:
     """What measures the pull of the background around a light.
 
-    A difference of d in grey level that lies along a direction outside of the light adds
-    share x d to every edge pixel, so the weighted sum gains share x (length of the edge) x
-    (its width) x radius x mean(d cos): the ring's first moment gives mean(d cos).
-
-    Returns x and y inside of the ring, 0 elsewhere, (pixels, 2); half the side of the square
-    around it, px; and the factor that makes the sum a pull, but for area / mass.
+    A difference of d in grey level along a direction outside of the light adds share x d to every
+    edge pixel, so the weighted sum gains share x (length of the edge) x (its width) x radius x
+    mean(d cos), which the ring's first moment gives. Returns x and y inside of the ring, 0
+    elsewhere, (pixels, 2); half the side of the square around it, px; and the factor that makes the
+    sum a pull, but for area / mass.
     """
     inner, outer = radius + _RING[0], radius + _RING[1]
     half = math.ceil(outer)

@@ -48,11 +48,10 @@ WIDEST = 200.0  # px, by which a search window grows at most
 class IdentityTracker:
     """The whole frame at the start, then a window for each marker; the whole frame in doubt.
 
-    Every frame is held against the rig: the markers in sight determine how it is seen (see
-    `ViewFilter`), and a marker that the others contradict loses its name (see `FaultDetector`).
-    Markers that are alone in their windows, as they usually look, and agree are taken (the fast
-    way, and the usual one). If any is not, the bright pieces of the whole frame are named by the
-    body's geometry (see `Search`): a piece gets a name only where no other fits.
+    The markers in sight determine how the rig is seen (see `ViewFilter`), and a marker that the
+    others contradict loses its name (see `FaultDetector`). Usually all are alone in their windows,
+    look as they use to, and agree. If any does not, the bright pieces of the whole frame are named
+    by the body's geometry (see `Search`): a piece gets a name only where no other fits.
     """
 
     def __init__(self, rig: MarkerRig, camera: CameraModel | None = None) -> None:
@@ -169,7 +168,12 @@ class IdentityTracker:
         # Where other lights are about, some three of all nearly always look like three markers.
         if not self._clutter.is_about:
             memory.trust(search.reacquired)
-        expected = self._in_image(search.expected(search.missing))
+        expected = search.expected(search.missing)
+        seen = self._lens.to_image(np.array([place[:2] for place in expected.values()])).tolist()
+        expected = {
+            index: place._replace(x=x, y=y)
+            for (index, place), (x, y) in zip(expected.items(), seen, strict=True)
+        }
         others = self._clutter.is_about or not self._is_redundant
         faults, places = search.faults, places_of(search.found)
         evidence = faults.evidence(places)
@@ -205,14 +209,6 @@ class IdentityTracker:
             memory.start_afresh()
         return ''
 
-    def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
-        """Expectations where the image would show them."""
-        places = self._lens.to_image(np.array([(e.x, e.y) for e in expected.values()])).tolist()
-        return {
-            index: Expectation(x, y, e.deviation)
-            for (index, e), (x, y) in zip(expected.items(), places, strict=True)
-        }
-
     def _nothing(self, status: str) -> MarkerResult:
         return all_lost(self._rig.names, status)
 
@@ -226,10 +222,7 @@ class IdentityTracker:
         windows: Sequence[Window] = (),
         remark: str = '',
     ) -> MarkerResult:
-        """What is reported of a frame that the memory holds already.
-
-        A marker without a spot, or whose spot is hidden, is predicted where it is expected (px).
-        """
+        """What is reported of a frame; hidden and missing markers are where expected, px."""
         if not self._is_redundant:
             hidden = {*hidden, *memory.untrusted}
         spots = {index: spot for index, spot in spots.items() if index not in hidden}

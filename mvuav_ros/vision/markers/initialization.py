@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.lights import Light, Point, are_close, candidates
-from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Cluster
+from mvuav_ros.vision.markers.lights import Light, Point, are_close, candidates, places_of
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
     COUNT,
@@ -68,17 +68,11 @@ markers where they are, and of those about."""
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of a view before the lights of a frame are named.
+    """What is known of a view before the lights of a frame are named."""
 
-    Attributes:
-        mean: (8,), see `WeakPerspective.project`.
-        deviations: (8,), 1 sigma.
-        noise: px (1 sigma), of the markers' places, by what is known of the rig; None: nothing is.
-    """
-
-    mean: Array
-    deviations: Array
-    noise: float | None = None
+    mean: Array  # (8,), see `WeakPerspective.project`
+    deviations: Array  # (8,), 1 sigma
+    noise: float | None = None  # px (1 sigma), of the markers' places; None: the rig is not known
 
     @classmethod
     def at_start(cls, shape: WeakPerspective) -> Prior:
@@ -349,23 +343,18 @@ def _orders(count: int) -> NDArray[np.intp]:
 MAX_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
 CLEAR_MISFIT = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
-LONE_MISFIT = 0.06
-"""The same, in units of its size, for a body that is alone in the frame, seen by a camera that is
-not calibrated."""
 STRICT_MISFIT = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same misfit for some time."""
+LONE_MISFIT = 0.06  # In units of its size, of a body alone before a camera that is not calibrated
 OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
 RESTED = 2  # Frames after one whose lights could not be named
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
-CONFIRMED_ODD = 10
-"""The same where one of the lights may well be another one, which by then has gone elsewhere."""
+CONFIRMED_ODD = 10  # The same where one of the lights may be another one, which has gone by then
 SURE_AT_START = -13.0
-"""Logarithm of the odds of a body among other lights, against none being there, from which on one
-frame is believed. Its place and size are free: that they may be anything costs 11 more than that
-they are those of some body in the image."""
+"""Logarithm of the odds of a body among other lights from which on one frame is believed. That its
+place and size may be anything costs 11 more than that they are those of some body in the image."""
 SAME_MISFIT = (0.2, 0.2)
-"""px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
-that of a light that is no marker does not."""
+"""px, and part of it, by which the misfit of a rig measured badly may change meanwhile."""
 
 
 class Named(NamedTuple):
@@ -373,9 +362,8 @@ class Named(NamedTuple):
 
     lights: Mapping[int, Light] = {}  # px without distortion; empty if they cannot be named
     view: ViewState | None = None  # fitted to them
-    certain: bool = False  # whether one frame is enough to believe it
+    frames: int = 1  # that must name it alike
     fits: bool = True  # whether the body is what its rig says
-    odd: bool = False  # whether one of the lights may well be another one
     remark: str = ''  # why they cannot be named, or what was left out
 
 
@@ -389,7 +377,7 @@ def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[
     if len(spots) > MAX_NAMED:
         return unclear
     ways = guess_body(shape, spots, Prior.at_start(shape), count)
-    ways = [way for way in ways if _alike(way, spots)]
+    ways = [way for way in ways if _may_be_one_body([spots[index] for _, index in way.way])]
     alone = len(spots) == count
     free = alone and shape.lens.focal is None
     if ways and (len(ways) == 1 or ways[0].evidence >= ways[1].evidence + MARGIN):
@@ -397,46 +385,43 @@ def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[
         exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
         limit = LONE_MISFIT * best.view.scale if free else exact
         if best.view.misfit <= max(limit, exact):
-            fits = best.view.misfit <= exact
             strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
-            odd = not free and best.view.misfit > strict
-            certain = (alone or best.evidence > SURE_AT_START) and not odd
+            frames = 1 if alone or best.evidence > SURE_AT_START else CONFIRMED
+            if not free and best.view.misfit > strict:
+                frames = CONFIRMED_ODD
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             chosen = {marker: spots[index] for marker, index in best.way}
-            return Named(chosen, best.view, certain, fits, odd, remark)
+            return Named(chosen, best.view, frames, best.view.misfit <= exact, remark)
     if free and tuple(names) == TANKER_NAMES:
         return _as_the_thesis(shape, spots) or unclear
     return unclear
 
 
-def _alike(guess: Guess, spots: Sequence[Light]) -> bool:
-    areas = [spots[index].seen.area for _, index in guess.way]
+def _may_be_one_body(lights: Sequence[Light]) -> bool:
+    areas = [light.seen.area for light in lights]
     return max(areas) <= MAX_RATIO * min(areas)
 
 
 def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
     """Five lights in no doubt but for their order: by the distances, upright (Appendix A)."""
     spots = sorted(spots, key=lambda spot: (spot.x, spot.y))
-    order = label_five([Cluster(spot.x, spot.y, spot.seen.area) for spot in spots])
-    chosen = tuple(spots[index] for index in order)
-    areas = [spot.seen.area for spot in chosen]
-    left, right = chosen[0], chosen[-1]
+    chosen = {marker: spots[index] for marker, index in enumerate(label_five(spots))}
+    left, right = chosen[0], chosen[4]
     span = math.hypot(right.x - left.x, right.y - left.y)
-    if span == 0.0 or max(areas) > MAX_RATIO * min(areas):
+    if span == 0.0 or not _may_be_one_body(spots):
         return None
     roll = math.atan2(right.y - left.y, right.x - left.x)
     scale = math.log(0.56 * span)
     start = np.array([roll, scale, 0.0, 0.0, 0.0, 0.0, scale - math.log(0.25), 0.0])
-    start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
+    start[[X, Y]] = np.mean([*places_of(chosen).values()], axis=0)
     deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
     before = Belief(start[None], np.diag(deviations**2)[None])
-    named = NamedPlaces.of({i: (spot.x, spot.y) for i, spot in enumerate(chosen)})
-    variance = (0.02 * span) ** 2
-    view = Correction.of(shape, before, named, variance).view()
+    named = NamedPlaces.of(places_of(chosen))
+    view = Correction.of(shape, before, named, (0.02 * span) ** 2).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
-    # Three frames must agree: nearly any five lights have some such order.
-    return Named(dict(enumerate(chosen)), view, False, False)
+    # Nearly any five lights have some such order.
+    return Named(chosen, view, CONFIRMED, fits=False)
 
 
 @dataclass
@@ -465,8 +450,8 @@ class Attempts:
 
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""
-        odd = named.odd or self._is_odd or (self.was_wrong and not named.fits)
-        return (named.certain and not odd) or self.agreed >= (CONFIRMED_ODD if odd else CONFIRMED)
+        is_odd = self._is_odd or (self.was_wrong and not named.fits)
+        return self.agreed >= (CONFIRMED_ODD if is_odd else named.frames)
 
     def succeed(self, named: Named) -> bool:
         """Take a way of naming them; whether it is that of the last attempt."""
@@ -476,7 +461,7 @@ class Attempts:
         most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
         changed = abs(named.view.misfit - self._first_misfit) > most
         goes_on = alike and bool(self.last)
-        self._is_odd = named.odd or (goes_on and self._is_odd)
+        self._is_odd = named.frames == CONFIRMED_ODD or (goes_on and self._is_odd)
         if goes_on and not (self._is_odd and changed):
             self.agreed += 1
         else:
@@ -486,10 +471,7 @@ class Attempts:
 
 
 class Trial:
-    """A body that is followed and not what its rig says: measured badly, or lights of others.
-
-    Measured badly, it goes on to differ from its rig as it did.
-    """
+    """A body that is followed and not what its rig says: measured badly, it goes on to be so."""
 
     def __init__(self, shape: WeakPerspective, view: ViewState, found: Mapping[int, Point]) -> None:
         """Begin with all markers, px without distortion, in a view fitted to them."""

@@ -428,17 +428,15 @@ class MotionPredictor:
         return innovation
 
     def _go_on(self, measured: Array, visible: Mask, new: Mask) -> None:
-        """Append to the newest places.
-
-        A marker out of sight goes on at its last velocity; when it returns, the line from its last
-        place to the new one is its velocity, as in the thesis's program.
-        """
+        """Append to the newest places."""
         assert self.time is not None
         lights = self._lights
         places, times = lights[_PLACES], (self.time, *self._times[:2])
         restarted = visible & ~new & ((lights[_SEEN] == 1) | (lights[_UNSEEN] > 0))
         elapsed = np.where(new, 1.0, self.time - lights[_TIME])
         velocity = (measured - lights[_LAST]) / np.maximum(elapsed, _SAME_TIME)
+        # A light out of sight goes on at its last velocity; when it returns, the line from its last
+        # place to the new one is its velocity, as in the thesis's program.
         places[1:] = places[:-1]
         places[0] = np.where(visible, measured, self.competing[1])
         for row, then in enumerate(times[1:], 1):

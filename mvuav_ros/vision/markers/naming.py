@@ -215,15 +215,7 @@ BESIDE = 24.0
 
 
 class Search:
-    """Names the lights of a frame by the body's geometry, some markers being known already.
-
-    Attributes:
-        found: the lights, by marker.
-        faults: what speaks against each marker; another one where others have taken all names.
-        suspects: those of the found of which one or some must be another light.
-        reacquired: log odds of the markers found again together, after hardly any was in sight.
-        alone: markers beside whose lights no other light is near.
-    """
+    """Names the lights of a frame by the body's geometry, some markers being known already."""
 
     def __init__(
         self,
@@ -234,11 +226,13 @@ class Search:
     ) -> None:
         """Begin with the markers found so far, without those that a consensus drops."""
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
+        # Those of the found of which one or some must be another light.
+        self.suspects = set(consensus.suspects)
+        # What speaks against each marker; another one where others have taken all names.
         self.faults = faults
         self.views = faults.views  # at this frame's time
-        self.suspects = set(consensus.suspects)
-        self.reacquired: Mapping[int, float] = {}
-        self.alone: set[int] = set()
+        self.reacquired: Mapping[int, float] = {}  # log odds of the markers found again together
+        self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._known = tuple(self.found)
         self._doubtful = faults.doubtful
         self._markers = markers

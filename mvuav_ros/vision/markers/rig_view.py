@@ -31,18 +31,12 @@ _MIN_AREA = 1e-3  # Twice that of three markers that are not on one line, in squ
 
 @dataclass(frozen=True, eq=False)
 class WeakPerspective:
-    """A rig seen from behind, in units of its size.
+    """A rig seen from behind: its markers' middle is the origin, and the farthest one is at 1."""
 
-    Attributes:
-        points: (n, 3), x right, y down, z ahead; the middle of the markers is the origin and the
-            farthest marker is at 1.
-        lens: of the camera.
-        offsets: (n,), by how much the markers of a body that is not what its rig says are seen
-            beside it: x + iy in units of the scale, turned with the roll.
-    """
-
-    points: Array
+    points: Array  # (n, 3), x right, y down, z ahead
     lens: Lens
+    # (n,), by how much the markers of a body that is not what its rig says are seen beside it:
+    # x + iy in units of the scale, turned with the roll.
     offsets: Complex | None = None
 
     @classmethod

@@ -11,7 +11,7 @@ import cv2
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import CentroidMeter
-from mvuav_ros.vision.markers.lights import GroupingError, area_fits, find_lights
+from mvuav_ros.vision.markers.lights import GroupingError, Light, area_fits, find_lights
 from mvuav_ros.vision.markers.marker_results import (
     LOST_TANKER,
     NAN,
@@ -32,7 +32,7 @@ DOUBTFUL_AREA = 0.5
 """A sixth cluster larger than this part of the fifth could be a marker just as well."""
 
 
-def label_five(clusters: Sequence[Cluster]) -> tuple[int, int, int, int, int]:
+def label_five(clusters: Sequence[Cluster | Light]) -> tuple[int, int, int, int, int]:
     """Name five clusters by the ten distances between them.
 
     The greatest distance of all joins the wings, the greatest among the other three points the

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -52,37 +52,30 @@ class NamedPlaces(NamedTuple):
         return cls(np.array([list(found)], np.intp), places.reshape(1, -1))
 
 
+@dataclass(eq=False)
 class Gain:
-    """What k named lights will make of f views wherever near they are seen.
+    """What k named lights will make of f views wherever near they are seen."""
 
-    Attributes:
-        covariance: (f, s, s), of the priors, or (1, s, s) of one for all.
-        markers: those seen, in the first of them.
-        noise: (f, 2 k), px², variances at which the coordinates take part.
-        own: px², variance of a marker's place.
-        at: (f, 2 k + 8), places, px, and the views at which they have their slopes.
-        slopes: (f, 8, 2 k), of the places by the parameters.
-        towards: (f, s, 2 k), covariance of the state with the places.
-        weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
-    """
+    covariance: Array  # (f, s, s), of the priors, or (1, s, s) of one for all
+    markers: list[int]  # those seen, in the first of them
+    noise: Array  # (f, 2 k), px², variances at which the coordinates take part
+    own: float  # px², variance of a marker's place
+    at: Array  # (f, 2 k + 8), places, px, and the views at which they have their slopes
+    slopes: Array  # (f, 8, 2 k), of the places by the parameters
+    _distances: dict[tuple[int | None, bool], list[Distance]] = field(default_factory=dict)
 
-    def __init__(
-        self,
-        covariance: Array,
-        markers: list[int],
-        noise: Array,
-        own: float,
-        at: Array,
-        slopes: Array,
-    ) -> None:
-        count = noise.shape[1]
-        self.covariance, self.markers, self.noise, self.own = covariance, markers, noise, own
-        self.at, self.slopes = at, slopes
-        self.towards = covariance[:, :, :COUNT] @ slopes
-        spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
-        spread.reshape(-1, count * count)[:, :: count + 1] += noise
-        self.weight = _inverses(spread)
-        self._distances: dict[tuple[int | None, bool], list[Distance]] = {}
+    @cached_property
+    def towards(self) -> Array:
+        """(f, s, 2 k), covariance of the state with the places."""
+        return np.asarray(self.covariance[:, :, :COUNT] @ self.slopes)
+
+    @cached_property
+    def weight(self) -> Array:
+        """(f, 2 k, 2 k), inverse covariance of the innovations, px^-2."""
+        spread = self.slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
+        count = spread.shape[2]
+        spread.reshape(-1, count * count)[:, :: count + 1] += self.noise
+        return _inverses(spread)
 
     @cached_property
     def effect(self) -> Array:
@@ -141,18 +134,12 @@ class Correction:
 
     It is that of f filters at once, of which the first is the main one, and the one after marker i
     of the rig's is that which ignores it; or of one prior by f ways of naming lights.
-
-    Attributes:
-        gain: where the places were linearized last.
-        before: (f, s), the priors' means, or (1, s), that of one for all.
-        change: (f, s), of the state.
-        weighed: (f, 2 k), the innovations over their covariance, px^-1.
     """
 
-    gain: Gain
-    before: Array
-    change: Array
-    weighed: Array
+    gain: Gain  # where the places were linearized last
+    before: Array  # (f, s), the priors' means, or (1, s), that of one for all
+    change: Array  # (f, s), of the state
+    weighed: Array  # (f, 2 k), the innovations over their covariance, px^-1
 
     @classmethod
     def of(
