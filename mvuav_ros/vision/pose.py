@@ -238,7 +238,10 @@ class PoseEstimator:
         if most > TUNING.max_misfit:
             most = min(most, _most_misfit(image))
         if followed is not None and followed.squares <= count * most**2:
-            if count > 2 * MIN_MARKERS or not _meets_another(followed, view.closed_forms()):
+            # Another solution of three lights may be so near that either is the right one.
+            others = [] if count > 2 * MIN_MARKERS else view.closed_forms()
+            angles = [_angle(followed.rotation, rotation) for rotation, _ in others]
+            if not any(TUNING.one < angle < TUNING.meeting for angle in angles):
                 return followed
             self._last = None
             self.reason = 'more than one pose fits the markers'
@@ -310,12 +313,6 @@ def _choose(
     limit = best.squares + TUNING.decisive * noise**2
     others = [s for s in fitting if s.squares < limit and not _are_alike(best, s)]
     return None if others else best
-
-
-def _meets_another(solution: Solution, others: Sequence[tuple[Array, Array]]) -> bool:
-    """Whether another solution of three lights is so near that either may be the right one."""
-    angles = [_angle(solution.rotation, rotation) for rotation, _ in others]
-    return any(TUNING.one < angle < TUNING.meeting for angle in angles)
 
 
 def _nearest(last: Array, fitting: Sequence[Solution]) -> Solution | None:

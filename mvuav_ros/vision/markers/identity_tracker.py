@@ -143,7 +143,8 @@ class IdentityTracker:
         found = {index: Light(*place, spots[index]) for index, place in named.items()}
         search = Search(faults, memory.markers, consensus, found)
         status = self._search(frame, search, memory.predicted if consensus.kept else ())
-        if not search.found and frame.time - memory.newest > GIVEN_UP:
+        newest = max(marker.last_seen for marker in memory.markers)
+        if not search.found and frame.time - newest > GIVEN_UP:
             self._start_again()
             return self._nothing('no marker in view')
         if self._trial is not None:

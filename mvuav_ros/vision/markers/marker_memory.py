@@ -200,11 +200,6 @@ class MarkerMemory:
         self.remember(time, dict(enumerate(spots)), {})
 
     @property
-    def newest(self) -> float:
-        """When a marker was last seen, s."""
-        return max(marker.last_seen for marker in self.markers)
-
-    @property
     def untrusted(self) -> set[int]:
         """Markers whose lights may be others."""
         return {index for index, marker in enumerate(self.markers) if marker.untrusted}

@@ -15,7 +15,6 @@ from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.initialization import (
     ABSENT,
     STRAY,
-    Guess,
     Prior,
     guess_body,
     log_odds_of,
@@ -122,23 +121,16 @@ def reacquire(
     likely = [way for way in ways if not any(unlikeness(m, lights[i]) for m, i in way.way)]
     if not likely:
         return None
-    best = likely[0]
-    if any(_are_alike(way, best) for way in likely):
-        return None
+    best, *others = likely
+    for way in others:
+        same_lights = {light for _, light in way.way} == {light for _, light in best.way}
+        if same_lights and not {*way.way} & {*best.way} and best.evidence - way.evidence < ALIKE:
+            return None
     odds = log_odds_of(best, ways)
     named = {marker: lights[i] for marker, i in best.way if odds[marker] > 0.0}
     if len(named) < fewest:
         return None
     return Again(best.view, named, {marker: odds[marker] for marker in named})
-
-
-def _are_alike(way: Guess, best: Guess) -> bool:
-    """Whether another way names the same lights, all of them otherwise, and is about as good."""
-    return (
-        way.evidence > best.evidence - ALIKE
-        and {light for _, light in way.way} == {light for _, light in best.way}
-        and not {*way.way} & {*best.way}
-    )
 
 
 STRANGE = 3  # Frames without a name after which a light is clutter
@@ -185,7 +177,10 @@ class Clutter:
             ages = [age for other, age in self._seen if _is_beside(light, other)]
             before = max(ages, default=0)
             if expected is not None:
-                near = any(_may_be_at(light, place) for place in expected.values())
+                near = any(
+                    math.hypot(light.x - x, light.y - y) < CLUTTER_STEP + 4.0 * deviation
+                    for x, y, deviation in expected.values()
+                )
                 ages.append(0 if near else before + STRANGE)
             if ages:
                 seen.append((light, max(ages)))
@@ -199,11 +194,6 @@ class Clutter:
 
 def _is_beside(a: Light, b: Light) -> bool:
     return abs(a.x - b.x) < CLUTTER_STEP and abs(a.y - b.y) < CLUTTER_STEP
-
-
-def _may_be_at(light: Light, place: Expectation) -> bool:
-    reach = CLUTTER_STEP + 4.0 * place.deviation
-    return math.hypot(light.x - place.x, light.y - place.y) < reach
 
 
 KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even clutter may be it
