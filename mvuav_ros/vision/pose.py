@@ -27,12 +27,10 @@ class PoseTuning:
     seeds 0 to 29 of flights of random rigs.
     """
 
-    # s, for which the last pose decides which of several solutions is the right one.
-    holds: float = 1.0
-    # px, root mean square per axis, above which the names or the calibration must be wrong, in any
-    # frame.
+    holds: float = 1.0  # s, for which the last pose decides which of several solutions is right
+    # px, root mean square per axis, above which the names or the calibration must be wrong; and the
+    # same over the image's span of the markers, for large images.
     max_misfit: float = 1.0
-    # The same over the image's span of the markers, for large images.
     max_relative_misfit: float = 0.004
     unusual: float = 4.0  # times the usual noise: a misfit from there on is looked into
     max_distance_error: float = 0.015  # of the distance (1 sigma), above which a pose is kept back
@@ -40,14 +38,12 @@ class PoseTuning:
     # Part of both from which on a pose of three lights is kept back: two solutions are about to
     # meet, and the errors are no longer those of the one.
     of_three: float = 0.4
-    # Solutions: of two ones' squared residuals, up to where both fit.
+    # Solutions: ratio of two ones' squared residuals up to which both fit, and their difference
+    # over the noise's variance from which on the less one is right.
     alike: float = 4.0
-    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
-    # Difference of two solutions' squared residuals, over the noise's variance, from which on the
-    # less one is right.
     decisive: float = 12.0
-    # rad, by which a solution must be nearer to the last pose than the next one.
-    nearer: float = math.radians(3.0)
+    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
+    nearer: float = math.radians(3.0)  # rad, by which the one nearest to the last pose must be so
     one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
     meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
     # Noise: px, assumed before there are residuals.
@@ -58,8 +54,7 @@ class PoseTuning:
     recent_memory: float = 0.6  # of those that show a sudden rise: back to normal in 15 frames
     rise: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
     max_rise: int = 60  # frames after which it is the usual noise that has changed
-    # px, of a centroid, the same from frame to frame: the residuals do not show all of it.
-    steady_error: float = 0.015
+    steady_error: float = 0.015  # px, of a centroid in all frames: residuals do not show all of it
 
 
 TUNING = PoseTuning()

@@ -86,7 +86,7 @@ class CentroidMeter:
         shown = {
             row: self.cut(window)
             for row, window in enumerate(windows)
-            if window[0] <= window[1] and window[2] <= window[3]
+            if window.x0 <= window.x1 and window.y0 <= window.y1
         }
         found: list[Measured | None] = [None] * len(windows)
         for row, area, mass, x, y, spread in self._sums(shown, windows):

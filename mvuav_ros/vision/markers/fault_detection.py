@@ -25,20 +25,16 @@ class FaultTuning:
     simulator's docking approaches.
     """
 
-    # Squared distance over variance from which on a marker contradicts the others.
-    gate: float = 16.0
+    gate: float = 16.0  # squared distance over variance from which on a marker contradicts others
     doubt: float = 6.0  # two explanations whose costs differ by less than this are both possible
     min_firm: int = 3  # markers, without which none can be doubted
-    # Of a squared distance over variance, per frame: what is more is evidence.
-    allowance: float = 6.0
+    allowance: float = 6.0  # per frame, of that distance: what is more is evidence
     enough: float = 20.0  # evidence from which on a marker contradicts the others
     max_evidence: float = 100.0  # to which the evidence against any marker can add up
     forgetting: float = 0.9  # per frame, of the evidence against a marker that is out of sight
-    # Of the evidence against the worst marker, by which another must have less so that it is not a
-    # suspect as well.
+    # Of the evidence against the worst marker, by which others must have less to be no suspects.
     doubtful_share: float = 0.1
-    # Evidence that a marker has against it that was out of sight shortly before.
-    returned: float = 50.0
+    returned: float = 50.0  # evidence against a marker that was out of sight shortly before
     min_agreeing: int = 4  # markers that determine each other's places
 
 

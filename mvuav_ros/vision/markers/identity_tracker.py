@@ -226,7 +226,8 @@ class IdentityTracker:
         """What is reported of a frame; hidden and missing markers are where expected, px."""
         if not self._is_redundant:
             hidden = {*hidden, *memory.untrusted}
-        spots = {index: spot for index, spot in spots.items() if index not in hidden}
+        if hidden:
+            spots = {index: spot for index, spot in spots.items() if index not in hidden}
         earliest = frame.time - frame.parameters.lost_timeout
         rows = zip(self._labels, memory.predictor.motions(), memory.markers, strict=True)
         markers, detected = [], MarkerState.DETECTED

@@ -36,13 +36,11 @@ class MotionTuning:
     # By how much a frame's evidence counts. Five rigid markers are worth about two independent
     # coordinates, for which 0.5 x 2 would be Bayes's rule were the errors' sizes known.
     confidence: float = 2.5
-    # Filter: process noise over measurement noise, the acceleration's change within a frame over
-    # the measurement's standard deviation. The level of both follows from the innovations.
+    # Filter: the acceleration's change within a frame over the measurement's standard deviation.
     maneuver: float = 1.0
     max_gap: int = 10  # frames without a measurement, after which the gain grows no more
-    # Part of the acceleration kept for each frame unseen: it cannot be trusted for long.
-    acceleration_fading: float = 0.7
-    velocity_fading: float = 0.95  # the same of the velocity, which can be trusted somewhat longer
+    acceleration_fading: float = 0.7  # per frame unseen, of what cannot be trusted for long
+    velocity_fading: float = 0.95  # the same of the velocity
     # Vibration: past innovations from which the next one is predicted, two for each harmonic.
     lags: int = 6
     vibration_memory: float = 0.99  # per frame, of what is learnt
@@ -50,10 +48,8 @@ class MotionTuning:
     solve_every: int = 4  # frames between two solutions for the coefficients, which saves time
     limit: float = 2.0  # standard deviations of an innovation that may stand in for a missing one
     innovation_fading: float = 0.7  # of an innovation that stands in for a missing one
-    # Frames in which the vibration is learnt from every frame, later from every other.
-    young: int = 100
-    # Deviations: px, assumed of a prediction before anything is known of the motion.
-    first_deviation: float = 3.0
+    young: int = 100  # frames in which vibration is learnt from every frame, later every other
+    first_deviation: float = 3.0  # px, of a prediction before anything is known of the motion
     min_deviation: float = 0.3  # px, of a prediction
     level_memory: float = 0.9  # per frame, of the squared errors of a light's predictions
 

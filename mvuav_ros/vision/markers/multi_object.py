@@ -125,19 +125,15 @@ class MultiObjectTuning:
     """
 
     gate: float = 4.0  # standard deviations from its prediction at which a light is another one
-    # Part of the distance to the nearest other light within which a light is itself.
-    alone: float = 0.45
+    alone: float = 0.45  # part of the distance to the nearest other light within which it is itself
     widest: float = 60.0  # px that a light may lie off its prediction, unless all jump together
     same_jump: float = 5.0  # px by which lights that jump together may differ
-    # Of the logarithm of a change in size; a light that changes its size is likelier to be another
-    # one.
-    size_weight: float = 3.0
+    size_weight: float = 3.0  # of the logarithm of a change in size, as of another light
     size_offset: float = 4.0  # px that soften that for the smallest lights
     size_memory: float = 0.8  # per sighting, of a light's usual size
     confirmed: int = 3  # sightings from which a light is more than a speck
-    # Specks out of sight that are kept; with all of the following, so that noise in every frame
-    # costs little more than in one.
-    max_tentative: int = 50
+    # So that noise in every frame costs little more than in one:
+    max_tentative: int = 50  # specks out of sight that are kept
     max_voters: int = 40  # lights that are asked whether all have jumped
     most: int = 400  # lights that are kept
 

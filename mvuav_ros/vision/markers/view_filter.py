@@ -37,39 +37,32 @@ class ViewTuning:
     9529. The parameters are those of `WeakPerspective.project`.
     """
 
-    # Random walk of the parameters, per square root of a second.
+    # Random walk of the parameters and of their rates, per square root of a second.
     walk_noise: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
-    # The same of their rates: how quickly a motion changes.
     rate_noise: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
     noise: float = 0.15  # px (1 sigma), of a light's place
-    # Of a marker's place on the rig, in units of its size (1 sigma), at first.
-    rig_error: float = 0.004
+    rig_error: float = 0.004  # of a marker's place, in units of the rig's size (1 sigma), at first
     min_rig_error: float = 0.0003  # the least that is learnt from how well the markers fit
     other_rig_error: float = 0.02  # the same for a body that is not what its rig says
-    # Per frame, of a rig error that turns out less, or more.
-    learning: float = 0.25
-    unlearning: float = 0.003
-    # Per frame, by which the variances of jitter and process noise follow the motion.
-    motion_learning: float = 0.1
-    # Per frame in which too few markers are seen, by which they grow again.
+    learning: float = 0.25  # per frame, of a rig error that turns out less
+    unlearning: float = 0.003  # and of one that turns out more
+    motion_learning: float = 0.1  # per frame, by which the process noise follows the motion
+    # Per frame in which too few markers are seen, by which it grows again; to so many of the rates'
+    # squares over their variances, and to these least and greatest values.
     motion_forgetting: float = 1.2
-    # To which they grow at least, and at most.
+    rates_share: float = 3.0
     min_unseen: float = 0.1
     max_unseen: float = 8.0
-    # To which they grow, in parts of the rates' squares over their variances.
-    rates_share: float = 3.0
     max_motion_memory: float = 0.998  # per frame, of the quickest motion that was seen
     max_step: float = 25.0  # square over its variance, of a step that is learnt from
-    # Of those variances, in parts of the usual ones.
-    min_motion: float = 0.02
+    min_motion: float = 0.02  # of the process noise, in parts of the usual one
     max_motion: float = 4.0
     doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
     min_doubted: float = 2.0  # px, of that at least
     ignored: float = 1e3  # px (1 sigma), of a marker that takes no part
     rates_last: float = 1.0  # s, after which a motion has changed
-    # Coordinates of all markers less the unknowns of the view, with which a light that slowly
-    # drifts away from its marker bends the view instead of standing out: four lights, and five
-    # without a calibration. With more it stands out in a frame, with less nothing can be checked.
+    # Coordinates of all markers less the unknowns of the view, with which a light that drifts from
+    # its marker bends the view. With more it stands out in a frame, with less nothing is checked.
     bending: tuple[int, int] = (1, 2)
     max_kept: int = 8  # frames in which a gain serves
     # While it does: the prior variances over those of the gain before, as a gain that still settles
