@@ -68,25 +68,21 @@ class WeakPerspective:
         a, b, c = flat[threes].T
         areas = np.abs(((b - a).conjugate() * (c - a)).imag)
         threes, areas = threes[areas >= _MIN_AREA], areas[areas >= _MIN_AREA]
-        outs = [*combinations(range(len(flat)), hidden)]
-        is_out = np.zeros((len(outs), len(flat)), np.bool_)
-        for row, out in enumerate(outs):
-            is_out[row, list(out)] = True
-        shows: NDArray[np.bool_] = np.logical_not(is_out[:, threes].any(axis=2)).T
+        outs = [{*out} for out in combinations(range(len(flat)), hidden)]
+        shows = np.array([[out.isdisjoint(three) for out in outs] for three in threes.tolist()])
         # How often each way of hiding so many is still to be shown.
         left = np.full(len(outs), 2 if hidden else 1)
         chosen: list[tuple[int, int, int]] = []
-        free = np.ones(len(threes), np.bool_)
-        while left.any() and free.any():
-            shown = np.where(free, np.count_nonzero(shows & (left > 0), axis=1), 0)
+        while len(threes) and left.any():
+            shown = np.count_nonzero(shows & (left > 0), axis=1)
             most = np.flatnonzero(shown == shown.max())
             best = int(most[areas[most].argmax()])
             if not shown[best]:
                 break
             first, second, third = threes[best].tolist()
             chosen.append((first, second, third))
-            free[best] = False
             left -= shows[best] & (left > 0)
+            shows[best] = False
         return chosen
 
     @cached_property
@@ -162,7 +158,7 @@ class WeakPerspective:
 
     @cached_property
     def middle(self) -> complex:
-        """The lens's principal point, x + iy, px: off it, near and far markers shift."""
+        """The lens's principal point, x + iy, px."""
         return complex(*self.lens.centre.tolist())
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from mvuav_ros.vision.markers.lights import Point
 from mvuav_ros.vision.markers.rig_view import (
     COUNT,
-    FOCAL,
     PITCH,
     SCALE,
     SETTLED,
@@ -123,11 +122,9 @@ class ViewFilter:
         covariance[:COUNT, :COUNT] = view.covariance
         mean = np.concatenate((view.parameters, np.zeros(COUNT)))
         self._is_calibrated = shape.lens.focal is not None
-        # Parameters that the lights alone give.
+        # Parameters that the lights alone give: a calibration gives the last two.
         self.unknowns = COUNT - 2 if self._is_calibrated else COUNT
-        self._walk = (
-            _WALK_NOISE * (np.arange(COUNT) < FOCAL) if self._is_calibrated else _WALK_NOISE
-        )
+        self._walk = np.where(np.arange(COUNT) < self.unknowns, _WALK_NOISE, 0.0)
         count = len(shape.points)
         least, most = TUNING.bending
         # Whether each marker has a filter that all but ignores it.
@@ -303,17 +300,16 @@ class ViewFilter:
 
     def _learn_motion(self, newest: list[Correction]) -> None:
         """The steps from the predicted views over their variances give the process noise."""
-        gain, frames = newest[0].gain, len(newest)
-        changes = ((one.change[0, :COUNT], one.before[0, COUNT:]) for one in newest)
-        squares = np.square([row for pair in changes for row in pair])
-        steps, rates = squares[::2], squares[1::2]
+        gain = newest[0].gain
+        steps = np.square([one.change[0, :COUNT] for one in newest])
+        rates = np.square([one.before[0, COUNT:] for one in newest])
         expected = (gain.covariance[0] - gain.after[0]).diagonal()[:COUNT]
         ratios = (steps / np.maximum(expected, 1e-12)).dot(_ALIKE)
         shown = np.minimum(ratios, TUNING.max_step)
         growth = (1.0 - TUNING.motion_learning) + TUNING.motion_learning * shown
         motion = self._motion * np.multiply.reduce(growth, axis=0)
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
-        faded = TUNING.max_motion_memory**frames * self._max_motion
+        faded = TUNING.max_motion_memory ** len(newest) * self._max_motion
         self._max_motion = np.maximum(faded, rates.max(axis=0) * _LIVELY)
 
     def _learn_rig_error(self, newest: list[Correction], seen: int) -> None:
