@@ -86,30 +86,23 @@ def common_shift(
     shifts = shifts[np.abs(shifts).max(axis=1) < longest]
     if len(shifts) < 3:
         return None
-    tree = cKDTree(seen)
-    best, shift = 0, None
-    for candidate in _most_common(shifts, longest, tolerance):
-        apart = tree.query(predicted + candidate, distance_upper_bound=tolerance)[0]
-        fitting = int(np.isfinite(apart).sum())
-        if fitting > best:
-            best, shift = fitting, candidate
-    return shift if best >= max(3, 0.6 * count, at_rest + 2) else None
-
-
-def _most_common(shifts: Array, longest: float, tolerance: float) -> list[Array]:
-    """The middles of the cells into which most shifts fall."""
     side = int(2 * longest / tolerance) + 2
     cells = np.floor((shifts + longest) / tolerance).astype(np.intp)
     votes = np.bincount(cells[:, 0] * side + cells[:, 1], minlength=side * side).reshape(side, side)
     # Two by two cells, as a jump may lie at the border of one.
     votes = votes[:-1, :-1] + votes[1:, :-1] + votes[:-1, 1:] + votes[1:, 1:]
     fullest = np.argsort(-votes.ravel(), kind='stable')[:_JUMPS_TRIED]
-    middles = []
+    tree, best, shift = cKDTree(seen), 0, None
     for corner in np.stack(np.unravel_index(fullest, votes.shape), axis=-1):
         inside = np.all((cells >= corner) & (cells <= corner + 1), axis=1)
-        if inside.any():
-            middles.append(np.median(shifts[inside], axis=0))
-    return middles
+        if not inside.any():
+            continue
+        candidate = np.median(shifts[inside], axis=0)
+        apart = tree.query(predicted + candidate, distance_upper_bound=tolerance)[0]
+        fitting = int(np.isfinite(apart).sum())
+        if fitting > best:
+            best, shift = fitting, candidate
+    return shift if best >= max(3, 0.6 * count, at_rest + 2) else None
 
 
 Mask = NDArray[np.bool_]
@@ -176,16 +169,24 @@ class MultiObjectTracker:
         self._update(time, given, found)
         given = self._forget(time - parameters.lost_timeout, given, TUNING.most - len(found))
         new = np.setdiff1d(np.arange(len(found)), given)
-        self._add(time, found[new])
+        if len(new):
+            self._motion.add(found[new, :2])
+            areas = enumerate(found[new, 2], self._newest_id + 1)
+            lights = [(number, area, 1, time) for number, area in areas]
+            self._newest_id += len(new)
+            self._lights = np.concatenate((self._lights, np.array(lights, _LIGHT)))
         return self._result(np.concatenate((given, new)), found, status)
 
     def _assign(self, predicted: Array, found: Array, search_radius: int) -> Integers:
         """Which detection each known light has; -1 for none."""
-        if len(predicted) == 0 or len(found) == 0:
+        if not (len(predicted) and len(found)):
             return np.full(len(predicted), -1)
         seen = found[:, :2]
         apart, number = choices(predicted, seen, TUNING.widest)
-        voters = self._voters()
+        # Those can show a jump of all that are well known and were seen in the last frame.
+        sightings, last_seen = self._lights['sightings'], self._lights['last_seen']
+        voters = np.flatnonzero((sightings >= TUNING.confirmed) & (last_seen == last_seen.max()))
+        voters = voters[np.argsort(-sightings[voters], kind='stable')[: TUNING.max_voters]]
         longest, same = 3 * TUNING.widest, TUNING.same_jump
         shift = common_shift(predicted[voters], seen, apart[voters, 0], longest, same)
         if shift is not None:
@@ -203,12 +204,6 @@ class MultiObjectTracker:
         cost += (TUNING.size_weight * (usual[:, None] - size[number])) ** 2
         cost[apart > reach] = IMPOSSIBLE
         return assign(cost, number)
-
-    def _voters(self) -> Integers:
-        """The lights that can show a jump of all: well known, and seen in the last frame."""
-        sightings, last_seen = self._lights['sightings'], self._lights['last_seen']
-        voters = np.flatnonzero((sightings >= TUNING.confirmed) & (last_seen == last_seen.max()))
-        return voters[np.argsort(-sightings[voters], kind='stable')[: TUNING.max_voters]]
 
     def _update(self, time: float, given: Integers, found: Array) -> None:
         """Measure the known lights."""
@@ -232,15 +227,6 @@ class MultiObjectTracker:
             self._motion.keep(kept)
             self._lights = self._lights[kept]
         return given[kept]
-
-    def _add(self, time: float, new: Array) -> None:
-        """Follow new lights, (k, 3): x, y (px), area (px)."""
-        if not len(new):
-            return
-        self._motion.add(new[:, :2])
-        first, self._newest_id = self._newest_id + 1, self._newest_id + len(new)
-        lights = [(first + i, area, 1, time) for i, area in enumerate(new[:, 2].tolist())]
-        self._lights = np.concatenate((self._lights, np.array(lights, _LIGHT)))
 
     def _result(self, given: Integers, found: Array, status: str) -> MarkerResult:
         motions = np.array(self._motion.motions()).reshape(-1, 4)

@@ -161,8 +161,9 @@ class Correction:
         if noise is None:
             noise = np.full((max(ways, len(mean)), width), own)
         markers: list[int] = named.markers[0].tolist()
-        every = markers == list(range(len(shape.points))) and ways == 1
-        columns = None if every else _columns_of(named.markers)
+        columns = None
+        if ways > 1 or markers != list(range(len(shape.points))):
+            columns = (2 * named.markers[..., None] + (0, 1)).reshape(ways, width)
         prior = np.ascontiguousarray(mean[:, :COUNT])
         parameters = (
             np.repeat(prior, len(noise) // len(prior), axis=0) if starts is None else starts
@@ -272,12 +273,6 @@ def _seen(columns: NDArray[np.intp] | None, expected: Array, slopes: Array) -> t
         places = np.take_along_axis(expected, columns, axis=1)
         return places, np.take_along_axis(slopes, columns[:, None], axis=2)
     return expected[:, columns[0]], slopes[:, :, columns[0]]
-
-
-def _columns_of(markers: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Where x and y of some markers (f, k) are among those of all, (f, 2 k)."""
-    pairs = 2 * markers[..., None] + (0, 1)
-    return np.asarray(pairs.reshape(len(markers), -1))
 
 
 def times(matrices: Array, vectors: Array) -> Array:
