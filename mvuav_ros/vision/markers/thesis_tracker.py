@@ -119,6 +119,8 @@ class Motion:
 
     Attributes:
         last_seen: the time of the newest position, s.
+        unseen: frames since then.
+        is_lost: whether it has been out of sight for too long.
         velocity: px/s between the two newest positions (eqs 3.14, 3.15); NaN before there are two.
         acceleration: px/s² from the three newest positions (eqs 3.16, 3.17), each velocity being
             that of the middle of its interval; NaN before there are three.
@@ -126,12 +128,12 @@ class Motion:
 
     def __init__(self) -> None:
         self._seen: list[tuple[float, float, float]] = []
-        self.last_seen = -math.inf
+        self.last_seen, self.unseen, self.is_lost = -math.inf, 0, False
         self.velocity = self.acceleration = UNKNOWN
 
     def add(self, time: float, x: float, y: float) -> None:
         """Append a position (px), later than the last one."""
-        seen, self.last_seen = self._seen, time
+        seen, self.last_seen, self.unseen = self._seen, time, 0
         seen.append((time, x, y))
         if len(seen) < 2:
             return
@@ -148,7 +150,7 @@ class Motion:
         )
         del seen[:-2]
 
-    def predict(self, time: float, method: str, steps_unseen: int = 0) -> Vector:
+    def predict(self, time: float, method: str) -> Vector:
         """Where the marker should be (px) at a time (s) after it was last seen.
 
         The method is ``none``, ``velocity`` (eq. 4.1), ``acceleration`` (eqs 3.18, 4.2), or
@@ -156,14 +158,14 @@ class Motion:
         velocity) over two time steps, a smoother instead of an extrapolator. A marker out of sight
         for some frames is carried on by its velocity: its acceleration cannot be trusted so long.
         """
-        last, x, y = self._seen[-1]
+        _, x, y = self._seen[-1]
         vx, vy = self.velocity
         if method == 'none' or self.velocity is UNKNOWN:
             return x, y
-        ahead = time - last
+        ahead = time - self.last_seen
         x, y = x + vx * ahead, y + vy * ahead
         ax, ay = self.acceleration
-        if method == 'velocity' or steps_unseen or self.acceleration is UNKNOWN:
+        if method == 'velocity' or self.unseen or self.acceleration is UNKNOWN:
             return x, y
         half = 0.5 * ahead * ahead
         if method == 'acceleration_program':
@@ -189,8 +191,6 @@ class ThesisTracker:
 
     def _start_again(self) -> None:
         self._motions = [Motion() for _ in TANKER_LABELS]
-        self._unseen = [0] * len(TANKER_LABELS)
-        self._lost = [False] * len(TANKER_LABELS)
         self._whole_frames = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -205,7 +205,7 @@ class ThesisTracker:
                 return found
             return self._follow(found, time)
         result = self._search_windows(image, time, parameters)
-        if not any(self._lost):
+        if not any(motion.is_lost for motion in self._motions):
             return result
         found = detect(image, parameters)
         if found.markers is LOST_TANKER:
@@ -233,29 +233,27 @@ class ThesisTracker:
         result = MarkerResult(markers, roll, status, windows, predictions)
         # The program does not distinguish names whose windows have met.
         shared = len(lights) - len(set(lights))
-        return result.remarked(
-            f"{shared} of the names are on another one's light" if shared else ''
-        )
+        remark = f"{shared} of the names are on another one's light"
+        return result.remarked(remark) if shared else result
 
     def _look_for(
         self, label: Label, image: Image, time: float, parameters: MarkerTrackerParameters
     ) -> tuple[Marker, Window, tuple[float, float]]:
         """One marker, its window, and where it was expected."""
-        if self._lost[label]:
-            return LOST_TANKER[label], NO_WINDOW, (math.nan, math.nan)
         motion = self._motions[label]
-        x, y = motion.predict(time, parameters.prediction, self._unseen[label])
+        if motion.is_lost:
+            return LOST_TANKER[label], NO_WINDOW, UNKNOWN
+        x, y = motion.predict(time, parameters.prediction)
         window = Window.around(x, y, parameters.search_radius, (image.width, image.height))
         cluster = measure_window(image, window, parameters)
         if cluster is not None:
             motion.add(time, cluster.x, cluster.y)
-            self._unseen[label] = 0
             marker = _detected(label, cluster)
         elif time - motion.last_seen > parameters.lost_timeout:
-            self._lost[label] = True
+            motion.is_lost = True
             return LOST_TANKER[label], window, (x, y)
         else:
-            self._unseen[label] += 1
+            motion.unseen += 1
             marker = Marker(label, MarkerState.PREDICTED, x, y)
         return _moving(marker, motion), window, (x, y)
 
