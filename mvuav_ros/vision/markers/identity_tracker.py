@@ -143,6 +143,9 @@ class IdentityTracker:
         found = {index: Light(*place, spots[index]) for index, place in named.items()}
         search = Search(faults, memory.markers, consensus, found)
         status = self._search(frame, search, memory.predicted if consensus.kept else ())
+        if search.faults is not faults:
+            self._body = search.faults, memory
+            memory.start_afresh()
         newest = max(marker.last_seen for marker in memory.markers)
         if not search.found and frame.time - newest > GIVEN_UP:
             self._start_again()
@@ -153,7 +156,7 @@ class IdentityTracker:
             if self._trial.is_refuted(places_of(agreeing), contradicted):
                 return self._give_up()
         memory.trust_again(doubted, search.alone)
-        return self._conclude(frame, search, windows, status)
+        return self._conclude(frame, memory, search, windows, status)
 
     def _give_up(self) -> MarkerResult:
         """Forget a body that was none."""
@@ -161,11 +164,14 @@ class IdentityTracker:
         return self._nothing('the lights are not those of one body')
 
     def _conclude(
-        self, frame: Frame, search: Search, windows: list[Window], status: str
+        self,
+        frame: Frame,
+        memory: MarkerMemory,
+        search: Search,
+        windows: list[Window],
+        status: str,
     ) -> MarkerResult:
         """Remember and report what a search has found."""
-        assert self._body is not None
-        memory = self._body[1]
         # Where other lights are about, some three of all nearly always look like three markers.
         if not self._clutter.is_about:
             memory.trust(search.reacquired)
@@ -193,7 +199,6 @@ class IdentityTracker:
 
     def _search(self, frame: Frame, search: Search, around: Sequence[Point]) -> str:
         """Name the lights of the whole frame (see `find_spots`); what is wrong with it."""
-        assert self._body is not None
         # The filter as it was when four firm names agreed last; since then it has gone on alone.
         if self._is_sure:
             self._sure, self._is_sure = copy.copy(search.views), False
@@ -204,10 +209,6 @@ class IdentityTracker:
         except GroupingError as error:
             return str(error)
         search.name(lights, self._clutter, self._sure)
-        faults, memory = self._body
-        if search.faults is not faults:
-            self._body = search.faults, memory
-            memory.start_afresh()
         return ''
 
     def _nothing(self, status: str) -> MarkerResult:
