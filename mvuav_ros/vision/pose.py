@@ -296,10 +296,7 @@ def _is_known(spread: Array, distance: float, share: float) -> bool:
 def _choose(
     solutions: Sequence[Solution], noise: float, count: int, last: Array | None
 ) -> Solution | None:
-    """The right one of all solutions of a frame; None if it is not clear.
-
-    The noise of so many coordinates is in px, the last rotation (3, 3) is a short while old.
-    """
+    """The right one of all solutions for so many coordinates; None if it is not clear."""
     best = min(solutions, key=lambda solution: solution.squares)
     limit = TUNING.alike * best.squares + count * noise**2
     fitting = [solution for solution in solutions if solution.squares <= limit]
@@ -332,10 +329,7 @@ def _angle(first: Array, second: Array) -> float:
 
 
 class _ResidualNoise:
-    """Deviation of a marker's place per axis, px, from the residuals of poses that fit.
-
-    A sudden rise counts while it lasts, and is soon forgotten.
-    """
+    """Deviation of a marker's place per axis, px, from the residuals of poses that fit."""
 
     def __init__(self) -> None:
         self._squares = self._freedom = self._recent = 0.0
@@ -360,6 +354,7 @@ class _ResidualNoise:
             return
         self._recent += (1 - TUNING.recent_memory) * (squares / freedom - self._recent)
         self._risen_for = self._risen_for + 1 if self._has_risen() else 0
+        # A sudden rise counts while it lasts, and is soon forgotten.
         if 0 < self._risen_for < TUNING.max_rise:
             squares = min(squares, self._variance * freedom)
         self._squares = TUNING.memory * self._squares + squares

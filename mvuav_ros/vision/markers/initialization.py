@@ -278,10 +278,7 @@ def _views_of_twos(
     expected: tuple[Complex, Complex],
     may_be: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
-    """Views (v, 8) in which two markers are two of the spots, with the expected tilt.
-
-    And how far that leaves the other markers in doubt (1 sigma, px), (v, n).
-    """
+    """Views (v, 8) of two markers on two spots, expected tilt; doubts (v, n) of all, 1 sigma px."""
     at, slopes = expected
     ahead = at - at[:, None]
     each_once = np.tri(len(at), dtype=np.bool_)[..., None, None]
@@ -310,10 +307,8 @@ def _views_of_twos(
 
 
 def _pairs(places: Complex, prior: Prior, expected: Complex, slopes: Complex) -> NDArray[np.bool_]:
-    """Which two of the spots may be which two of the markers, (n, n, spots, spots).
-
-    By the logarithm of the offset between them, of which size and roll are the parts.
-    """
+    """Which two of the spots may be which two of the markers, (n, n, spots, spots)."""
+    # By the logarithm of the offset between them, of which size and roll are the parts.
     offsets, found = _apart(expected), _apart(places)
     spread = (slopes[:, None] - slopes[:, :, None]) / offsets * prior.deviations[:, None, None]
     apart = np.log(found / offsets[:, :, None, None])
@@ -479,10 +474,8 @@ class Trial:
         self._first = self._misfit(found)
 
     def is_refuted(self, found: Mapping[int, Point], contradicted: bool = False) -> bool:
-        """Whether it is none, by the markers found, of which some contradicted the others before.
-
-        Once all were seen alike in enough frames it is one.
-        """
+        """Whether it is none, by the markers found, some of which contradicted others before."""
+        # Once all were seen alike in enough frames it is one.
         if self._left == 0:
             return False
         if len(found) < len(self._shape.points):

@@ -56,13 +56,10 @@ class Window(NamedTuple):
 
     @classmethod
     def around(cls, x: float, y: float, radius: int, size: tuple[int, int]) -> Window:
-        """2 radius + 1 px on a side around any position, in an image of a size (all px).
-
-        The centre is rounded to the nearest pixel, halves up; a hair below a half counts as one,
-        since stamps of whole nanoseconds make equal time steps unequal in the eighth digit.
-        """
+        """2 radius + 1 px on a side around any position, in an image of a size (all px)."""
         if not (-FAR_OFF < x < FAR_OFF and -FAR_OFF < y < FAR_OFF):
             return NO_WINDOW
+        # Stamps of whole ns make equal steps unequal: a hair below a half is rounded up as well.
         column, row = math.floor(x + 0.50001), math.floor(y + 0.50001)
         x0, x1, y0, y1 = column - radius, column + radius, row - radius, row + radius
         right, bottom = size[0] - 1, size[1] - 1
@@ -173,10 +170,7 @@ def is_cut(marker: Marker, size: tuple[int, int]) -> bool:
 def named_places(
     result: MarkerResult, size: tuple[int, int]
 ) -> tuple[list[int], NDArray[np.float64]]:
-    """The labels of the markers that were seen, and their places, (n, 2) px: what a pose needs.
-
-    Without those that the border of the image, of a size (px), cuts off.
-    """
+    """Labels and places (n, 2), px, of the markers that were seen whole in an image of a size."""
     seen = [marker for marker in result.named if not is_cut(marker, size)]
     places = np.array([(marker.x, marker.y) for marker in seen]).reshape(-1, 2)
     return [int(marker.label) for marker in seen], places

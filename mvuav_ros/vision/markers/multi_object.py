@@ -33,9 +33,9 @@ def nearest_other(places: Array) -> Array:
 
 
 def choices(predicted: Array, seen: Array, widest: float) -> tuple[Array, Integers]:
-    """The distances (n, k) of detections (m, 2) near known lights (n, 2), px, and their numbers.
+    """Distances (n, k) of detections (m, 2) near lights (n, 2), px, infinite beyond the widest.
 
-    They are at most `MAX_CHOICES`; a distance beyond the widest is infinite.
+    And the detections' numbers (n, k), at most `MAX_CHOICES`.
     """
     count = np.arange(1, min(MAX_CHOICES, len(seen)) + 1)
     apart, number = cKDTree(seen).query(predicted, k=count, distance_upper_bound=widest)

@@ -114,8 +114,7 @@ def reacquire(
 ) -> Again | None:
     """Find a body again of which too little is in sight where it was expected.
 
-    It is looked for within what is known of its view. There are so many strays per px², and the
-    fewest of its markers must be among the lights.
+    The fewest of its markers must be among the lights, beside so many strays per px².
     """
     ways = guess_body(shape, lights, prior, fewest, strays)
     likely = [way for way in ways if not any(unlikeness(m, lights[i]) for m, i in way.way)]

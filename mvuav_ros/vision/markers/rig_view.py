@@ -142,11 +142,9 @@ class WeakPerspective:
         return image.view(np.float64), slopes.view(np.float64)
 
     def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> tuple[Complex, Complex]:
-        """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n).
-
-        With k the barrel over half the diagonal squared, z becomes z (1 + k |z|²), and dz becomes
-        (1 + 2 k |z|²) dz + k z² dz*.
-        """
+        """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n)."""
+        # With k the barrel over half the diagonal squared, z becomes z (1 + k |z|²), and dz becomes
+        # (1 + 2 k |z|²) dz + k z² dz*.
         share = 1.0 / self.lens.half_diagonal**2
         cubic = image * (image.real**2 + image.imag**2) * share
         bent = (barrel * share) * image

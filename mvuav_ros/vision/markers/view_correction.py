@@ -201,10 +201,7 @@ class Correction:
 
     @cached_property
     def cost(self) -> Array:
-        """(f,), squared residuals and squared distance from the prior, both over their variances.
-
-        With the weighed innovations w and their covariance S it is w S w.
-        """
+        """(f,), squared residuals and squared distance from the prior, over their variances."""
         gain, weighed = self.gain, self.weighed
         moved = times(gain.slopes.transpose(0, 2, 1), times(gain.towards[:, :COUNT], weighed))
         return np.asarray((weighed * (gain.noise * weighed + moved)).sum(axis=1))
