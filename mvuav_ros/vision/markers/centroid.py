@@ -15,8 +15,7 @@ from mvuav_ros.vision.markers.marker_results import Window
 from mvuav_ros.vision.point_operations import Pixels, full_scale
 
 Array = NDArray[Any]
-Pull = tuple[float, float]
-"""Of the background on a light, px."""
+Pull = tuple[float, float]  # Of the background on a light, px
 
 FLOOR = 0.9
 """Weights count from this part of the threshold up: above any background that the threshold
@@ -25,10 +24,8 @@ BACKGROUND_SHARE = 0.35
 """Part of the background's pull that is taken out. An edge pixel shows about half of the
 background behind it (0.5) where that reaches up to the light, as the wing does on the reference
 frames; nothing where the lens's glare evens it out."""
-MAX_PULL = 0.12
-"""px; a stronger one is another light in the ring, not background."""
-_RING = (2.5, 4.5)
-"""The background is looked at this far outside of the light's edge, px."""
+MAX_PULL = 0.12  # px; a stronger one is another light in the ring, not background
+_RING = (2.5, 4.5)  # The background is looked at this far outside of the light's edge, px
 
 
 class Detection(NamedTuple):

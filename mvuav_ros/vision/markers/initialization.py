@@ -117,8 +117,7 @@ class Prior:
         return is_near if self.noise is None else is_near & (self.away(views) < most)
 
 
-Way = tuple[tuple[int, int], ...]
-"""Markers, and for each the index of its spot."""
+Way = tuple[tuple[int, int], ...]  # Markers, and for each the index of its spot
 Start = tuple[Way, Array]
 
 

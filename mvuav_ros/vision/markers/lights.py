@@ -20,8 +20,7 @@ from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
-Point = tuple[float, float]
-"""x and y, px."""
+Point = tuple[float, float]  # x and y, px
 
 
 class Lens:
@@ -90,8 +89,7 @@ def count_bright(mask: Mask) -> int:
 
 
 MAX_BLOBS = 400
-LONGEST = 3.0
-"""Sides of the box around a piece that may still be a light, one over the other."""
+LONGEST = 3.0  # Sides of the box around a piece that may still be a light, one over the other
 MIN_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
 
 

@@ -73,8 +73,7 @@ class Window(NamedTuple):
 
 
 NO_WINDOW = Window(0, -1, 0, -1)
-FAR_OFF = 1e6
-"""px, beyond which a prediction says nothing."""
+FAR_OFF = 1e6  # px, beyond which a prediction says nothing
 
 
 class Marker(NamedTuple):

@@ -180,8 +180,7 @@ _HISTORY = slice(_LAGGED.start, _LINEAR + 1)  # Those innovations and one more
 _TIME, _VARIANCE = _LINEAR + 1, _LINEAR + 2  # When it was last seen, s; of its predictions, px²
 _SEEN, _UNSEEN = _LINEAR + 3, _LINEAR + 4  # Measurements since its first; frames since the last one
 _IN_ROW = _LINEAR + 5  # Measurements without a gap, less the first three, as the filter is new
-_ROWS = _LINEAR + 6
-"""What is remembered of a light, in a column for its x and one for its y."""
+_ROWS = _LINEAR + 6  # What is remembered of a light, in a column for its x and one for its y
 
 
 class MotionPredictor:

@@ -20,8 +20,7 @@ Complex = NDArray[np.complex128]
 ROLL, SCALE, X, Y, PITCH, YAW, FOCAL, BARREL = range(8)
 """Places in a view's parameters."""
 COUNT = 8
-KNOWN_FOCAL = 0.01
-"""Part by which a calibrated focal length may be wrong (1 sigma)."""
+KNOWN_FOCAL = 0.01  # Part by which a calibrated focal length may be wrong (1 sigma)
 _TURNS: Complex = np.zeros((COUNT, 3), np.complex128)
 """Of a view: log of the scale plus i times the roll, less i times the yaw, i times the pitch."""
 _TURNS[[SCALE, ROLL], 0], _TURNS[YAW, 1], _TURNS[PITCH, 2] = (1.0, 1j), -1j, 1j

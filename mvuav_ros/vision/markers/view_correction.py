@@ -25,8 +25,7 @@ from mvuav_ros.vision.markers.rig_view import (
 
 Distance = tuple[float, float, float, float]
 """Factors of x², x y and y², and the logarithm of the density at no distance, px^-2."""
-BESIDE = 6.0
-"""px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
+BESIDE = 6.0  # px (1 sigma): how far from a marker's place a light lies that has been taken for it
 _LOG_TURN = math.log(2.0 * math.pi)
 _FREEDOM = 4.0  # Degrees, of the distribution of a place about where the others put it
 _TAIL = 0.5 * _FREEDOM + 1.0  # Exponent of its density in two dimensions
