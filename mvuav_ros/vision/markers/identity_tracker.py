@@ -164,12 +164,7 @@ class IdentityTracker:
         return self._nothing('the lights are not those of one body')
 
     def _conclude(
-        self,
-        frame: Frame,
-        memory: MarkerMemory,
-        search: Search,
-        windows: list[Window],
-        status: str,
+        self, frame: Frame, memory: MarkerMemory, search: Search, windows: list[Window], status: str
     ) -> MarkerResult:
         """Remember and report what a search has found."""
         # Where other lights are about, some three of all nearly always look like three markers.

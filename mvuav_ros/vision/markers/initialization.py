@@ -132,11 +132,7 @@ class Guess:
 
 
 def guess_body(
-    shape: WeakPerspective,
-    spots: Sequence[Light],
-    prior: Prior,
-    fewest: int,
-    strays: float = STRAY,
+    shape: WeakPerspective, spots: Sequence[Light], prior: Prior, fewest: int, strays: float = STRAY
 ) -> list[Guess]:
     """All probable ways of seeing a body in a number of spots, most probable first.
 

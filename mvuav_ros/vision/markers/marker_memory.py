@@ -277,10 +277,7 @@ class MarkerMemory:
         self.trust(range(len(self.markers)))
 
     def remember(
-        self,
-        time: float,
-        spots: Mapping[int, Detection],
-        expected: Mapping[int, Expectation],
+        self, time: float, spots: Mapping[int, Detection], expected: Mapping[int, Expectation]
     ) -> None:
         """Learn from a frame's markers, px, and where those should be that have no light."""
         positions: list[float] = []

@@ -12,13 +12,7 @@ import numpy as np
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
-from mvuav_ros.vision.markers.initialization import (
-    ABSENT,
-    STRAY,
-    Prior,
-    guess_body,
-    log_odds_of,
-)
+from mvuav_ros.vision.markers.initialization import ABSENT, STRAY, Prior, guess_body, log_odds_of
 from mvuav_ros.vision.markers.lights import Light, are_close, candidates, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective

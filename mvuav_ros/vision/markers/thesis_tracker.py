@@ -144,10 +144,7 @@ class Motion:
             return
         t0, x0, y0 = seen[-3]
         older, between = t1 - t0, 0.5 * (time - t0)
-        self.acceleration = (
-            (vx - (x1 - x0) / older) / between,
-            (vy - (y1 - y0) / older) / between,
-        )
+        self.acceleration = ((vx - (x1 - x0) / older) / between, (vy - (y1 - y0) / older) / between)
         del seen[:-2]
 
     def predict(self, time: float, method: str) -> Vector:

@@ -57,9 +57,7 @@ class MarkerTracker:
     """
 
     def __init__(
-        self,
-        parameters: MarkerTrackerParameters | None = None,
-        rig: MarkerRig | None = None,
+        self, parameters: MarkerTrackerParameters | None = None, rig: MarkerRig | None = None
     ) -> None:
         """Prepare for the first frame.
 

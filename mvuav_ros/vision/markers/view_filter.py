@@ -107,11 +107,7 @@ class ViewFilter:
     """
 
     def __init__(
-        self,
-        shape: WeakPerspective,
-        view: ViewState,
-        time: float,
-        before: ViewFilter | None = None,
+        self, shape: WeakPerspective, view: ViewState, time: float, before: ViewFilter | None = None
     ) -> None:
         """Begin at a time (s) with a view fitted to all markers.
 
