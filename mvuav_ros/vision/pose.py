@@ -175,13 +175,14 @@ class PoseEstimator:
         if not math.isfinite(sum(map(sum, image.tolist()))):
             self.reason = 'the positions of the markers are not finite'
             return None
+        if time - self._last_time > TUNING.holds:
+            self._last = None
         # Three lights fit a pose wherever they are, so that another light in the place of one of
         # them would not show: they only continue a pose of more.
-        fresh = self._last is not None and time - self._last_time <= TUNING.holds
-        if len(labels) == MIN_MARKERS and not (fresh and self._vouched.issuperset(labels)):
+        if len(labels) == MIN_MARKERS and not (self._last and self._vouched.issuperset(labels)):
             self.reason = f'{MIN_MARKERS} markers that no other one confirms'
             return None
-        chosen, solution = self._solve(camera, list(labels), image, time)
+        chosen, solution = self._solve(camera, list(labels), image)
         if solution is None:
             return None
         if len(chosen) > MIN_MARKERS:
@@ -195,12 +196,12 @@ class PoseEstimator:
         return pose
 
     def _solve(
-        self, camera: CameraModel, markers: list[int], image: Array, time: float
+        self, camera: CameraModel, markers: list[int], image: Array
     ) -> tuple[list[int], Solution | None]:
         """The pose's solution, and the markers that it is from."""
         self.reason = ''
         count = 2 * len(markers)
-        solution = self._fit(camera, markers, image, time)
+        solution = self._fit(camera, markers, image)
         usual = (TUNING.unusual * self._residuals.usual) ** 2
         is_odd = solution is None or solution.squares > count * usual
         if is_odd and len(markers) >= MIN_MARKERS + 2:
@@ -208,7 +209,7 @@ class PoseEstimator:
             reason, fitting = self.reason, []
             for index in range(len(markers)):
                 rest = markers[:index] + markers[index + 1 :]
-                fit = self._fit(camera, rest, np.delete(image, index, axis=0), time)
+                fit = self._fit(camera, rest, np.delete(image, index, axis=0))
                 if fit is not None and fit.squares <= (count - 2) * usual:
                     fitting.append((rest, fit))
             if len(fitting) == 1:
@@ -220,13 +221,11 @@ class PoseEstimator:
             self._residuals.learn(solution.squares, count - 6)
         return markers, solution
 
-    def _fit(
-        self, camera: CameraModel, markers: list[int], image: Array, time: float
-    ) -> Solution | None:
+    def _fit(self, camera: CameraModel, markers: list[int], image: Array) -> Solution | None:
         """From the last pose, if that is fresh and nothing looks odd; else the right one of all."""
         points = self._points if markers == self._all else self._points[markers]
         view, count = Reprojection(camera, points, image), 2 * len(image)
-        last = self._last if time - self._last_time <= TUNING.holds else None
+        last = self._last
         known = last if self._last_seen == (camera, markers) else None
         followed = view.refine(last.rotation, last.translation, known) if last else None
         most = TUNING.unusual * self.noise
