@@ -12,8 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-NAN = float('nan')
-
 
 class Label(IntEnum):
     """The tanker's five markers in the order of the results; UNLABELLED for any other light."""
@@ -87,14 +85,14 @@ class Marker(NamedTuple):
 
     label: int
     state: MarkerState
-    x: float = NAN
-    y: float = NAN
-    vx: float = NAN
-    vy: float = NAN
-    ax: float = NAN
-    ay: float = NAN
-    area: float = NAN
-    confidence: float = NAN
+    x: float = math.nan
+    y: float = math.nan
+    vx: float = math.nan
+    vy: float = math.nan
+    ax: float = math.nan
+    ay: float = math.nan
+    area: float = math.nan
+    confidence: float = math.nan
 
 
 LOST_TANKER = tuple(Marker(label, MarkerState.LOST) for label in TANKER_LABELS)
@@ -120,7 +118,7 @@ class MarkerResult:
     """
 
     markers: tuple[Marker, ...]
-    roll: float = NAN
+    roll: float = math.nan
     status: str = ''
     windows: tuple[Window, ...] = ()
     predictions: tuple[tuple[float, float], ...] = ()

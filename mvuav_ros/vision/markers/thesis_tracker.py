@@ -11,10 +11,9 @@ import cv2
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import CentroidMeter
-from mvuav_ros.vision.markers.lights import GroupingError, Light, area_fits, find_lights
+from mvuav_ros.vision.markers.lights import GroupingError, Light, Point, area_fits, find_lights
 from mvuav_ros.vision.markers.marker_results import (
     LOST_TANKER,
-    NAN,
     NO_WINDOW,
     TANKER_LABELS,
     Cluster,
@@ -107,8 +106,7 @@ def _detected(label: int, cluster: Cluster) -> Marker:
     return Marker(label, MarkerState.DETECTED, cluster.x, cluster.y, area=cluster.area)
 
 
-Vector = tuple[float, float]
-UNKNOWN: Vector = (NAN, NAN)
+UNKNOWN: Point = (math.nan, math.nan)
 
 
 class Motion:
@@ -147,7 +145,7 @@ class Motion:
         self.acceleration = ((vx - (x1 - x0) / older) / between, (vy - (y1 - y0) / older) / between)
         del seen[:-2]
 
-    def predict(self, time: float, method: str) -> Vector:
+    def predict(self, time: float, method: str) -> Point:
         """Where the marker should be (px) at a time (s) after it was last seen.
 
         The method is ``none``, ``velocity`` (eq. 4.1), ``acceleration`` (eqs 3.18, 4.2), or
@@ -235,7 +233,7 @@ class ThesisTracker:
 
     def _look_for(
         self, label: Label, image: Image, time: float, parameters: MarkerTrackerParameters
-    ) -> tuple[Marker, Window, tuple[float, float]]:
+    ) -> tuple[Marker, Window, Point]:
         """One marker, its window, and where it was expected."""
         motion = self._motions[label]
         if motion.is_lost:
