@@ -99,10 +99,6 @@ class Blobs:
     Unlike the thesis's groups around seeds a piece may be of any width, and two lights are two
     pieces for as long as a dark pixel lies between them.
 
-    Attributes:
-        stats: (n, 5), x, y, width, height and area of each (px), in the order of their first
-            pixels, row by row.
-
     Raises:
         GroupingError: the frame is too bright or too noisy to hold markers.
     """
@@ -116,6 +112,7 @@ class Blobs:
         self._numbers = 1 + np.flatnonzero(fits[1:])  # of the pieces within the limits
         if len(self._numbers) > MAX_BLOBS:
             raise GroupingError(f'{len(stats) - 1} clusters above the threshold')
+        # (n, 5), x, y, width, height and area (px), in the order of their first pixels, row by row.
         self.stats = stats[self._numbers].astype(np.intp)
 
     def may_be_lights(self) -> Integers:
@@ -146,13 +143,10 @@ class Blobs:
 
 
 def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """A mask's 8-connected pieces, as `cv2.connectedComponentsWithStats` numbers them.
+    """The number of each pixel's 8-connected piece, 0 where it is dark, and the pieces' stats.
 
-    Only the rows with a bright pixel are labelled, which are few where the lights are small.
-
-    Returns:
-        (height, width), each pixel's number, 0 where it is dark; and (1 + pieces, 5), their boxes
-        and areas by OpenCV's columns, of which the first row, that of the dark, is of no use.
+    They are those of `cv2.connectedComponentsWithStats`, (1 + pieces, 5), except for the first row,
+    that of the dark: only the rows with a bright pixel are labelled, of which there are few.
     """
     height = len(mask)
     bright = cv2.reduce(mask, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel() > 0

@@ -114,20 +114,18 @@ class Motion:
 
     Times are seconds on the images' own clock: the thesis's program took its processing time
     for the time step, so that one slow frame threw the estimate off by 8 to 10 px.
-
-    Attributes:
-        last_seen: the time of the newest position, s.
-        unseen: frames since then.
-        is_lost: whether it has been out of sight for too long.
-        velocity: px/s between the two newest positions (eqs 3.14, 3.15); NaN before there are two.
-        acceleration: px/s² from the three newest positions (eqs 3.16, 3.17), each velocity being
-            that of the middle of its interval; NaN before there are three.
     """
 
     def __init__(self) -> None:
-        self._seen: list[tuple[float, float, float]] = []
-        self.last_seen, self.unseen, self.is_lost = -math.inf, 0, False
-        self.velocity = self.acceleration = UNKNOWN
+        self._seen: list[tuple[float, float, float]] = []  # s, px and px, the newest three
+        self.last_seen = -math.inf  # s
+        self.unseen = 0  # frames since then
+        self.is_lost = False  # whether it has been out of sight for too long
+        # px/s between the two newest positions (eqs 3.14, 3.15); NaN before there are two.
+        self.velocity = UNKNOWN
+        # px/s² from the three newest ones (eqs 3.16, 3.17), each velocity being that of its
+        # interval's middle; NaN before there are three.
+        self.acceleration = UNKNOWN
 
     def add(self, time: float, x: float, y: float) -> None:
         """Append a position (px), later than the last one."""
