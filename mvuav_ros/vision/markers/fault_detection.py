@@ -105,7 +105,8 @@ class FaultDetector:
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree, by this frame and by those before it.
 
-        The fewest are dropped without which the others fit; all of them that may be are suspects.
+        The fewest are dropped without which the others fit; if several may be those, all of these
+        are suspects.
         """
         if not found:
             return Consensus(partial(self.views.look, {}), ())

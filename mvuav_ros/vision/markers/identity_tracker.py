@@ -50,7 +50,7 @@ class IdentityTracker:
 
     The markers in sight determine how the rig is seen (see `ViewFilter`), and a marker that the
     others contradict loses its name (see `FaultDetector`). Usually all are alone in their windows,
-    look as they use to, and agree. If any does not, the bright pieces of the whole frame are named
+    look as before, and agree. If any does not, the bright pieces of the whole frame are named
     by the body's geometry (see `Search`): a piece gets a name only where no other fits.
     """
 

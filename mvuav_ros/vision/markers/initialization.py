@@ -461,7 +461,7 @@ class Attempts:
 
 
 class Trial:
-    """A body that is followed and not what its rig says: measured badly, it goes on to be so."""
+    """A body that is followed and not what its rig says: one measured badly goes on to differ."""
 
     def __init__(self, shape: WeakPerspective, view: ViewState, found: Mapping[int, Point]) -> None:
         """Begin with all markers, px without distortion, in a view fitted to them."""

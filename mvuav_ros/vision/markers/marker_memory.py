@@ -53,7 +53,7 @@ class Jumps:
         self._frames = 1
 
     def update(self, away: Mapping[int, tuple[float, float]]) -> int | None:
-        """The marker whose light has jumped, by how far each is from where its motion takes it."""
+        """The marker whose light has jumped, by how far (px) each is from where its motion goes."""
         faded = {m: JUMPS.forgetting * evidence for m, evidence in self.evidence.items()}
         self.evidence = {m: evidence for m, evidence in faded.items() if evidence > 1.0}
         if len(away) < JUMPS.fewest:

@@ -174,7 +174,7 @@ class ThesisTracker:
 
     Where the thesis's program stops, this one goes on: a marker that is not in its window is
     ``predicted``, and ``lost`` once it has not been seen for ``lost_timeout``. While any is lost
-    every frame is searched whole as well, and all five found there are the start anew. Two markers
+    every frame is searched whole as well, and it starts again from five found there. Two markers
     whose windows meet may go on with one light, as in the program; the status says so.
     """
 
