@@ -20,10 +20,9 @@ from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import group_mask, label_five
-from mvuav_ros.vision.markers.lights import area_fits
+from mvuav_ros.vision.markers.lights import area_fits, group_mask
 from mvuav_ros.vision.markers.marker_results import TANKER_LABELS, Cluster, Window
-from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, Motion, measure_window
+from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, Motion, label_five, measure_window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 from mvuav_thesis import known

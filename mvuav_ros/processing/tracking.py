@@ -22,8 +22,7 @@ from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, ImageError, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
-from mvuav_ros.vision.markers.identity_tracker import Reporter
-from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult
+from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, all_lost
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.pose import Pose
 from mvuav_ros.vision.rig import MarkerRig, load_rig
@@ -146,7 +145,7 @@ def _tracked(
 def _without_image(frame: Frame | BadFrame, posed: PosedTracker, reason: str) -> TrackedFrame:
     rig = posed.tracker.rig
     has_names = posed.tracker.parameters.has_names
-    nothing = Reporter(rig).nothing(reason) if has_names else MarkerResult(())
+    nothing = all_lost(rig.names, reason) if has_names else MarkerResult(())
     return TrackedFrame(frame.stamp_ns, None, nothing, math.nan, None, reason, posed.camera, rig)
 
 

@@ -27,12 +27,10 @@ class PoseTuning:
     seeds 0 to 29 of flights of random rigs.
     """
 
-    # s, for which the last pose decides which of several solutions is the right one.
-    holds: float = 1.0
-    # px, root mean square per axis, above which the names or the calibration must be wrong, in any
-    # frame.
+    holds: float = 1.0  # s, for which the last pose decides which of several solutions is right
+    # px, root mean square per axis, above which the names or the calibration must be wrong; and the
+    # same over the image's span of the markers, for large images.
     max_misfit: float = 1.0
-    # The same over the image's span of the markers, for large images.
     max_relative_misfit: float = 0.004
     unusual: float = 4.0  # times the usual noise: a misfit from there on is looked into
     max_distance_error: float = 0.015  # of the distance (1 sigma), above which a pose is kept back
@@ -40,14 +38,12 @@ class PoseTuning:
     # Part of both from which on a pose of three lights is kept back: two solutions are about to
     # meet, and the errors are no longer those of the one.
     of_three: float = 0.4
-    # Solutions: of two ones' squared residuals, up to where both fit.
+    # Solutions: ratio of two ones' squared residuals up to which both fit, and their difference
+    # over the noise's variance from which on the less one is right.
     alike: float = 4.0
-    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
-    # Difference of two solutions' squared residuals, over the noise's variance, from which on the
-    # less one is right.
     decisive: float = 12.0
-    # rad, by which a solution must be nearer to the last pose than the next one.
-    nearer: float = math.radians(3.0)
+    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
+    nearer: float = math.radians(3.0)  # rad, by which the one nearest to the last pose must be so
     one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
     meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
     # Noise: px, assumed before there are residuals.
@@ -58,8 +54,7 @@ class PoseTuning:
     recent_memory: float = 0.6  # of those that show a sudden rise: back to normal in 15 frames
     rise: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
     max_rise: int = 60  # frames after which it is the usual noise that has changed
-    # px, of a centroid, the same from frame to frame: the residuals do not show all of it.
-    steady_error: float = 0.015
+    steady_error: float = 0.015  # px, of a centroid in all frames: residuals do not show all of it
 
 
 TUNING = PoseTuning()
@@ -110,10 +105,6 @@ class PoseEstimator:
     that is. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative. The noise
     comes from the residuals of this and earlier frames, as one frame of five markers leaves only
     four degrees of freedom, and from a small steady error.
-
-    GLSDC and LHM, which the thesis names, minimise the same image error by Gauss-Newton steps and
-    the error in object space by orthogonal iteration; at the solution they agree with this one
-    to within the noise.
 
     Examples:
         >>> import cv2, numpy as np
@@ -184,10 +175,14 @@ class PoseEstimator:
         if not math.isfinite(sum(map(sum, image.tolist()))):
             self.reason = 'the positions of the markers are not finite'
             return None
-        markers = list(labels)
-        if not self._vouched_for(markers, time):
+        if time - self._last_time > TUNING.holds:
+            self._last = None
+        # Three lights fit a pose wherever they are, so that another light in the place of one of
+        # them would not show: they only continue a pose of more.
+        if len(labels) == MIN_MARKERS and not (self._last and self._vouched.issuperset(labels)):
+            self.reason = f'{MIN_MARKERS} markers that no other one confirms'
             return None
-        chosen, solution = self._solve(camera, markers, image, time)
+        chosen, solution = self._solve(camera, list(labels), image)
         if solution is None:
             return None
         if len(chosen) > MIN_MARKERS:
@@ -200,79 +195,57 @@ class PoseEstimator:
             self._last = None
         return pose
 
-    def _vouched_for(self, markers: list[int], time: float) -> bool:
-        """Whether more lights than a pose needs have shown that these are the rig's.
-
-        Three lights fit a pose wherever they are, so that another light in the place of one of them
-        would not show: they only continue a pose.
-        """
-        if len(markers) > MIN_MARKERS:
-            return True
-        fresh = self._last is not None and time - self._last_time <= TUNING.holds
-        if fresh and self._vouched.issuperset(markers):
-            return True
-        self.reason = f'{MIN_MARKERS} markers that no other one confirms'
-        return False
-
     def _solve(
-        self, camera: CameraModel, markers: list[int], image: Array, time: float
+        self, camera: CameraModel, markers: list[int], image: Array
     ) -> tuple[list[int], Solution | None]:
         """The pose's solution, and the markers that it is from."""
         self.reason = ''
         count = 2 * len(markers)
-        solution = self._fit(camera, markers, image, time)
+        solution = self._fit(camera, markers, image)
         usual = (TUNING.unusual * self._residuals.usual) ** 2
-        if solution is None or solution.squares > count * usual:
-            reason = self.reason
-            rest = self._without_one(camera, markers, image, time, usual)
-            if rest is not None:
+        is_odd = solution is None or solution.squares > count * usual
+        if is_odd and len(markers) >= MIN_MARKERS + 2:
+            # Without the one marker that the others contradict, if it is clear which one that is.
+            reason, fitting = self.reason, []
+            for index in range(len(markers)):
+                rest = markers[:index] + markers[index + 1 :]
+                fit = self._fit(camera, rest, np.delete(image, index, axis=0))
+                if fit is not None and fit.squares <= (count - 2) * usual:
+                    fitting.append((rest, fit))
+            if len(fitting) == 1:
                 self.reason = ''
-                return rest
+                return fitting[0]
             # Not what the fits of fewer markers have said.
             self.reason = reason
         if solution is not None:
             self._residuals.learn(solution.squares, count - 6)
         return markers, solution
 
-    def _without_one(
-        self, camera: CameraModel, markers: list[int], image: Array, time: float, usual: float
-    ) -> tuple[list[int], Solution] | None:
-        """The solution without the one marker that the others contradict; None if unclear."""
-        if len(markers) < MIN_MARKERS + 2:
-            return None
-        fitting = []
-        for index in range(len(markers)):
-            rest = markers[:index] + markers[index + 1 :]
-            solution = self._fit(camera, rest, np.delete(image, index, axis=0), time)
-            if solution is not None and solution.squares <= 2 * len(rest) * usual:
-                fitting.append((rest, solution))
-        return fitting[0] if len(fitting) == 1 else None
-
-    def _fit(
-        self, camera: CameraModel, markers: list[int], image: Array, time: float
-    ) -> Solution | None:
+    def _fit(self, camera: CameraModel, markers: list[int], image: Array) -> Solution | None:
         """From the last pose, if that is fresh and nothing looks odd; else the right one of all."""
         points = self._points if markers == self._all else self._points[markers]
-        view = Reprojection(camera, points, image)
-        last = self._last if time - self._last_time <= TUNING.holds else None
+        view, count = Reprojection(camera, points, image), 2 * len(image)
+        last = self._last
         known = last if self._last_seen == (camera, markers) else None
         followed = view.refine(last.rotation, last.translation, known) if last else None
-        count = 2 * len(view.image)
         most = TUNING.unusual * self.noise
         if most > TUNING.max_misfit:
-            most = min(most, _most_misfit(view))
+            most = min(most, _most_misfit(image))
         if followed is not None and followed.squares <= count * most**2:
-            if count > 2 * MIN_MARKERS or not _meets_another(followed, view.closed_forms()):
+            # Another solution of three lights may be so near that either is the right one.
+            others = [] if count > 2 * MIN_MARKERS else view.closed_forms()
+            angles = [_angle(followed.rotation, rotation) for rotation, _ in others]
+            if not any(TUNING.one < angle < TUNING.meeting for angle in angles):
                 return followed
             self._last = None
             self.reason = 'more than one pose fits the markers'
             return None
         solutions = view.solve() + ([followed] if followed else [])
         least = min((solution.squares for solution in solutions), default=math.inf)
-        if least > count * _most_misfit(view) ** 2:
+        if least > count * _most_misfit(image) ** 2:
             self.reason = 'no pose fits the markers'
             return None
-        chosen = _choose(solutions, self.noise, len(view.image), last and last.rotation)
+        chosen = _choose(solutions, self.noise, count, last and last.rotation)
         if chosen is None:
             self.reason = 'more than one pose fits the markers'
             if last is None:
@@ -302,9 +275,9 @@ class PoseEstimator:
         return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, misfit)
 
 
-def _most_misfit(view: Reprojection) -> float:
+def _most_misfit(image: Array) -> float:
     """px, root mean square per axis."""
-    span = float((view.image.max(axis=0) - view.image.min(axis=0)).max())
+    span = float((image.max(axis=0) - image.min(axis=0)).max())
     return max(TUNING.max_misfit, TUNING.max_relative_misfit * span)
 
 
@@ -322,25 +295,15 @@ def _is_known(spread: Array, distance: float, share: float) -> bool:
 def _choose(
     solutions: Sequence[Solution], noise: float, count: int, last: Array | None
 ) -> Solution | None:
-    """The right one of all solutions of a frame, of which one fits at least; None if not clear.
-
-    The noise of a marker's place is in px per axis; the last rotation (3, 3) is a short while old.
-    """
-    least = min(solution.squares for solution in solutions)
-    limit = TUNING.alike * least + 2 * count * noise**2
+    """The right one of all solutions for so many coordinates; None if it is not clear."""
+    best = min(solutions, key=lambda solution: solution.squares)
+    limit = TUNING.alike * best.squares + count * noise**2
     fitting = [solution for solution in solutions if solution.squares <= limit]
     if last is not None:
         return _nearest(last, fitting)
-    limit = least + TUNING.decisive * noise**2
-    best = min(fitting, key=lambda solution: solution.squares)
+    limit = best.squares + TUNING.decisive * noise**2
     others = [s for s in fitting if s.squares < limit and not _are_alike(best, s)]
     return None if others else best
-
-
-def _meets_another(solution: Solution, others: Sequence[tuple[Array, Array]]) -> bool:
-    """Whether another solution of three lights is so near that either may be the right one."""
-    angles = [_angle(solution.rotation, rotation) for rotation, _ in others]
-    return any(TUNING.one < angle < TUNING.meeting for angle in angles)
 
 
 def _nearest(last: Array, fitting: Sequence[Solution]) -> Solution | None:
@@ -365,10 +328,7 @@ def _angle(first: Array, second: Array) -> float:
 
 
 class _ResidualNoise:
-    """Deviation of a marker's place per axis, px, from the residuals of poses that fit.
-
-    A sudden rise counts while it lasts, and is soon forgotten.
-    """
+    """Deviation of a marker's place per axis, px, from the residuals of poses that fit."""
 
     def __init__(self) -> None:
         self._squares = self._freedom = self._recent = 0.0
@@ -379,19 +339,21 @@ class _ResidualNoise:
     def _note(self) -> None:
         squares = self._squares + self._doubt * TUNING.first_noise**2
         self._variance = squares / (self._freedom + self._doubt)
-        has_risen = self._recent > TUNING.rise**2 * self._variance
-        newest = self._recent if has_risen else self._variance
+        newest = self._recent if self._has_risen() else self._variance
         # Where there is no sudden rise, and in the newest frame.
         self.usual = math.hypot(math.sqrt(self._variance), TUNING.steady_error)
         self.noise = math.hypot(math.sqrt(newest), TUNING.steady_error)
+
+    def _has_risen(self) -> bool:
+        return self._recent > TUNING.rise**2 * self._variance
 
     def learn(self, squares: float, freedom: int) -> None:
         """Take a frame's squared residuals, px², and their degrees of freedom."""
         if freedom <= 0:
             return
         self._recent += (1 - TUNING.recent_memory) * (squares / freedom - self._recent)
-        rise = self._recent > TUNING.rise**2 * self._variance
-        self._risen_for = self._risen_for + 1 if rise else 0
+        self._risen_for = self._risen_for + 1 if self._has_risen() else 0
+        # A sudden rise counts while it lasts, and is soon forgotten.
         if 0 < self._risen_for < TUNING.max_rise:
             squares = min(squares, self._variance * freedom)
         self._squares = TUNING.memory * self._squares + squares

@@ -13,7 +13,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.identity_tracker import IdentityTracker
 from mvuav_ros.vision.markers.lights import Lens
-from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import MarkerResult
 from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.self_calibration import Estimate, SelfCalibration
 
@@ -41,15 +41,13 @@ class CalibratedTracker:
     """Follows a rig before a calibrated camera, even if the calibration is wrong.
 
     Lights with names determine the focal length (see `SelfCalibration`). Where that contradicts
-    the calibration, the names go on with what the lights show, and every result says so: a pose by
-    that calibration would be wrong. Where the calibration is so wrong that no names are found, they
-    are looked for without it.
+    the calibration, the names go on with what the lights show, and every result says so. Where the
+    calibration is so wrong that no names are found, they are looked for without it.
     """
 
     def __init__(self, rig: MarkerRig) -> None:
         self._rig = rig
-        middle = rig.positions.mean(axis=0)
-        self._extent = float(np.linalg.norm(rig.positions - middle, axis=1).max())
+        self._extent = float(np.linalg.norm(rig.positions - rig.middle, axis=1).max())
         self._camera: CameraModel | None = None
         self._begin((0, 0))
 
@@ -84,7 +82,7 @@ class CalibratedTracker:
         result = self._tracker.track(*frame)
         if self._check is None:
             return result
-        if any(_is_seen(marker) for marker in result.markers):
+        if result.named:
             self._has_named, self._trial = True, None
             if time >= self._next:
                 result = self._learn(self._check, result, frame)
@@ -95,7 +93,7 @@ class CalibratedTracker:
     def _learn(self, check: SelfCalibration, result: MarkerResult, frame: Frame) -> MarkerResult:
         """Hold a frame's named lights against the calibration."""
         time, count = frame[1], len(result.markers)
-        seen = [index for index, marker in enumerate(result.markers) if _is_seen(marker)]
+        seen = [int(marker.label) for marker in result.named]
         taken = check.add(seen, _places(result)[seen])
         estimate = check.estimate()
         if not taken or estimate is None or not estimate.fits:
@@ -113,11 +111,7 @@ class CalibratedTracker:
         return again or result
 
     def _differs(self, check: SelfCalibration, estimate: Estimate) -> bool:
-        """Whether camera and rig are others than those in use.
-
-        That they are not what they are said to be, most frames must show: in a few a light may be
-        another one.
-        """
+        """Whether camera and rig are others than those in use."""
         shift, offsets = self._learnt
         apart = float(np.sqrt(np.square(estimate.offsets - offsets).sum(axis=-1).mean()))
         alike = abs(shift - estimate.shift) <= max(ANOTHER, 0.5 * estimate.deviation)
@@ -125,6 +119,8 @@ class CalibratedTracker:
             return False
         if shift or offsets.any():
             return True
+        # Most frames must show that they are not what they are said to be: in a few a light may be
+        # another one.
         usual = float(np.median(check.misfits(shift, offsets)))
         better = float(np.median(check.misfits(estimate.shift, estimate.offsets)))
         return usual > max(NEEDED, 2.0 * better)
@@ -141,7 +137,7 @@ class CalibratedTracker:
             return result
         self._trial = self._trial or IdentityTracker(self._rig)
         named = self._trial.track(*frame)
-        if not all(_is_seen(marker) for marker in named.markers):
+        if len(named.named) < count:
             return result
         check.add(range(count), _places(named))
         estimate = check.estimate()
@@ -158,14 +154,11 @@ class CalibratedTracker:
     def _with_learnt(
         self, estimate: Estimate, frame: Frame, places: Array | None = None
     ) -> MarkerResult | None:
-        """Go on with what the lights show, if all are named by it, in the same places (n, 2), px.
-
-        The tracker begins with this frame, in which it finds the result.
-        """
+        """Go on with what the lights show, if all get names by it, in the same places (n, 2) px."""
         assert self._camera is not None
         tracker = IdentityTracker(estimate.of_rig(self._rig), estimate.of_camera(self._camera))
         again = tracker.track(*frame)
-        if not all(_is_seen(marker) for marker in again.markers):
+        if len(again.named) < len(again.markers):
             return None
         if places is not None and (np.hypot(*(_places(again) - places).T) >= SAME_LIGHT).any():
             return None
@@ -183,10 +176,6 @@ class CalibratedTracker:
                 f'camera_info says a focal length of {ours:.0f} px, the lights show {shown:.0f} px '
                 '(if the rig is measured right)'
             )
-
-
-def _is_seen(marker: Marker) -> bool:
-    return marker.state is MarkerState.DETECTED
 
 
 def _places(result: MarkerResult) -> Array:

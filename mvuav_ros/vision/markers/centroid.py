@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.image import Image, as_image
+from mvuav_ros.vision.markers.marker_results import Window
 from mvuav_ros.vision.point_operations import Pixels, full_scale
 
-Cut = Callable[[int, int, int, int], Pixels]
-"""Takes x0, x1, y0, y1 (inclusive px, within the frame) and gives the intensity there."""
-Bounds = tuple[int, int, int, int]
-"""x0, x1, y0, y1 of a window, inclusive px, within the frame; empty where an end is before its
-start."""
-NOWHERE: Bounds = 0, -1, 0, -1
-Pull = tuple[float, float]
-"""Of the background on a light, px."""
+Array = NDArray[Any]
+Pull = tuple[float, float]  # Of the background on a light, px
 
 FLOOR = 0.9
 """Weights count from this part of the threshold up: above any background that the threshold
@@ -29,26 +24,17 @@ BACKGROUND_SHARE = 0.35
 """Part of the background's pull that is taken out. An edge pixel shows about half of the
 background behind it (0.5) where that reaches up to the light, as the wing does on the reference
 frames; nothing where the lens's glare evens it out."""
-MAX_PULL = 0.12
-"""px; a stronger one is another light in the ring, not background."""
-_RING = (2.5, 4.5)
-"""The background is looked at this far outside of the light's edge, px."""
+MAX_PULL = 0.12  # px; a stronger one is another light in the ring, not background
+_RING = (2.5, 4.5)  # The background is looked at this far outside of the light's edge, px
 
 
 class Detection(NamedTuple):
-    """A measured light.
-
-    Attributes:
-        x: px.
-        y: px.
-        area: pixels above the threshold.
-        spread: second moment over that of a disc of this area: 1 for a disc, more for anything
-            long, torn or accompanied.
-    """
+    """A measured light, px."""
 
     x: float
     y: float
-    area: int
+    area: int  # pixels above the threshold
+    # Second moment over that of a disc of this area: 1 for a disc, more for anything long or torn.
     spread: float
 
     @property
@@ -58,89 +44,77 @@ class Detection(NamedTuple):
 
 
 Measured = tuple[Detection, Pull]
-"""A light, and the pull of its background."""
 Sums = tuple[int, int, float, float, float, float]
 
 
-def cutter(image: Image) -> Cut:
-    """How to look at parts of an image at the cost of those parts alone."""
-    if image.is_gray:
-        return cutter_of(image.gray())
-    return lambda x0, x1, y0, y1: image.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
-
-
-def cutter_of(gray: Pixels) -> Cut:
-    """How to look at parts of a grey image."""
-    return lambda x0, x1, y0, y1: gray[y0 : y1 + 1, x0 : x1 + 1]
-
-
-def clipped(bounds: Iterable[NDArray[Any]], gray: Pixels) -> list[Bounds]:
-    """Windows of x0, x1, y0, y1 (n whole px each), as much of them as lies within a frame."""
-    (x0, x1, y0, y1), (height, width) = bounds, gray.shape
-    x0, x1 = np.maximum(x0, 0), np.minimum(x1, width - 1)
-    y0, y1 = np.maximum(y0, 0), np.minimum(y1, height - 1)
-    windows: list[list[int]] = np.stack((x0, x1, y0, y1), axis=-1).astype(np.intp).tolist()
-    return [(left, right, top, bottom) for left, right, top, bottom in windows]
-
-
 class CentroidMeter:
-    """Measures the lights in windows.
+    """Measures the lights of an image in windows, each at the cost of that window alone.
 
-    Binary: the mean of the pixels above the threshold (thesis). Weighted: the mean of all pixels
-    above `FLOOR`, weighted by what they exceed it by, less the pull of an uneven background: what
-    shines through the light's soft edge on one side moves the mean to that side, and a ring
-    around the light shows how much.
-
-    Attributes:
-        level: threshold, fraction of full scale.
-        weighted: or binary.
+    Binary: the mean of the pixels above the level, a fraction of full scale (thesis). Weighted: the
+    mean of all pixels above `FLOOR` of it, weighted by what they exceed that by, less the pull of
+    an uneven background behind the light's soft edge, which a ring around the light shows.
     """
 
-    def __init__(self, level: float, weighted: bool) -> None:
-        self.level = level
-        self.weighted = weighted
+    def __init__(self, image: Image | Pixels, level: float, weighted: bool) -> None:
+        self._image = as_image(image)
+        self._gray = self._image.gray() if self._image.is_gray else None
+        self.size = self._image.width, self._image.height
+        self._level, self._weighted = level, weighted
 
-    def measure(self, cut: Cut, window: Bounds, size: tuple[int, int]) -> Detection | None:
-        """The light in a window; None where no pixel is above the threshold.
+    def cut(self, window: Window) -> Pixels:
+        """The intensity in a window that is not empty."""
+        x0, x1, y0, y1 = window
+        if self._gray is not None:
+            return self._gray[y0 : y1 + 1, x0 : x1 + 1]
+        return self._image.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
 
-        Args:
-            cut: gives the frame's intensity.
-            window: where to look.
-            size: the frame's width and height, px.
-        """
-        found = self.measure_all(cut, [window], size, [None])[0]
+    def measure(self, window: Window) -> Detection | None:
+        """The light in a window; None where no pixel is above the threshold."""
+        found = self.measure_all([window], [None])[0]
         return found[0] if found else None
 
     def measure_all(
-        self,
-        cut: Cut,
-        windows: Sequence[Bounds],
-        size: tuple[int, int],
-        pulls: Sequence[Pull | None],
+        self, windows: Sequence[Window], pulls: Sequence[Pull | None]
     ) -> list[Measured | None]:
         """The light in each window, and the pull of its background.
 
         Each pull is as it was found some frames ago, or None where it is to be looked for.
         """
         shown = {
-            row: cut(x0, x1, y0, y1)
-            for row, (x0, x1, y0, y1) in enumerate(windows)
-            if x0 <= x1 and y0 <= y1
+            row: self.cut(window)
+            for row, window in enumerate(windows)
+            if window.x0 <= window.x1 and window.y0 <= window.y1
         }
         found: list[Measured | None] = [None] * len(windows)
         for row, area, mass, x, y, spread in self._sums(shown, windows):
-            pull = pulls[row] if self.weighted else (0.0, 0.0)
+            pull = pulls[row] if self._weighted else (0.0, 0.0)
             if pull is None:
-                pull = _find_pull(cut, x, y, area, mass, size)
+                pull = self._find_pull(x, y, area, mass)
             found[row] = Detection(x - pull[0], y - pull[1], area, spread), pull
         return found
 
-    def measure_own(self, patches: Sequence[Pixels], windows: Sequence[Bounds]) -> list[Detection]:
+    def measure_alone(
+        self, windows: Sequence[Window], areas: Iterable[float]
+    ) -> list[Detection | None]:
+        """The lights of so many pixels (n) in windows; None where a window shows more as well."""
+        found = self.measure_all(windows, [None] * len(windows))
+        pairs = zip(found, areas, strict=True)
+        return [seen[0] if seen and seen[0].area == area else None for seen, area in pairs]
+
+    def measure_own(self, patches: Sequence[Pixels], windows: Sequence[Window]) -> list[Detection]:
         """The lights that windows show without what is not theirs, nor their background."""
         sums = sorted(self._sums(dict(enumerate(patches)), windows))
         return [Detection(x, y, area, spread) for _, area, _, x, y, spread in sums]
 
-    def _sums(self, shown: Mapping[int, Pixels], windows: Sequence[Bounds]) -> list[Sums]:
+    def windows(self, x0: Array, x1: Array, y0: Array, y1: Array) -> list[Window]:
+        """Windows with these bounds (n whole px each), as much of them as lies in the image."""
+        right, bottom = self.size[0] - 1, self.size[1] - 1
+        x0, x1 = np.maximum(x0, 0), np.minimum(x1, right)
+        y0, y1 = np.maximum(y0, 0), np.minimum(y1, bottom)
+        rows = np.stack((x0, x1, y0, y1), axis=-1).astype(np.intp)
+        return [Window(*row) for row in rows.tolist()]
+
+    def _sums(self, shown: Mapping[int, Pixels], windows: Sequence[Window]) -> list[Sums]:
         """Of the windows with a light: row, area, mass, x and y of its mean, and spread."""
         found: list[Sums] = []
         for rows, gray in _stacked(shown):
@@ -156,22 +130,28 @@ class CentroidMeter:
         return found
 
     def _moments(self, gray: Pixels) -> tuple[list[float], list[list[float]]]:
-        """Of windows (n, height, width) the bright pixels, and the weights' sums (see `_powers`).
-
-        Of these there are four for each window.
-        """
+        """Of windows (n, height, width) the bright pixels, and the four sums (see `_powers`)."""
         count, height, width = gray.shape
-        counts = _counts(self.level, self.weighted, full_scale(gray)).take(gray, axis=1)
+        counts = _counts(self._level, self._weighted, full_scale(gray)).take(gray, axis=1)
         # One product instead of cv2.moments, which takes twice as long for a window.
         sums = counts.reshape(2 * count, -1).dot(_powers((height, width)))
         return sums[:count, 0].tolist(), sums[count:].tolist()
 
+    def _find_pull(self, x: float, y: float, area: int, mass: float) -> Pull:
+        """How far the background pulls a light, px; nothing where its ring leaves the image."""
+        moment, half, factor = _background_ring(round(math.sqrt(area / math.pi)))
+        column, row = math.floor(x + 0.5), math.floor(y + 0.5)
+        ring = Window(column - half, column + half, row - half, row + half)
+        if ring.x0 < 0 or ring.y0 < 0 or ring.x1 >= self.size[0] or ring.y1 >= self.size[1]:
+            return 0.0, 0.0
+        dx, dy = self.cut(ring).astype(np.float32).ravel().dot(moment).tolist()
+        factor *= area / mass
+        dx, dy = factor * dx, factor * dy
+        return (dx, dy) if dx * dx + dy * dy < MAX_PULL * MAX_PULL else (0.0, 0.0)
+
 
 def _stacked(shown: Mapping[int, Pixels]) -> Iterator[tuple[list[int], Pixels]]:
-    """Windows of about one size as one array (n, height, width), with their rows.
-
-    What they are too small for is dark.
-    """
+    """Windows of about one size as one array (n, height, width), dark around, with their rows."""
     if len({patch.shape for patch in shown.values()}) == 1:
         yield list(shown), np.array(list(shown.values()))
         return
@@ -185,19 +165,6 @@ def _stacked(shown: Mapping[int, Pixels]) -> Iterator[tuple[list[int], Pixels]]:
         for space, patch in zip(stacked, patches, strict=True):
             space[: patch.shape[0], : patch.shape[1]] = patch
         yield rows, stacked
-
-
-def _find_pull(cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]) -> Pull:
-    """How far the background pulls a light, px; nothing where its ring leaves the frame."""
-    moment, half, factor = background_ring(round(math.sqrt(area / math.pi)))
-    column, row = math.floor(x + 0.5), math.floor(y + 0.5)
-    x0, x1, y0, y1 = column - half, column + half, row - half, row + half
-    if x0 < 0 or y0 < 0 or x1 >= size[0] or y1 >= size[1]:
-        return 0.0, 0.0
-    dx, dy = cut(x0, x1, y0, y1).astype(np.float32).ravel().dot(moment).tolist()
-    factor *= area / mass
-    dx, dy = factor * dx, factor * dy
-    return (dx, dy) if dx * dx + dy * dy < MAX_PULL * MAX_PULL else (0.0, 0.0)
 
 
 @lru_cache(maxsize=8)
@@ -220,16 +187,14 @@ def _powers(shape: tuple[int, int]) -> NDArray[np.float32]:
 
 
 @lru_cache(maxsize=64)
-def background_ring(radius: int) -> tuple[NDArray[np.float32], int, float]:
+def _background_ring(radius: int) -> tuple[NDArray[np.float32], int, float]:
     """What measures the pull of the background around a light.
 
-    A difference of d in grey level that lies along a direction outside of the light adds
-    share x d to every edge pixel, so the weighted sum gains share x (length of the edge) x
-    (its width) x radius x mean(d cos): the ring's first moment gives mean(d cos).
-
-    Returns:
-        (pixels, 2): x and y inside of the ring, 0 elsewhere, px; half the side of the square
-        around it, px; the factor that makes the sum a pull, but for area / mass.
+    A difference of d in grey level along a direction outside of the light adds share x d to every
+    edge pixel, so the weighted sum gains share x (length of the edge) x (its width) x radius x
+    mean(d cos), which the ring's first moment gives. Returns x and y inside of the ring, 0
+    elsewhere, (pixels, 2); half the side of the square around it, px; and the factor that makes the
+    sum a pull, but for area / mass.
     """
     inner, outer = radius + _RING[0], radius + _RING[1]
     half = math.ceil(outer)

@@ -31,15 +31,11 @@ COLORS: dict[Label, Color] = {
 
 
 def draw_markers(image: Image, result: MarkerResult) -> NDArray[np.uint8]:
-    """Draw the result on a copy of the frame.
+    """Draw the result on a copy of the frame, (height, width, 3) uint8, blue first.
 
-    Stars for wings, circles for stabilizers, a diamond for the rudder; red left, green right,
-    blue centre; unlabelled clusters are yellow circles, the markers of another rig green ones. A
-    predicted marker is drawn thin and in yellow. Windows searched are thin rectangles. Roll and
-    status stand at the top.
-
-    Returns:
-        (height, width, 3) uint8, blue first.
+    Stars for wings, circles for stabilizers, a diamond for the rudder; red left, green right, blue
+    centre; unlabelled clusters are yellow circles, the markers of another rig green ones. A
+    predicted marker is thin and yellow, a searched window a thin rectangle.
     """
     canvas = image.bgr().copy()
     size = max(5, round(min(canvas.shape[:2]) / 60))
@@ -99,17 +95,15 @@ def _write(canvas: NDArray[np.uint8], text: str, size: int) -> None:
         cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 1, cv2.LINE_AA)
 
 
-_AXIS_PART = 0.4
-"""Length of an axis, in reaches of the body."""
-_NEAREST = 0.1
-_SHIFT = 4
+_AXIS_PART = 0.4  # Length of an axis, in reaches of the body
+_NEAREST = 0.1  # m ahead
+_SHIFT = 4  # Binary digits of a coordinate after the point
 
 
 def draw_pose(image: NDArray[np.uint8], pose: Pose, camera: CameraModel, rig: MarkerRig) -> None:
     """Draw the axes at the body's dock point, and a cross at each light's reprojection.
 
-    Red is x forward, green y left, blue z up. The image (height, width, 3), blue first, is drawn
-    on.
+    Red is x forward, green y left, blue z up. The image is (height, width, 3), blue first.
     """
     origin = np.array(rig.dock)
     length = _AXIS_PART * rig.reach

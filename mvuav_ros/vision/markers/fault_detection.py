@@ -25,25 +25,21 @@ class FaultTuning:
     simulator's docking approaches.
     """
 
-    # Squared distance over variance from which on a marker contradicts the others.
-    gate: float = 16.0
+    gate: float = 16.0  # squared distance over variance from which on a marker contradicts others
     doubt: float = 6.0  # two explanations whose costs differ by less than this are both possible
     min_firm: int = 3  # markers, without which none can be doubted
-    # Of a squared distance over variance, per frame: what is more is evidence.
-    allowance: float = 6.0
+    allowance: float = 6.0  # per frame, of that distance: what is more is evidence
     enough: float = 20.0  # evidence from which on a marker contradicts the others
     max_evidence: float = 100.0  # to which the evidence against any marker can add up
     forgetting: float = 0.9  # per frame, of the evidence against a marker that is out of sight
-    # Of the evidence against the worst marker, by which another must have less so that it is not a
-    # suspect as well.
+    # Of the evidence against the worst marker, by which others must have less to be no suspects.
     doubtful_share: float = 0.1
-    # Evidence that a marker has against it that was out of sight shortly before.
-    returned: float = 50.0
+    returned: float = 50.0  # evidence against a marker that was out of sight shortly before
     min_agreeing: int = 4  # markers that determine each other's places
 
 
 TUNING = FaultTuning()
-_PAIRS_UP_TO = 8
+MAX_DROPPED = 3  # Markers at once that may contradict the others
 
 
 class Evidence(NamedTuple):
@@ -109,8 +105,8 @@ class FaultDetector:
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree, by this frame and by those before it.
 
-        The fewest are dropped without which the others fit; while it is not clear which those
-        are, all that they may be are suspects.
+        The fewest are dropped without which the others fit; if several may be those, all of these
+        are suspects.
         """
         if not found:
             return Consensus(partial(self.views.look, {}), ())
@@ -128,12 +124,12 @@ class FaultDetector:
                 return consensus
         if not contradicted:
             return Consensus(correction.view, markers)
-        if len(markers) <= _PAIRS_UP_TO:
-            for dropped in range(1, min(len(markers) - 2, 3) + 1):
-                consensus = self._without(found, dropped)
-                if consensus is not None:
-                    return consensus
-        return self._greedy(found)
+        most = min(len(markers) - 2, MAX_DROPPED)
+        for dropped in range(min(most, 1), most + 1):
+            consensus = self._without(found, dropped)
+            if consensus is not None:
+                return consensus
+        return Consensus(partial(self.views.look, {}), (), (), markers)
 
     def _added(self, correction: Correction) -> dict[int, float]:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
@@ -199,18 +195,6 @@ class FaultDetector:
         if len(others) > number:
             return Consensus(view, names, (), others)
         return Consensus(view, names, others)
-
-    def _greedy(self, found: Mapping[int, Point]) -> Consensus:
-        rest = dict(found)
-        while True:
-            fitted = self.views.fit(NamedPlaces.of(rest))
-            farthest = max(fitted.nis)
-            if len(rest) <= 2 or farthest <= TUNING.gate:
-                break
-            del rest[list(rest)[fitted.nis.index(farthest)]]
-        if farthest > TUNING.gate or 2 * len(rest) <= len(found):
-            return Consensus(partial(self.views.look, {}), (), (), tuple(found))
-        return Consensus(fitted.view, tuple(rest), tuple(m for m in found if m not in rest))
 
     def evidence(self, found: Mapping[int, Point]) -> Evidence:
         """What a frame's places say for their names."""

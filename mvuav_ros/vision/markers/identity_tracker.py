@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -20,74 +20,26 @@ from mvuav_ros.vision.markers.lights import (
     GroupingError,
     Lens,
     Light,
-    Lights,
     Point,
+    find_spots,
     places_of,
-    straightened,
 )
 from mvuav_ros.vision.markers.marker_memory import Expectation, MarkerMemory
 from mvuav_ros.vision.markers.marker_results import (
-    TANKER_LABELS,
-    TANKER_NAMES,
+    WINGS,
     Marker,
     MarkerResult,
     MarkerState,
     Window,
+    all_lost,
     counts_of,
+    labels_of,
     roll_of,
 )
 from mvuav_ros.vision.markers.naming import Clutter, Search
 from mvuav_ros.vision.markers.rig_view import WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
-
-
-class Reporter:
-    """Results of one rig's markers."""
-
-    def __init__(self, rig: MarkerRig) -> None:
-        names = rig.names
-        self._labels = TANKER_LABELS if names == TANKER_NAMES else range(len(names))
-        self._wings = [names.index(wing) for wing in ('left_wing', 'right_wing') if wing in names]
-        self._has_wings = len(self._wings) == 2
-
-    def nothing(self, status: str) -> MarkerResult:
-        """All markers are lost."""
-        lost = tuple(Marker(label, MarkerState.LOST) for label in self._labels)
-        return MarkerResult(lost, status=status, has_wings=self._has_wings)
-
-    def result(
-        self,
-        memory: MarkerMemory,
-        spots: Mapping[int, Detection],
-        earliest: float,
-        expected: Mapping[int, Expectation],
-        windows: Sequence[Window] = (),
-        remark: str = '',
-    ) -> MarkerResult:
-        """What is reported of a frame, by the memory that holds it already.
-
-        A marker without a spot is predicted where it is expected (px) if it was seen since the
-        earliest time (s).
-        """
-        rows = zip(self._labels, memory.predictor.motions(), memory.markers, strict=True)
-        markers, detected = [], MarkerState.DETECTED
-        for index, (label, motion, known) in enumerate(rows):
-            if index in spots:
-                x, y, area, _ = spots[index]
-                markers.append(Marker(label, detected, x, y, *motion, area, known.confidence))
-            elif known.last_seen >= earliest and index in expected:
-                x, y, _ = expected[index]
-                markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
-            else:
-                markers.append(Marker(label, MarkerState.LOST))
-        roll = roll_of(*(markers[wing] for wing in self._wings)) if self._has_wings else math.nan
-        status = remark
-        if len(spots) < len(markers):
-            status = counts_of(markers) + (f' ({remark})' if remark else '')
-        places = tuple(memory.predicted)
-        return MarkerResult(tuple(markers), roll, status, tuple(windows), places, self._has_wings)
-
 
 GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
 WIDEST = 200.0  # px, by which a search window grows at most
@@ -96,19 +48,17 @@ WIDEST = 200.0  # px, by which a search window grows at most
 class IdentityTracker:
     """The whole frame at the start, then a window for each marker; the whole frame in doubt.
 
-    Every frame is held against the rig: the markers in sight determine how it is seen (see
-    `ViewFilter`), and a marker that the others contradict loses its name (see `FaultDetector`).
-    Markers that are alone in their windows, as they usually look, and agree are taken (the fast
-    way, and the usual one). If any is not, the bright pieces of the whole frame are named by the
-    body's geometry (see `Search`): a piece gets a name only where no other fits. While doubts
-    stay, the body is also named afresh, and if that contradicts the names frame after frame, it
-    replaces them.
+    The markers in sight determine how the rig is seen (see `ViewFilter`), and a marker that the
+    others contradict loses its name (see `FaultDetector`). Usually all are alone in their windows,
+    look as before, and agree. If any does not, the bright pieces of the whole frame are named
+    by the body's geometry (see `Search`): a piece gets a name only where no other fits.
     """
 
     def __init__(self, rig: MarkerRig, camera: CameraModel | None = None) -> None:
         self._rig, self._camera = rig, camera
         self._count = len(rig.names)
-        self._report = Reporter(rig)
+        self._labels = labels_of(rig.names)
+        self._wings = [rig.names.index(wing) for wing in WINGS if wing in rig.names]
         self._size = (0, 0)
         self._tick = 0
         self.lights = 0  # in the newest frame in which the whole body was looked for
@@ -139,26 +89,26 @@ class IdentityTracker:
     def _start(self, frame: Frame) -> MarkerResult:
         """Name all markers in a whole frame."""
         try:
-            lights = Lights(frame, self._lens)
+            lights = find_spots(frame, self._lens)
         except GroupingError as error:
             self._attempts.fail()
             self.lights = 0
-            return self._report.nothing(str(error))
+            return self._nothing(str(error))
         seen, count = len(lights), self._count
         self.lights = seen
         if not self._attempts.due(seen):
-            return self._report.nothing(f'{seen} lights in view, {count} do not stand out')
+            return self._nothing(f'{seen} lights in view, {count} do not stand out')
         if seen < count:
-            return self._report.nothing(f'{seen} of {count} markers in view')
+            return self._nothing(f'{seen} of {count} markers in view')
         named = initialize(self._shape, lights, self._rig.names)
         if named.view is None:
             self._attempts.fail()
-            return self._report.nothing(named.remark)
+            return self._nothing(named.remark)
         if not self._attempts.succeed(named):
             # Another way of naming the same lights than a frame ago: neither can be believed.
-            return self._report.nothing('the markers were named in two ways')
+            return self._nothing('the markers were named in two ways')
         if not self._attempts.confirmed(named):
-            return self._report.nothing(f'{seen} lights in view, not yet certain')
+            return self._nothing(f'{seen} lights in view, not yet certain')
         memory = MarkerMemory(frame.time, list(named.lights.values()), self._is_redundant)
         shape, places = self._shape, places_of(named.lights)
         if not named.fits:
@@ -167,14 +117,13 @@ class IdentityTracker:
         self._body = FaultDetector(ViewFilter(shape, named.view, frame.time)), memory
         self._is_sure = True  # whether four firm names agreed in the newest frame
         spots = {index: light.seen for index, light in named.lights.items()}
-        return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
+        return self._result(frame, memory, spots, remark=named.remark)
 
     def _follow(self, frame: Frame, faults: FaultDetector, memory: MarkerMemory) -> MarkerResult:
         memory.predict(frame.time)
         faults.views.predict(frame.time)
         spots, windows = memory.look(frame)
-        named = dict(zip(spots, straightened(self._lens, spots.values()), strict=True))
-        memory.watch(spots)
+        named = dict(zip(spots, self._lens.straightened(spots.values()), strict=True))
         faults.jumps = memory.jumps.evidence
         faults.untrusted = memory.untrusted
         faults.doubtful = memory.doubtful
@@ -186,9 +135,7 @@ class IdentityTracker:
             faults.commit(named)
             self._is_sure = True
             memory.remember(frame.time, spots, {})
-            if not self._is_redundant:
-                spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
-            return self._report.result(memory, spots, frame.earliest, {}, windows)
+            return self._result(frame, memory, spots, windows=windows)
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
         doubted = memory.distrust(spots)
@@ -196,32 +143,39 @@ class IdentityTracker:
         found = {index: Light(*place, spots[index]) for index, place in named.items()}
         search = Search(faults, memory.markers, consensus, found)
         status = self._search(frame, search, memory.predicted if consensus.kept else ())
-        if not search.found and frame.time - memory.newest > GIVEN_UP:
+        if search.faults is not faults:
+            self._body = search.faults, memory
+            memory.start_afresh()
+        newest = max(marker.last_seen for marker in memory.markers)
+        if not search.found and frame.time - newest > GIVEN_UP:
             self._start_again()
-            return self._report.nothing('no marker in view')
+            return self._nothing('no marker in view')
         if self._trial is not None:
             agreeing = {m: light for m, light in search.found.items() if m not in search.suspects}
             contradicted = bool(consensus.dropped or consensus.suspects)
             if self._trial.is_refuted(places_of(agreeing), contradicted):
                 return self._give_up()
         memory.trust_again(doubted, search.alone)
-        return self._conclude(frame, search, windows, status)
+        return self._conclude(frame, memory, search, windows, status)
 
     def _give_up(self) -> MarkerResult:
         """Forget a body that was none."""
         self._start_again(was_wrong=True)
-        return self._report.nothing('the lights are not those of one body')
+        return self._nothing('the lights are not those of one body')
 
     def _conclude(
-        self, frame: Frame, search: Search, windows: list[Window], status: str
+        self, frame: Frame, memory: MarkerMemory, search: Search, windows: list[Window], status: str
     ) -> MarkerResult:
         """Remember and report what a search has found."""
-        assert self._body is not None
-        memory = self._body[1]
         # Where other lights are about, some three of all nearly always look like three markers.
         if not self._clutter.is_about:
             memory.trust(search.reacquired)
-        expected = self._in_image(search.expected(search.missing))
+        expected = search.expected(search.missing)
+        seen = self._lens.to_image(np.array([place[:2] for place in expected.values()])).tolist()
+        expected = {
+            index: place._replace(x=x, y=y)
+            for (index, place), (x, y) in zip(expected.items(), seen, strict=True)
+        }
         others = self._clutter.is_about or not self._is_redundant
         faults, places = search.faults, places_of(search.found)
         evidence = faults.evidence(places)
@@ -236,34 +190,56 @@ class IdentityTracker:
         spots = {index: light.seen for index, light in search.found.items()}
         memory.remember(frame.time, spots, expected)
         hidden = search.suspects | memory.doubtful
-        if not self._is_redundant:
-            hidden = hidden | memory.untrusted
-        spots = {index: spot for index, spot in spots.items() if index not in hidden}
-        return self._report.result(memory, spots, frame.earliest, expected, windows, status)
+        return self._result(frame, memory, spots, hidden, expected, windows, status)
 
     def _search(self, frame: Frame, search: Search, around: Sequence[Point]) -> str:
-        """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
-        assert self._body is not None
+        """Name the lights of the whole frame (see `find_spots`); what is wrong with it."""
         # The filter as it was when four firm names agreed last; since then it has gone on alone.
         if self._is_sure:
             self._sure, self._is_sure = copy.copy(search.views), False
         else:
             self._sure.predict(frame.time)
         try:
-            lights = Lights(frame, self._lens, around)
+            lights = find_spots(frame, self._lens, around)
         except GroupingError as error:
             return str(error)
         search.name(lights, self._clutter, self._sure)
-        faults, memory = self._body
-        if search.faults is not faults:
-            self._body = search.faults, memory
-            memory.start_afresh()
         return ''
 
-    def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
-        """Expectations where the image would show them."""
-        places = self._lens.to_image(np.array([(e.x, e.y) for e in expected.values()])).tolist()
-        return {
-            index: Expectation(x, y, e.deviation)
-            for (index, e), (x, y) in zip(expected.items(), places, strict=True)
-        }
+    def _nothing(self, status: str) -> MarkerResult:
+        return all_lost(self._rig.names, status)
+
+    def _result(
+        self,
+        frame: Frame,
+        memory: MarkerMemory,
+        spots: Mapping[int, Detection],
+        hidden: Collection[int] = (),
+        expected: Mapping[int, Expectation] = {},
+        windows: Sequence[Window] = (),
+        remark: str = '',
+    ) -> MarkerResult:
+        """What is reported of a frame; hidden and missing markers are where expected, px."""
+        if not self._is_redundant:
+            hidden = {*hidden, *memory.untrusted}
+        if hidden:
+            spots = {index: spot for index, spot in spots.items() if index not in hidden}
+        earliest = frame.time - frame.parameters.lost_timeout
+        rows = zip(self._labels, memory.predictor.motions(), memory.markers, strict=True)
+        markers, detected = [], MarkerState.DETECTED
+        for index, (label, motion, known) in enumerate(rows):
+            if index in spots:
+                x, y, area, _ = spots[index]
+                markers.append(Marker(label, detected, x, y, *motion, area, known.confidence))
+            elif known.last_seen >= earliest and index in expected:
+                x, y, _ = expected[index]
+                markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
+            else:
+                markers.append(Marker(label, MarkerState.LOST))
+        has_wings = len(self._wings) == 2
+        roll = roll_of(*(markers[wing] for wing in self._wings)) if has_wings else math.nan
+        status = remark
+        if len(spots) < len(markers):
+            status = counts_of(markers) + (f' ({remark})' if remark else '')
+        places = tuple(memory.predicted)
+        return MarkerResult(tuple(markers), roll, status, tuple(windows), places, has_wings)

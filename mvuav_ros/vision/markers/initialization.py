@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.detection import label_five
-from mvuav_ros.vision.markers.lights import Light, Lights, Point, are_close
-from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Cluster
+from mvuav_ros.vision.markers.lights import Light, Point, are_close, candidates, places_of
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
     COUNT,
@@ -33,6 +32,7 @@ from mvuav_ros.vision.markers.rig_view import (
     Y,
     views_of_three,
 )
+from mvuav_ros.vision.markers.thesis_tracker import label_five
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED
@@ -57,10 +57,8 @@ _ROUGH_TWOS = 2.0  # px (1 sigma), by which they may miss them after that
 _SAME_TILT = 0.2  # rad, within which two views to start from are the same
 _KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights are enough
 _MAX_TILTED = 1.2  # rad, from straight behind
-_TRIED = 16
-_FEW_SPOTS = 5
-_TRIED_AMONG_MANY = 10
-"""Ways of naming that are fitted."""
+_TRIED, _FEW_SPOTS, _TRIED_AMONG_MANY = 16, 5, 10
+"""Ways of naming that are fitted where there are so few spots, and where there are more."""
 ABSENT = 22.0  # Squared distance over variance from which on a marker has no light
 STRAY = 1e-5  # Density of lights that are none of the body's, per px²
 MAX_AWAY, ROUGHLY_AWAY = 40.0, 120.0
@@ -70,17 +68,11 @@ markers where they are, and of those about."""
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of a view before the lights of a frame are named.
+    """What is known of a view before the lights of a frame are named."""
 
-    Attributes:
-        mean: (8,), see `WeakPerspective.project`.
-        deviations: (8,), 1 sigma.
-        noise: px (1 sigma), of the markers' places, by what is known of the rig; None: nothing is.
-    """
-
-    mean: Array
-    deviations: Array
-    noise: float | None = None
+    mean: Array  # (8,), see `WeakPerspective.project`
+    deviations: Array  # (8,), 1 sigma
+    noise: float | None = None  # px (1 sigma), of the markers' places; None: the rig is not known
 
     @classmethod
     def at_start(cls, shape: WeakPerspective) -> Prior:
@@ -109,9 +101,15 @@ class Prior:
 
     def away(self, views: Array) -> Array:
         """Squared distance over variance of views (v, 8), without what the lens makes of them."""
-        apart = views[:, :FOCAL] - self.mean[:FOCAL]
-        apart[:, ROLL] = _turned(apart[:, ROLL])
+        apart = self.untwisted(views)[:, :FOCAL] - self.mean[:FOCAL]
         return np.asarray(np.square(apart / self.deviations[:FOCAL]).sum(axis=1))
+
+    def untwisted(self, views: Array) -> Array:
+        """Views (v, 8) whose roll is within half a turn of the expected one."""
+        views = views.copy()
+        off = views[:, ROLL] - self.mean[ROLL]
+        views[:, ROLL] = self.mean[ROLL] + np.angle(np.exp(1j * off))
+        return views
 
     def allows(self, views: Array, most: float = MAX_AWAY) -> NDArray[np.bool_]:
         """Which of some views (v, 8) are not out of the question."""
@@ -119,13 +117,8 @@ class Prior:
         return is_near if self.noise is None else is_near & (self.away(views) < most)
 
 
-def _turned(angles: Array) -> Array:
-    """Angles (rad) less whole turns."""
-    return np.asarray(np.angle(np.exp(1j * angles)))
-
-
-Way = tuple[tuple[int, int], ...]
-"""Markers, and for each the index of its spot."""
+Way = tuple[tuple[int, int], ...]  # Markers, and for each the index of its spot
+Start = tuple[Way, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,49 +132,26 @@ class Guess:
 
 
 def guess_body(
-    shape: WeakPerspective,
-    spots: Sequence[Light],
-    prior: Prior,
-    fewest: int,
-    strays: float = STRAY,
+    shape: WeakPerspective, spots: Sequence[Light], prior: Prior, fewest: int, strays: float = STRAY
 ) -> list[Guess]:
     """All probable ways of seeing a body in a number of spots, most probable first.
 
-    Three markers are tried on all threes of spots (`MAX_NAMED` at most, px without
-    distortion), in every order; the views of each that follow say where the other markers
-    are, and the best are fitted. The fewest of its markers must be among the spots, beside which
-    there are so many strays per px².
+    Three markers are tried on all threes of spots (`MAX_NAMED` at most, px without distortion), in
+    every order; the views that follow say where the other markers are, and the best are fitted. The
+    fewest of the markers must be among the spots, beside which there are so many strays per px².
     """
-    places = np.array([complex(spot.x, spot.y) for spot in spots])
-    starts = _rough_guesses(shape, places, prior, fewest)
+    places = np.array([(spot.x, spot.y) for spot in spots]).reshape(-1, 2)
+    starts = _rough_guesses(shape, places.view(np.complex128).ravel(), prior, fewest)
     if not starts:
         return []
-    guesses: dict[Way, Guess] = {}
-    for guess in _fitted(shape, spots, starts, prior, strays):
-        if guess.way not in guesses or guess.evidence > guesses[guess.way].evidence:
-            guesses[guess.way] = guess
-    return sorted(guesses.values(), key=lambda guess: -guess.evidence)
-
-
-def _fitted(
-    shape: WeakPerspective,
-    spots: Sequence[Light],
-    starts: Sequence[Start],
-    prior: Prior,
-    strays: float,
-) -> list[Guess]:
-    """Several ways of naming, each with the view that fits it."""
     guesses = []
-    flat = np.array([(spot.x, spot.y) for spot in spots])
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
     scale = median_high([float(start[SCALE]) for _, start in starts])
     for number in sorted({len(way) for way, _ in starts}):
         same = [start for start in starts if len(start[0]) == number]
         pairs = np.array([way for way, _ in same], np.intp)
-        views = np.array([start for _, start in same])
-        # From half a turn about the expected roll.
-        views[:, ROLL] = prior.mean[ROLL] + _turned(views[:, ROLL] - prior.mean[ROLL])
-        named = NamedPlaces(pairs[..., 0], flat[pairs[..., 1]].reshape(len(same), -1))
+        views = prior.untwisted(np.array([start for _, start in same]))
+        named = NamedPlaces(pairs[..., 0], places[pairs[..., 1]].reshape(len(same), -1))
         fits = _fit(shape, named, prior, scale, views)
         # Logarithms of how probable strays are in so many places, and in one place less.
         others, fewer = (
@@ -198,20 +168,22 @@ def _fitted(
                 for (marker, _), own in zip(way, fits.log_densities(row), strict=True)
             }
             guesses.append(Guess(way, view, log_density - others, without))
-    return guesses
+    best: dict[Way, Guess] = {}
+    for guess in sorted(guesses, key=lambda guess: -guess.evidence):
+        best.setdefault(guess.way, guess)
+    return list(best.values())
 
 
 def _fit(
     shape: WeakPerspective, named: NamedPlaces, prior: Prior, scale: float, starts: Array
 ) -> Correction:
     """Views (f, 8) by named lights, of about this scale (its logarithm), from where to start."""
-    mean = np.tile(prior.mean, (len(starts), 1))
+    mean = prior.mean[None].copy()
     if prior.deviations[SCALE] >= FREE[0]:
         mean[:, SCALE] = scale
-    before = Belief(mean, np.tile(np.diag(prior.deviations**2), (len(starts), 1, 1)))
+    before = Belief(mean, np.diag(prior.deviations**2)[None])
     variance = (prior.noise or 0.3 + MODEL_ERROR * math.exp(scale)) ** 2
-    noise = np.full(named.places.shape, variance)
-    return Correction.of(shape, before, named, noise, variance, starts, iterations=8)
+    return Correction.of(shape, before, named, variance, starts=starts, iterations=8)
 
 
 def log_odds_of(best: Guess, ways: Sequence[Guess]) -> dict[int, float]:
@@ -229,9 +201,6 @@ def log_odds_of(best: Guess, ways: Sequence[Guess]) -> dict[int, float]:
         against = np.logaddexp.reduce([0.0, *without, *others])
         odds[name[0]] = float(np.logaddexp.reduce(own) - against)
     return odds
-
-
-Start = tuple[Way, Array]
 
 
 def _rough_guesses(
@@ -285,12 +254,9 @@ def _rough_guesses(
 def _views_of_threes(
     shape: WeakPerspective, places: Complex, prior: Prior, hidden: int, may_be: NDArray[np.bool_]
 ) -> Array:
-    """Views (v, 8) in which three of the markers are any three of the spots.
-
-    Two of each may be (see `_pairs`) two of the other.
-    """
+    """Views (v, 8) in which three markers are any three of the spots that may be by `_pairs`."""
     triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
-    markers, orders = np.reshape(triangles, (-1, 3)).astype(np.intp), _orders(len(places), 3)
+    markers, orders = np.reshape(triangles, (-1, 3)).astype(np.intp), _orders(len(places))
     first, second, third = markers.T[..., None]
     a, b, c = orders.T
     allowed = may_be[first, second, a, b] & may_be[second, third, b, c]
@@ -307,14 +273,7 @@ def _views_of_twos(
     expected: tuple[Complex, Complex],
     may_be: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
-    """Views in which two of the markers are two of the spots, and the tilt is the expected one.
-
-    Two lights say nothing of the tilt. Where it is known well, it is so better than three spots
-    would give it.
-
-    Returns:
-        The views (v, 8), and how far the other markers may be off (1 sigma, px), (v, n).
-    """
+    """Views (v, 8) of two markers on two spots, expected tilt; doubts (v, n) of all, 1 sigma px."""
     at, slopes = expected
     ahead = at - at[:, None]
     each_once = np.tri(len(at), dtype=np.bool_)[..., None, None]
@@ -343,10 +302,8 @@ def _views_of_twos(
 
 
 def _pairs(places: Complex, prior: Prior, expected: Complex, slopes: Complex) -> NDArray[np.bool_]:
-    """Which two of the spots may be which two of the markers, (n, n, spots, spots).
-
-    By the logarithm of the offset between them, of which size and roll are the parts.
-    """
+    """Which two of the spots may be which two of the markers, (n, n, spots, spots)."""
+    # By the logarithm of the offset between them, of which size and roll are the parts.
     offsets, found = _apart(expected), _apart(places)
     spread = (slopes[:, None] - slopes[:, :, None]) / offsets * prior.deviations[:, None, None]
     apart = np.log(found / offsets[:, :, None, None])
@@ -368,32 +325,26 @@ def _apart(places: Complex) -> Complex:
 
 
 @cache
-def _orders(count: int, size: int) -> NDArray[np.intp]:
-    """All ways of taking some of a number of spots in turn, (n, size)."""
-    orders = list(permutations(range(count), size))
-    return np.array(orders, np.intp).reshape(-1, size)
+def _orders(count: int) -> NDArray[np.intp]:
+    """All ways of taking three of a number of spots in turn, (n, 3)."""
+    return np.array([*permutations(range(count), 3)], np.intp).reshape(-1, 3)
 
 
 MAX_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
 CLEAR_MISFIT = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
-LONE_MISFIT = 0.06
-"""The same, in units of its size, for a body that is alone in the frame, seen by a camera that is
-not calibrated."""
 STRICT_MISFIT = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same misfit for some time."""
+LONE_MISFIT = 0.06  # In units of its size, of a body alone before a camera that is not calibrated
 OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
 RESTED = 2  # Frames after one whose lights could not be named
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
-CONFIRMED_ODD = 10
-"""The same where one of the lights may well be another one, which by then has gone elsewhere."""
+CONFIRMED_ODD = 10  # The same where one of the lights may be another one, which has gone by then
 SURE_AT_START = -13.0
-"""Logarithm of the odds of a body among other lights, against none being there, from which on one
-frame is believed. Its place and size are free: that they may be anything costs 11 more than that
-they are those of some body in the image."""
+"""Logarithm of the odds of a body among other lights from which on one frame is believed. That its
+place and size may be anything costs 11 more than that they are those of some body in the image."""
 SAME_MISFIT = (0.2, 0.2)
-"""px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
-that of a light that is no marker does not."""
+"""px, and part of it, by which the misfit of a rig measured badly may change meanwhile."""
 
 
 class Named(NamedTuple):
@@ -401,23 +352,22 @@ class Named(NamedTuple):
 
     lights: Mapping[int, Light] = {}  # px without distortion; empty if they cannot be named
     view: ViewState | None = None  # fitted to them
-    certain: bool = False  # whether one frame is enough to believe it
+    frames: int = 1  # that must name it alike
     fits: bool = True  # whether the body is what its rig says
-    odd: bool = False  # whether one of the lights may well be another one
     remark: str = ''  # why they cannot be named, or what was left out
 
 
-def initialize(shape: WeakPerspective, lights: Lights, names: Sequence[str]) -> Named:
+def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[str]) -> Named:
     """Name a whole body of which nothing is known; how exact its rig is must be seen."""
     count = len(names)
-    spots = lights.candidates(count)
+    spots = candidates(lights, count)
     if len(spots) < count:
         return Named(remark=f'{len(spots)} of {count} markers in view')
     unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
     if len(spots) > MAX_NAMED:
         return unclear
     ways = guess_body(shape, spots, Prior.at_start(shape), count)
-    ways = [way for way in ways if _alike(way, spots)]
+    ways = [way for way in ways if _may_be_one_body([spots[index] for _, index in way.way])]
     alone = len(spots) == count
     free = alone and shape.lens.focal is None
     if ways and (len(ways) == 1 or ways[0].evidence >= ways[1].evidence + MARGIN):
@@ -425,46 +375,43 @@ def initialize(shape: WeakPerspective, lights: Lights, names: Sequence[str]) -> 
         exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
         limit = LONE_MISFIT * best.view.scale if free else exact
         if best.view.misfit <= max(limit, exact):
-            fits = best.view.misfit <= exact
             strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
-            odd = not free and best.view.misfit > strict
-            certain = (alone or best.evidence > SURE_AT_START) and not odd
+            frames = 1 if alone or best.evidence > SURE_AT_START else CONFIRMED
+            if not free and best.view.misfit > strict:
+                frames = CONFIRMED_ODD
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             chosen = {marker: spots[index] for marker, index in best.way}
-            return Named(chosen, best.view, certain, fits, odd, remark)
+            return Named(chosen, best.view, frames, best.view.misfit <= exact, remark)
     if free and tuple(names) == TANKER_NAMES:
         return _as_the_thesis(shape, spots) or unclear
     return unclear
 
 
-def _alike(guess: Guess, spots: Sequence[Light]) -> bool:
-    areas = [spots[index].seen.area for _, index in guess.way]
+def _may_be_one_body(lights: Sequence[Light]) -> bool:
+    areas = [light.seen.area for light in lights]
     return max(areas) <= MAX_RATIO * min(areas)
 
 
 def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
     """Five lights in no doubt but for their order: by the distances, upright (Appendix A)."""
     spots = sorted(spots, key=lambda spot: (spot.x, spot.y))
-    order = label_five([Cluster(spot.x, spot.y, spot.seen.area) for spot in spots])
-    chosen = tuple(spots[index] for index in order)
-    areas = [spot.seen.area for spot in chosen]
-    left, right = chosen[0], chosen[-1]
+    chosen = {marker: spots[index] for marker, index in enumerate(label_five(spots))}
+    left, right = chosen[0], chosen[4]
     span = math.hypot(right.x - left.x, right.y - left.y)
-    if span == 0.0 or max(areas) > MAX_RATIO * min(areas):
+    if span == 0.0 or not _may_be_one_body(spots):
         return None
     roll = math.atan2(right.y - left.y, right.x - left.x)
     scale = math.log(0.56 * span)
     start = np.array([roll, scale, 0.0, 0.0, 0.0, 0.0, scale - math.log(0.25), 0.0])
-    start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
+    start[[X, Y]] = np.mean([*places_of(chosen).values()], axis=0)
     deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
     before = Belief(start[None], np.diag(deviations**2)[None])
-    named = NamedPlaces.of({i: (spot.x, spot.y) for i, spot in enumerate(chosen)})
-    variance = (0.02 * span) ** 2
-    view = Correction.of(shape, before, named, np.full((1, 10), variance), variance).view()
+    named = NamedPlaces.of(places_of(chosen))
+    view = Correction.of(shape, before, named, (0.02 * span) ** 2).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
-    # Three frames must agree: nearly any five lights have some such order.
-    return Named(dict(enumerate(chosen)), view, False, False)
+    # Nearly any five lights have some such order.
+    return Named(chosen, view, CONFIRMED, fits=False)
 
 
 @dataclass
@@ -493,34 +440,28 @@ class Attempts:
 
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""
-        odd = named.odd or self._is_odd or (self.was_wrong and not named.fits)
-        return (named.certain and not odd) or self.agreed >= (CONFIRMED_ODD if odd else CONFIRMED)
+        is_odd = self._is_odd or (self.was_wrong and not named.fits)
+        return self.agreed >= (CONFIRMED_ODD if is_odd else named.frames)
 
     def succeed(self, named: Named) -> bool:
         """Take a way of naming them; whether it is that of the last attempt."""
         assert named.view is not None
         reach = 0.5 * named.view.scale
-        alike = self.last.keys() == named.lights.keys() or not self.last
-        alike = alike and all(
-            are_close(light, named.lights[marker], reach) for marker, light in self.last.items()
-        )
+        alike = all(are_close(light, named.lights[m], reach) for m, light in self.last.items())
         most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
         changed = abs(named.view.misfit - self._first_misfit) > most
         goes_on = alike and bool(self.last)
-        self._is_odd = named.odd or (goes_on and self._is_odd)
-        goes_on = goes_on and not (self._is_odd and changed)
-        self.agreed = self.agreed + 1 if goes_on else 1
-        if not goes_on:
-            self._first_misfit = named.view.misfit
+        self._is_odd = named.frames == CONFIRMED_ODD or (goes_on and self._is_odd)
+        if goes_on and not (self._is_odd and changed):
+            self.agreed += 1
+        else:
+            self.agreed, self._first_misfit = 1, named.view.misfit
         self.last = named.lights
         return alike
 
 
 class Trial:
-    """A body that is followed and not what its rig says: measured badly, or lights of others.
-
-    The former goes on to differ from its rig as it did; the latter do not.
-    """
+    """A body that is followed and not what its rig says: one measured badly goes on to differ."""
 
     def __init__(self, shape: WeakPerspective, view: ViewState, found: Mapping[int, Point]) -> None:
         """Begin with all markers, px without distortion, in a view fitted to them."""
@@ -528,10 +469,8 @@ class Trial:
         self._first = self._misfit(found)
 
     def is_refuted(self, found: Mapping[int, Point], contradicted: bool = False) -> bool:
-        """Whether it is none, by the markers found, of which some contradicted the others before.
-
-        Once all were seen alike in enough frames it is one.
-        """
+        """Whether it is none, by the markers found, some of which contradicted others before."""
+        # Once all were seen alike in enough frames it is one.
         if self._left == 0:
             return False
         if len(found) < len(self._shape.points):

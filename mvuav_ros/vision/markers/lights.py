@@ -1,9 +1,10 @@
-"""The lights of a whole frame: its bright pieces, measured."""
+"""The lights of a whole frame: its bright pixels, grouped and measured."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -13,20 +14,13 @@ from numpy.typing import NDArray
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import (
-    NOWHERE,
-    CentroidMeter,
-    Detection,
-    clipped,
-    cutter,
-    cutter_of,
-)
+from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection
+from mvuav_ros.vision.markers.marker_results import NO_WINDOW
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
-Point = tuple[float, float]
-"""x and y, px."""
+Point = tuple[float, float]  # x and y, px
 
 
 class Lens:
@@ -40,11 +34,9 @@ class Lens:
             except CalibrationError:
                 camera = None
         self._camera = camera
-        # px, of that camera; None where the camera is not calibrated, whose pixels are taken as
-        # they are.
+        # px, of that camera; None where the pixels are taken as they are.
         self.focal: float | None = None
-        # (2,), its principal point, px.
-        self.centre: Array = np.array((0.5 * (size[0] - 1), 0.5 * (size[1] - 1)))
+        self.centre: Array = np.array((0.5 * (size[0] - 1), 0.5 * (size[1] - 1)))  # (2,), px
         self.half_diagonal = math.hypot(*size) / 2
         if camera is not None:
             matrix = camera.matrix
@@ -54,17 +46,13 @@ class Lens:
                 # Its pixels are those of a camera without distortion.
                 self._camera = None
 
-    @property
-    def is_straight(self) -> bool:
-        """Whether the pixels are those of a camera without distortion, or taken as such."""
-        return self._camera is None
-
-    def to_ideal(self, pixels: Array) -> Array:
-        """(n, 2) px of the image as px without distortion."""
-        camera = self._camera
-        if camera is None or self.focal is None or not len(pixels):
-            return pixels
-        return np.asarray(camera.undistort(pixels) * self.focal + self.centre)
+    def straightened(self, spots: Iterable[Detection]) -> list[Point]:
+        """Where detections would be without distortion, px."""
+        places = [spot[:2] for spot in spots]
+        if self._camera is None or self.focal is None or not places:
+            return places
+        ideal = self._camera.undistort(np.array(places)) * self.focal + self.centre
+        return [(x, y) for x, y in ideal.tolist()]
 
     def to_image(self, ideal: Array) -> Array:
         """(n, 2) px without distortion as px of the image."""
@@ -101,8 +89,7 @@ def count_bright(mask: Mask) -> int:
 
 
 MAX_BLOBS = 400
-LONGEST = 3.0
-"""Sides of the box around a piece that may still be a light, one over the other."""
+LONGEST = 3.0  # Sides of the box around a piece that may still be a light, one over the other
 MIN_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
 
 
@@ -112,19 +99,12 @@ class Blobs:
     Unlike the thesis's groups around seeds a piece may be of any width, and two lights are two
     pieces for as long as a dark pixel lies between them.
 
-    Attributes:
-        stats: (n, 5), x, y, width, height and area of each (px), in the order of their first
-            pixels, row by row.
+    Raises:
+        GroupingError: the frame is too bright or too noisy to hold markers.
     """
 
     def __init__(self, gray: Pixels, parameters: MarkerTrackerParameters) -> None:
-        """Find the pieces.
-
-        Raises:
-            GroupingError: the frame is too bright or too noisy to hold markers.
-        """
-        self._gray = gray
-        self._meter = CentroidMeter(parameters.threshold, parameters.weighted)
+        self._meter = CentroidMeter(gray, parameters.threshold, parameters.weighted)
         mask = threshold(gray, parameters.threshold)
         count_bright(mask)
         self._labels, stats = label(mask)
@@ -132,6 +112,7 @@ class Blobs:
         self._numbers = 1 + np.flatnonzero(fits[1:])  # of the pieces within the limits
         if len(self._numbers) > MAX_BLOBS:
             raise GroupingError(f'{len(stats) - 1} clusters above the threshold')
+        # (n, 5), x, y, width, height and area (px), in the order of their first pixels, row by row.
         self.stats = stats[self._numbers].astype(np.intp)
 
     def may_be_lights(self) -> Integers:
@@ -142,41 +123,30 @@ class Blobs:
         return np.flatnonzero(is_filled & ~(is_long & (area > 4)))
 
     def measure(self, chosen: Integers | None = None) -> list[Detection]:
-        """The lights of all pieces, or of some by their rows in `stats`.
-
-        What belongs to other pieces does not count.
-        """
+        """The lights of all pieces, or of some by their rows, without what is other pieces'."""
         chosen = np.arange(len(self.stats)) if chosen is None else chosen
         x, y, width, height, area = self.stats[chosen].T
-        windows = clipped((x - 1, x + width, y - 1, y + height), self._gray)
+        windows = self._meter.windows(x - 1, x + width, y - 1, y + height)
         # The window around a thin slanting line would be far larger than the line.
         compact = (width + 2) * (height + 2) <= 4 * area + 64
-        looked = [windows[i] if small else NOWHERE for i, small in enumerate(compact.tolist())]
-        cut = cutter_of(self._gray)
-        size = self._gray.shape[1], self._gray.shape[0]
-        found = self._meter.measure_all(cut, looked, size, [None] * len(looked))
-        spots = {
-            index: seen[0]
-            for index, (seen, own) in enumerate(zip(found, area.tolist(), strict=True))
-            if seen and seen[0].area == own
-        }
-        crowded = [index for index in range(len(windows)) if index not in spots]
-        around = [windows[index] for index in crowded]
-        labels = cutter_of(self._labels)
-        numbers = self._numbers[chosen][crowded].tolist()
-        patches = [cut(*w) * (labels(*w) == n) for w, n in zip(around, numbers, strict=True)]
-        spots.update(zip(crowded, self._meter.measure_own(patches, around), strict=True))
-        return [spots[index] for index in range(len(windows))]
+        looked = [windows[i] if small else NO_WINDOW for i, small in enumerate(compact.tolist())]
+        alone = self._meter.measure_alone(looked, area.tolist())
+        crowded = [row for row, spot in enumerate(alone) if spot is None]
+        around = [windows[row] for row in crowded]
+        patches = [
+            self._meter.cut(window)
+            * (self._labels[window.y0 : window.y1 + 1, window.x0 : window.x1 + 1] == number)
+            for window, number in zip(around, self._numbers[chosen][crowded].tolist(), strict=True)
+        ]
+        own = iter(self._meter.measure_own(patches, around))
+        return [spot or next(own) for spot in alone]
 
 
 def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """A mask's 8-connected pieces, as `cv2.connectedComponentsWithStats` numbers them.
+    """The number of each pixel's 8-connected piece, 0 where it is dark, and the pieces' stats.
 
-    Only the rows with a bright pixel are labelled, which are few where the lights are small.
-
-    Returns:
-        (height, width), each pixel's number, 0 where it is dark; and (1 + pieces, 5), their boxes
-        and areas by OpenCV's columns, of which the first row, that of the dark, is of no use.
+    They are those of `cv2.connectedComponentsWithStats`, (1 + pieces, 5), except for the first row,
+    that of the dark: only the rows with a bright pixel are labelled, of which there are few.
     """
     height = len(mask)
     bright = cv2.reduce(mask, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel() > 0
@@ -193,6 +163,87 @@ def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     return labels, np.asarray(stats, np.int32)
 
 
+MAX_CLUSTERS = 1000
+DARK_EDGE = 4.0  # px around a light that belong to its window
+
+
+def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
+    """Group bright pixels around seeds: the first pixel left, with all within T of it.
+
+    The scan goes column by column, each from the top. A group is every pixel left with x in
+    [x_seed, x_seed + T] and |y - y_seed| <= T, bounds included, where T is the grouping distance,
+    px. A light wider than T falls into several groups; lights closer than T share one.
+
+    Returns:
+        (n, 3): the mean of each group's pixels, x and y (px), and its area (px), in scan order.
+
+    Raises:
+        GroupingError: more than 5 % of the frame is bright, or there are more than `MAX_CLUSTERS`.
+    """
+    if not count_bright(mask):
+        return np.empty((0, 3))
+    reach = min(grouping_distance, max(mask.shape))
+    # Column after column, as the scan goes: the search for the next seed is one over bytes. With
+    # a dark edge all groups' windows are of one size.
+    ones = cv2.transpose(cv2.threshold(mask, 0, 1, cv2.THRESH_BINARY)[1])
+    framed = cv2.copyMakeBorder(ones, 0, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
+    bright = bytearray(framed)
+    height = framed.shape[1]
+    left = np.frombuffer(bright, np.uint8).reshape(-1, height)
+    seeds: list[int] = []
+    groups: list[bytes] = []
+    seed = bright.find(1)
+    while seed >= 0:
+        if len(seeds) == MAX_CLUSTERS:
+            raise GroupingError(f'more than {MAX_CLUSTERS} clusters above the threshold')
+        column, row = divmod(seed, height)
+        group = left[column : column + reach + 1, row - reach : row + reach + 1]
+        seeds.append(seed)
+        groups.append(group.tobytes())
+        group.fill(0)
+        seed = bright.find(1, seed)
+    pixels = np.frombuffer(b''.join(groups), np.uint8).reshape(len(groups), -1)
+    powers = _powers(reach)
+    area, across, down = pixels.astype(powers.dtype).dot(powers).astype(np.float64).T
+    columns, rows = np.divmod(seeds, height)
+    # The sums are whole numbers, so that the means are exactly those of the pixels.
+    x, y = (columns * area + across) / area, ((rows - 2 * reach) * area + down) / area
+    return np.stack((x, y, area), axis=-1)
+
+
+@lru_cache(maxsize=8)
+def _powers(reach: int) -> NDArray[np.floating]:
+    """(pixels, 3): 1, x, y in a group's window, px; of a type that holds any sum exactly."""
+    x, y = np.indices((reach + 1, 2 * reach + 1)).reshape(2, -1)
+    powers = np.stack((np.ones(len(x)), x, y), axis=-1)
+    return powers.astype(np.float32 if powers.sum(axis=0).max() < 2**24 else np.float64)
+
+
+def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
+    """Every light of the frame within the area limits, (n, 3): x and y (px), area (px).
+
+    In scan order. A light with others around it keeps its binary centroid.
+
+    Raises:
+        GroupingError: the frame is too bright or too noisy to hold markers.
+    """
+    gray = image.gray()
+    if parameters.by_components:
+        spots = sorted(Blobs(gray, parameters).measure())
+        return np.array([spot[:3] for spot in spots], np.float64).reshape(-1, 3)
+    groups = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
+    lights: Array = groups[area_fits(groups[:, 2], parameters)]
+    if not parameters.weighted or not 0 < len(lights) <= MAX_BLOBS:
+        return lights
+    x, y, area = lights.T
+    reach = np.sqrt(area / math.pi) + DARK_EDGE
+    meter = CentroidMeter(gray, parameters.threshold, weighted=True)
+    windows = meter.windows(*np.round((x - reach, x + reach, y - reach, y + reach)))
+    alone = meter.measure_alone(windows, area.tolist())
+    rows = [spot[:3] if spot else row for spot, row in zip(alone, lights.tolist(), strict=True)]
+    return np.array(rows, np.float64)
+
+
 ROUND = 1.4  # Spread of a spot that may be a light
 MIN_SHARE = 0.2
 """Of the n-th largest spot's area: what is smaller is no marker of a body with n of them."""
@@ -200,31 +251,14 @@ MAX_MEASURED = 24
 
 
 class Frame:
-    """One image, and how its lights are measured.
-
-    Attributes:
-        image: its pixels.
-        time: its stamp, s.
-        number: of the frame.
-        size: width and height, px.
-        parameters: of the tracker.
-        meter: measures a light.
-        cut: gives parts of the image.
-    """
+    """One image of a time (s), and how its lights are measured; of a size, px."""
 
     def __init__(
         self, image: Image, time: float, number: int, parameters: MarkerTrackerParameters
     ) -> None:
-        self.image, self.time, self.number = image, time, number
-        self.size = image.width, image.height
-        self.meter = CentroidMeter(parameters.threshold, parameters.weighted)
-        self.cut = cutter(image)
-        self.parameters = parameters
-
-    @property
-    def earliest(self) -> float:
-        """When a marker out of sight must have been seen to be predicted, s."""
-        return self.time - self.parameters.lost_timeout
+        self.image, self.time, self.number, self.parameters = image, time, number, parameters
+        self.meter = CentroidMeter(image, parameters.threshold, parameters.weighted)
+        self.size = self.meter.size
 
 
 class Light(NamedTuple):
@@ -235,54 +269,37 @@ class Light(NamedTuple):
     seen: Detection
 
 
-class Lights:
-    """The spots of a frame that may be lights, measured."""
+def find_spots(frame: Frame, lens: Lens, around: Sequence[Point] = ()) -> list[Light]:
+    """The lights of a whole frame, measured.
 
-    def __init__(self, frame: Frame, lens: Lens, around: Sequence[Point] = ()) -> None:
-        """Measure the lights of a frame.
+    Of very many the nearest to some places (px) are measured; the largest, which show what is
+    small, if there are none.
 
-        Of very many the nearest to some places (px) are measured; the largest, which show what is
-        small, if there are none.
-
-        Raises:
-            GroupingError: it is too bright or too noisy to hold markers.
-        """
-        blobs = Blobs(frame.image.gray(), frame.parameters)
-        chosen = blobs.may_be_lights()
-        if len(chosen) > MAX_MEASURED:
-            chosen = chosen[_most_useful(blobs.stats[chosen], around)]
-        spots = blobs.measure(chosen)
-        places = straightened(lens, spots)
-        self.spots = [Light(x, y, spot) for (x, y), spot in zip(places, spots, strict=True)]
-
-    def __len__(self) -> int:
-        return len(self.spots)
-
-    def candidates(self, count: int) -> list[Light]:
-        """The round ones that could be among a body's ``count`` markers, the largest first."""
-        spots = [light for light in self.spots if light.seen.spread <= ROUND]
-        spots.sort(key=lambda light: -light.seen.area)
-        if len(spots) < count:
-            return spots
-        least = MIN_SHARE * spots[count - 1].seen.area
-        return [light for light in spots if light.seen.area >= least]
+    Raises:
+        GroupingError: the frame is too bright or too noisy to hold markers.
+    """
+    blobs = Blobs(frame.image.gray(), frame.parameters)
+    chosen = blobs.may_be_lights()
+    if len(chosen) > MAX_MEASURED:
+        left, top, width, height, area = blobs.stats[chosen].T
+        order = -area
+        if around:
+            middles = np.column_stack((left + 0.5 * (width - 1), top + 0.5 * (height - 1)))
+            order = np.abs(middles[:, None] - np.array(around)).max(axis=2).min(axis=1)
+        chosen = chosen[np.argsort(order, kind='stable')[:MAX_MEASURED]]
+    spots = blobs.measure(chosen)
+    places = lens.straightened(spots)
+    return [Light(x, y, spot) for (x, y), spot in zip(places, spots, strict=True)]
 
 
-def _most_useful(stats: Integers, around: Sequence[Point]) -> Integers:
-    """The pieces (n, 5) that are the nearest to some places, or the largest."""
-    if not len(around):
-        return np.argsort(-stats[:, cv2.CC_STAT_AREA], kind='stable')[:MAX_MEASURED]
-    middles = stats[:, :2] + 0.5 * (stats[:, 2:4] - 1)
-    apart = np.abs(middles[:, None] - np.array(around)).max(axis=2).min(axis=1)
-    return np.argsort(apart, kind='stable')[:MAX_MEASURED]
-
-
-def straightened(lens: Lens, spots: Iterable[Detection]) -> list[Point]:
-    """Where a lens without distortion would show detections, px."""
-    places = [spot[:2] for spot in spots]
-    if lens.is_straight:
-        return places
-    return [(x, y) for x, y in lens.to_ideal(np.array(places)).tolist()]
+def candidates(lights: Sequence[Light], count: int) -> list[Light]:
+    """The round ones that could be among a body's ``count`` markers, the largest first."""
+    spots = [light for light in lights if light.seen.spread <= ROUND]
+    spots.sort(key=lambda light: -light.seen.area)
+    if len(spots) < count:
+        return spots
+    least = MIN_SHARE * spots[count - 1].seen.area
+    return [light for light in spots if light.seen.area >= least]
 
 
 def places_of(found: Mapping[int, Light]) -> dict[int, Point]:

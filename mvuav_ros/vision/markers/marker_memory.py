@@ -53,11 +53,7 @@ class Jumps:
         self._frames = 1
 
     def update(self, away: Mapping[int, tuple[float, float]]) -> int | None:
-        """Take from where its own motion takes each marker to where its light is, px.
-
-        Returns:
-            The marker whose light has jumped in this frame, if one has.
-        """
+        """The marker whose light has jumped, by how far (px) each is from where its motion goes."""
         faded = {m: JUMPS.forgetting * evidence for m, evidence in self.evidence.items()}
         self.evidence = {m: evidence for m, evidence in faded.items() if evidence > 1.0}
         if len(away) < JUMPS.fewest:
@@ -106,11 +102,9 @@ class ConfidenceTuning:
 
 CONFIDENCE = ConfidenceTuning()
 
-TYPICAL_AREA = (0.6, 1.6)
-TYPICAL_SPREAD = 1.06
+TYPICAL_AREA, TYPICAL_SPREAD = (0.6, 1.6), 1.06
 """Area and spread over the light's usual ones within which nothing has happened to it."""
-LIKELY_AREA = (0.3, 3.2)
-LIKELY_SPREAD = 1.3
+LIKELY_AREA, LIKELY_SPREAD = (0.3, 3.2), 1.3
 """The same for a light that may be the marker after all."""
 _LEARNING = 0.2  # Per frame, by which the usual area and spread follow the light
 RETURNING = 2
@@ -155,9 +149,8 @@ class KnownMarker:
     ) -> None:
         """Bayes's rule for a light that has been given the name by its place.
 
-        The logarithms of its densities are its own and that of another light close by, per px²;
-        others are about or not; it was followed to this frame, in no doubt, or not; it is left of
-        those that were followed, or not.
+        The logarithms of its densities are its own and that of another light close by, per px².
+        Others are about; it was followed to this frame in no doubt; it is left of those that were.
         """
         among_others, alone, usual, staying = CONFIDENCE.beside
         beside = among_others if others else alone
@@ -195,10 +188,7 @@ class MarkerMemory:
     """All of a body's markers."""
 
     def __init__(self, time: float, lights: Sequence[Light], is_redundant: bool = True) -> None:
-        """Begin with all of them, at a time (s).
-
-        A redundant body has more lights than its view has unknowns: a wrong one can show.
-        """
+        """Begin at a time (s) with all of them; in a redundant body a wrong light can show."""
         spots = [light.seen for light in lights]
         self.markers = [KnownMarker(float(s.area), s.spread, s.radius) for s in spots]
         self.predictor = MotionPredictor(len(spots))  # of their motions
@@ -208,11 +198,6 @@ class MarkerMemory:
         self._was_checked = True  # whether there were enough of them to check each other
         self.predict(time)
         self.remember(time, dict(enumerate(spots)), {})
-
-    @property
-    def newest(self) -> float:
-        """When a marker was last seen, s."""
-        return max(marker.last_seen for marker in self.markers)
 
     @property
     def untrusted(self) -> set[int]:
@@ -226,7 +211,10 @@ class MarkerMemory:
         self.predicted = list(zip(flat[::2], flat[1::2], strict=True))
 
     def look(self, frame: Frame) -> tuple[dict[int, Detection], list[Window]]:
-        """The usual frame: the markers to which nothing has happened in their windows."""
+        """The usual frame: the markers to which nothing has happened in their windows.
+
+        One whose light is the only one that has jumped is doubted.
+        """
         windows: list[Window] = []
         pulls: list[Pull | None] = []
         least, size = frame.parameters.search_radius, frame.size
@@ -237,7 +225,7 @@ class MarkerMemory:
             windows.append(window)
             # The background changes slowly: it is looked at in turn.
             pulls.append(known.pull if (index + frame.number) % RING_EVERY else None)
-        found = frame.meter.measure_all(frame.cut, windows, size, pulls)
+        found = frame.meter.measure_all(windows, pulls)
         spots: dict[int, Detection] = {}
         for index, (known, seen) in enumerate(zip(self.markers, found, strict=True)):
             if seen is not None:
@@ -245,17 +233,14 @@ class MarkerMemory:
                 fits = known.is_usual(spot) and area_fits(spot.area, frame.parameters)
                 if fits and not _is_cut(spot, known.radius + 1.0, windows[index], size):
                     spots[index] = spot
-        return spots, windows
-
-    def watch(self, seen: Mapping[int, Detection]) -> None:
-        """Doubt a marker whose light, px, is the only one not where its own motion takes it."""
         away = {}
-        for marker, (seen_x, seen_y, _, _) in seen.items():
-            x, y = self.predicted[marker]
-            away[marker] = seen_x - x, seen_y - y
+        for index, (seen_x, seen_y, _, _) in spots.items():
+            x, y = self.predicted[index]
+            away[index] = seen_x - x, seen_y - y
         jumped = self.jumps.update(away)
         if jumped is not None:
             self.markers[jumped].untrusted = self._probation
+        return spots, windows
 
     def distrust(self, seen: Collection[int]) -> dict[int, int]:
         """Doubt those expected and not seen; for how many frames each was doubted before."""
@@ -277,10 +262,8 @@ class MarkerMemory:
             self.markers[index].untrusted = doubted[index]
 
     def trust(self, markers: Collection[int]) -> None:
-        """Doubt these no longer, which were found again together.
-
-        That says nothing of just enough lights: some view fits any of them.
-        """
+        """Doubt these no longer, which were found again together."""
+        # That says nothing of just enough lights: some view fits any of them.
         if self._is_redundant:
             for index in markers:
                 self.markers[index].untrusted = 0
@@ -294,10 +277,7 @@ class MarkerMemory:
         self.trust(range(len(self.markers)))
 
     def remember(
-        self,
-        time: float,
-        spots: Mapping[int, Detection],
-        expected: Mapping[int, Expectation],
+        self, time: float, spots: Mapping[int, Detection], expected: Mapping[int, Expectation]
     ) -> None:
         """Learn from a frame's markers, px, and where those should be that have no light."""
         positions: list[float] = []
@@ -330,11 +310,10 @@ class MarkerMemory:
         others: bool = False,
         found_again: Mapping[int, float] | None = None,
     ) -> None:
-        """Follow the probabilities of the names.
+        """Follow the probabilities of the names by the evidence of their places.
 
-        The evidence is what the places say for the names, of which some have been given in this
-        frame, by the geometry; others are lights that are no markers and about. Some were found
-        again together, with these log odds.
+        Some have been given in this frame by the geometry; others are lights that are no markers
+        and about. Some names were found again together, with these log odds.
         """
         usual = CONFIDENCE.share * evidence.redundancy
         checked = len(seen) >= FAULTS.min_agreeing

@@ -12,8 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-NAN = float('nan')
-
 
 class Label(IntEnum):
     """The tanker's five markers in the order of the results; UNLABELLED for any other light."""
@@ -56,13 +54,10 @@ class Window(NamedTuple):
 
     @classmethod
     def around(cls, x: float, y: float, radius: int, size: tuple[int, int]) -> Window:
-        """2 radius + 1 px on a side around any position, in an image of a size (all px).
-
-        The centre is rounded to the nearest pixel, halves up; a hair below a half counts as one,
-        since stamps of whole nanoseconds make equal time steps unequal in the eighth digit.
-        """
+        """2 radius + 1 px on a side around any position, in an image of a size (all px)."""
         if not (-FAR_OFF < x < FAR_OFF and -FAR_OFF < y < FAR_OFF):
             return NO_WINDOW
+        # Stamps of whole ns make equal steps unequal: a hair below a half is rounded up as well.
         column, row = math.floor(x + 0.50001), math.floor(y + 0.50001)
         x0, x1, y0, y1 = column - radius, column + radius, row - radius, row + radius
         right, bottom = size[0] - 1, size[1] - 1
@@ -76,32 +71,28 @@ class Window(NamedTuple):
 
 
 NO_WINDOW = Window(0, -1, 0, -1)
-FAR_OFF = 1e6
-"""px, beyond which a prediction says nothing."""
+FAR_OFF = 1e6  # px, beyond which a prediction says nothing
 
 
 class Marker(NamedTuple):
-    """One marker in one frame; whatever is not known is NaN.
-
-    Position in px, velocity in px/s, acceleration in px/s², area in px.
-
-    ``confidence`` is the probability of the name, 0 to 1; NaN of lights without a name, of markers
-    that are not detected, and where the thesis's assumptions give the names.
+    """One marker in one frame, px and s; whatever is not known is NaN.
 
     ``label`` is a `Label` for the tanker, the place in the rig for any other body, and
-    `Label.UNLABELLED` in ``detect_any`` and ``track_any``.
+    `Label.UNLABELLED` in ``detect_any`` and ``track_any``. ``confidence`` is the probability of the
+    name; NaN of lights without one, of markers that are not detected, and where the thesis's
+    assumptions give the names.
     """
 
     label: int
     state: MarkerState
-    x: float = NAN
-    y: float = NAN
-    vx: float = NAN
-    vy: float = NAN
-    ax: float = NAN
-    ay: float = NAN
-    area: float = NAN
-    confidence: float = NAN
+    x: float = math.nan
+    y: float = math.nan
+    vx: float = math.nan
+    vy: float = math.nan
+    ax: float = math.nan
+    ay: float = math.nan
+    area: float = math.nan
+    confidence: float = math.nan
 
 
 LOST_TANKER = tuple(Marker(label, MarkerState.LOST) for label in TANKER_LABELS)
@@ -127,7 +118,7 @@ class MarkerResult:
     """
 
     markers: tuple[Marker, ...]
-    roll: float = NAN
+    roll: float = math.nan
     status: str = ''
     windows: tuple[Window, ...] = ()
     predictions: tuple[tuple[float, float], ...] = ()
@@ -151,11 +142,22 @@ class MarkerResult:
         return replace(self, status='; '.join(filter(None, (self.status, remark))))
 
 
-def is_cut(marker: Marker, size: tuple[int, int]) -> bool:
-    """Whether the border of an image of a size (px) cuts a detected light off.
+WINGS = ('left_wing', 'right_wing')
 
-    The centre of what is left of it is up to a radius beside its own.
-    """
+
+def labels_of(names: Sequence[str]) -> Sequence[int]:
+    """The labels of a rig's markers."""
+    return TANKER_LABELS if tuple(names) == TANKER_NAMES else range(len(names))
+
+
+def all_lost(names: Sequence[str], status: str) -> MarkerResult:
+    """The result in which none of a rig's markers is known, and why."""
+    lost = tuple(Marker(label, MarkerState.LOST) for label in labels_of(names))
+    return MarkerResult(lost, status=status, has_wings={*WINGS} <= {*names})
+
+
+def is_cut(marker: Marker, size: tuple[int, int]) -> bool:
+    """Whether the border of an image of a size (px) cuts a detected light off."""
     width, height = size
     radius = math.sqrt(marker.area / math.pi)
     across = radius <= marker.x <= width - 1 - radius
@@ -165,10 +167,7 @@ def is_cut(marker: Marker, size: tuple[int, int]) -> bool:
 def named_places(
     result: MarkerResult, size: tuple[int, int]
 ) -> tuple[list[int], NDArray[np.float64]]:
-    """The labels of the markers that were seen, and their places, (n, 2) px: what a pose needs.
-
-    Without those that the border of the image, of a size (px), cuts off.
-    """
+    """Labels and places (n, 2), px, of the markers that were seen whole in an image of a size."""
     seen = [marker for marker in result.named if not is_cut(marker, size)]
     places = np.array([(marker.x, marker.y) for marker in seen]).reshape(-1, 2)
     return [int(marker.label) for marker in seen], places

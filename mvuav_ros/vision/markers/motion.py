@@ -15,10 +15,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 METHODS = ('none', 'velocity', 'acceleration', 'acceleration_program')
-"""Of the thesis, as `mvuav_ros.vision.markers.thesis_tracker.Motion.predict` has them."""
+"""Of the thesis, as `thesis_tracker.Motion.predict` has them."""
 _FILTER, _VIBRATION = len(METHODS), len(METHODS) + 1
-"""Rows of the predictions after the thesis's: a Kalman filter without and with the prediction of
-vibration."""
+"""Rows of the predictions after those: a Kalman filter, without and with predicted vibration."""
 PRIOR = (0.5, 1.0, 1.0, 1.0, 1.0, 1.0)
 """Of each prediction's weight. Lights that stand still are rarer."""
 
@@ -34,17 +33,14 @@ class MotionTuning:
     # Weights of the predictions; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same
     # to 1 %.
     memory: float = 0.985  # per frame, of the squared errors
-    # By how much a frame's evidence counts. A frame of five rigid markers is worth about that of
-    # two independent coordinates, for which 0.5 x 2 would be Bayes's rule were the errors' sizes
-    # known; that of frames which stand out is counted below.
+    # By how much a frame's evidence counts. Five rigid markers are worth about two independent
+    # coordinates, for which 0.5 x 2 would be Bayes's rule were the errors' sizes known.
     confidence: float = 2.5
-    # Filter: process noise over measurement noise, the acceleration's change within a frame over
-    # the measurement's standard deviation. The level of both follows from the innovations.
+    # Filter: the acceleration's change within a frame over the measurement's standard deviation.
     maneuver: float = 1.0
     max_gap: int = 10  # frames without a measurement, after which the gain grows no more
-    # Part of the acceleration kept for each frame unseen: it cannot be trusted for long.
-    acceleration_fading: float = 0.7
-    velocity_fading: float = 0.95  # the same of the velocity, which can be trusted somewhat longer
+    acceleration_fading: float = 0.7  # per frame unseen, of what cannot be trusted for long
+    velocity_fading: float = 0.95  # the same of the velocity
     # Vibration: past innovations from which the next one is predicted, two for each harmonic.
     lags: int = 6
     vibration_memory: float = 0.99  # per frame, of what is learnt
@@ -52,10 +48,8 @@ class MotionTuning:
     solve_every: int = 4  # frames between two solutions for the coefficients, which saves time
     limit: float = 2.0  # standard deviations of an innovation that may stand in for a missing one
     innovation_fading: float = 0.7  # of an innovation that stands in for a missing one
-    # Frames in which the vibration is learnt from every frame, later from every other.
-    young: int = 100
-    # Deviations: px, assumed of a prediction before anything is known of the motion.
-    first_deviation: float = 3.0
+    young: int = 100  # frames in which vibration is learnt from every frame, later every other
+    first_deviation: float = 3.0  # px, of a prediction before anything is known of the motion
     min_deviation: float = 0.3  # px, of a prediction
     level_memory: float = 0.9  # per frame, of the squared errors of a light's predictions
 
@@ -68,9 +62,8 @@ class PredictionMixture:
     """The weights of competing predictions.
 
     Each is its prior times (mean squared error) to the power -c n: the posterior of a model whose
-    errors have an unknown variance, from n frames. Where few frames make up most of the squares, as
-    after the start of a gust, n is that few: (sum of squares)² over the sum of their squares, as
-    for weighted samples (L. Kish, Survey Sampling, 1965).
+    errors have an unknown variance, from n frames. n is few where few make up most of the squares:
+    (sum of squares)² over the sum of their squares (L. Kish, Survey Sampling, 1965).
     """
 
     def __init__(self, prior: Sequence[float]) -> None:
@@ -103,10 +96,9 @@ class PredictionMixture:
 class Vibration:
     """Autoregression of the Kalman filter's innovations.
 
-    The innovations of a filter are white where its model holds. A camera's vibration is none of
-    its model, moves all markers alike and comes again: the next innovation is predicted from the
-    last six, with coefficients learnt from all markers by recursive least squares. White jitter
-    leaves them at zero.
+    They are white where its model holds. A camera's vibration is none of its model, moves all
+    markers alike and comes again: the next innovation is predicted from the last six, with
+    coefficients learnt from all markers by recursive least squares. White jitter leaves them zero.
     """
 
     def __init__(self) -> None:
@@ -133,10 +125,7 @@ class Vibration:
         return np.asarray(TUNING.innovation_fading * np.clip(predicted, -limit, limit))
 
     def learn(self, history: Array, solve: bool) -> None:
-        """Improve the coefficients by some markers' innovations, the newest first, (1 + lags, m).
-
-        The newest one was predicted with the present coefficients. Solving takes time.
-        """
+        """Learn from some markers' innovations, the newest first, (1 + lags, m)."""
         memory = TUNING.vibration_memory
         products = history.dot(history.T)
         self._products *= memory
@@ -157,7 +146,7 @@ def gain_tables() -> tuple[Array, Array]:
     """Gains (31, 3) of a marker's first measurements until they settle, in frames and px.
 
     And those (n + 1, 3) of the first measurement after up to n frames without. The process noise is
-    white jerk; with frames in regular steps the gains are the same for all markers.
+    white jerk.
     """
     transition = np.array([(1.0, 1.0, 0.5), (0.0, 1.0, 1.0), (0.0, 0.0, 1.0)])
     effect = np.array((0.5, 1.0, 1.0))
@@ -179,11 +168,9 @@ _STARTING_GAINS, _GAINS_AFTER_GAPS = gain_tables()
 
 _POWERS = np.array([(0.0,), (1.0,), (2.0,)])  # Of time, in position, velocity and acceleration
 _SAME_STEP = 1e-6  # Part of a step between frames that makes no difference to the gains
-_SAME_TIME = 1e-9
-"""s, by which intervals may differ and still be the same: stamps are whole nanoseconds."""
+_SAME_TIME = 1e-9  # s, by which the same intervals differ: stamps are whole nanoseconds
+_ODD = 3  # Intervals in a row, not one to three usual steps, after which the rate has changed
 
-_ODD = 3
-"""Intervals in a row that are no usual step, nor two or three, after which the rate has changed."""
 _STATE = slice(0, 3)  # Position (px), velocity (px/s) and acceleration (px/s²) by the filter
 _LAST = 3  # Where the light was last measured, px
 _PLACES = slice(4, 7)  # Newest places, px; a straight line where a light was out of sight
@@ -192,23 +179,17 @@ _LINEAR = _LAGGED.stop  # Rows from which the predictions follow
 _HISTORY = slice(_LAGGED.start, _LINEAR + 1)  # Those innovations and one more
 _TIME, _VARIANCE = _LINEAR + 1, _LINEAR + 2  # When it was last seen, s; of its predictions, px²
 _SEEN, _UNSEEN = _LINEAR + 3, _LINEAR + 4  # Measurements since its first; frames since the last one
-_IN_ROW = _LINEAR + 5
-"""Measurements without a gap, less the first three, whose innovations are of the new filter and not
-of the camera."""
-_ROWS = _LINEAR + 6
-"""What is remembered of a light, in a column for its x and one for its y."""
+_IN_ROW = _LINEAR + 5  # Measurements without a gap, less the first three, as the filter is new
+_ROWS = _LINEAR + 6  # What is remembered of a light, in a column for its x and one for its y
 
 
 class MotionPredictor:
     """Predicts any number of lights, each with position, velocity and acceleration.
 
     Six predictions compete: the thesis's four, a Kalman filter of constant acceleration, and the
-    same with what a vibrating camera will do, predicted from the filter's innovations. Each
-    counts as its errors so far on all lights say, so that smooth motion is filtered, erratic
-    motion followed, jitter smoothed and vibration predicted.
-
-    A frame that was dropped is stepped over as one in which nothing was seen. A light out of
-    sight is predicted by the Kalman filter alone.
+    same with what a vibrating camera will do. Each counts as its errors so far on all lights say. A
+    frame that was dropped is stepped over as one in which nothing was seen. A light out of sight is
+    predicted by the Kalman filter alone.
     """
 
     def __init__(self, count: int) -> None:
@@ -255,12 +236,10 @@ class MotionPredictor:
         self._steady = False
 
     def predict(self, time: float, method: str = 'kalman') -> list[float]:
-        """Go on to the next frame, of a later time (s).
+        """Go on to the next frame, of a later time (s): x and y of every light in turn, px.
 
-        By ``kalman``, which is all predictions by their merit, or by one of `METHODS`.
-
-        Returns:
-            x and y of every light in turn, px; meaningless for one that was never seen.
+        By ``kalman``, which is all predictions by their merit, or by one of `METHODS`. It means
+        nothing for a light that was never seen.
         """
         lights = self._lights
         if self.time is not None:
@@ -354,10 +333,7 @@ class MotionPredictor:
         return np.asarray(self._lights[0].reshape(-1, 2))
 
     def motions(self) -> list[tuple[float, float, float, float]]:
-        """Velocity (px/s) and acceleration (px/s²) of every light, x and y each: n rows of four.
-
-        NaN before there are two, or three, measurements.
-        """
+        """Velocity and acceleration of every light, x and y each, px and s; NaN if not known."""
         rows = self._lights[1:3]
         if not self._steady:
             rows = np.where(self._lights[_SEEN] < [[2], [3]], math.nan, rows)
@@ -431,7 +407,7 @@ class MotionPredictor:
             self._learn_vibration(np.vstack((errors[_FILTER, settled], lights[_LAGGED, settled])))
 
     def _correct(self, error: Array, visible: Mask, known: Mask) -> Array:
-        """Correct the Kalman filter, and return the innovations, (2 n,) px."""
+        """Correct the Kalman filter; the innovations, (2 n,) px."""
         lights = self._lights
         predicted = self.competing[_VIBRATION] - self.competing[_FILTER]
         innovation = np.where(visible, error, self._vibration.stand_in(predicted))
@@ -447,17 +423,15 @@ class MotionPredictor:
         return innovation
 
     def _go_on(self, measured: Array, visible: Mask, new: Mask) -> None:
-        """Append to the newest places.
-
-        A marker out of sight goes on in a straight line at its last velocity; when it returns, the
-        line from its last place to the new one is its velocity, as in the thesis's program.
-        """
+        """Append to the newest places."""
         assert self.time is not None
         lights = self._lights
         places, times = lights[_PLACES], (self.time, *self._times[:2])
         restarted = visible & ~new & ((lights[_SEEN] == 1) | (lights[_UNSEEN] > 0))
         elapsed = np.where(new, 1.0, self.time - lights[_TIME])
         velocity = (measured - lights[_LAST]) / np.maximum(elapsed, _SAME_TIME)
+        # A light out of sight goes on at its last velocity; when it returns, the line from its last
+        # place to the new one is its velocity, as in the thesis's program.
         places[1:] = places[:-1]
         places[0] = np.where(visible, measured, self.competing[1])
         for row, then in enumerate(times[1:], 1):
@@ -467,10 +441,7 @@ class MotionPredictor:
 
 
 def _extrapolations(ahead: float, newer: float, older: float) -> Array:
-    """What each of the last three places counts by velocity and both accelerations, (3, 3).
-
-    The times (s) are from the newest place to the prediction, and between the places.
-    """
+    """What each of the last three places counts by velocity and both accelerations, (3, 3)."""
     v = ahead / newer
     # Half of ahead², times what the places count in the acceleration. Each velocity belongs to
     # its interval's middle.

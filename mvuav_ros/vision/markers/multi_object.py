@@ -13,8 +13,7 @@ from scipy.spatial import cKDTree
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import find_lights
-from mvuav_ros.vision.markers.lights import GroupingError
+from mvuav_ros.vision.markers.lights import GroupingError, find_lights
 from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.motion import MotionPredictor
 
@@ -34,10 +33,9 @@ def nearest_other(places: Array) -> Array:
 
 
 def choices(predicted: Array, seen: Array, widest: float) -> tuple[Array, Integers]:
-    """The detections (m, 2) near each known light (n, 2), px, at most `MAX_CHOICES`.
+    """Distances (n, k) of detections (m, 2) near lights (n, 2), px, infinite beyond the widest.
 
-    Returns:
-        (n, k) their distances (px, infinite beyond the widest) and (n, k) their numbers.
+    And the detections' numbers (n, k), at most `MAX_CHOICES`.
     """
     count = np.arange(1, min(MAX_CHOICES, len(seen)) + 1)
     apart, number = cKDTree(seen).query(predicted, k=count, distance_upper_bound=widest)
@@ -47,14 +45,9 @@ def choices(predicted: Array, seen: Array, widest: float) -> tuple[Array, Intege
 def assign(cost: Array, number: Integers) -> Integers:
     """Give detections to known lights so that most have one, and the sum of costs is least.
 
-    Pairs without another choice are taken at once, the rest by the Hungarian method.
-
-    Args:
-        cost: (n, k) of each light's choices, `IMPOSSIBLE` where they cannot be a pair.
-        number: (n, k) of the detections.
-
-    Returns:
-        (n,) the detection's number, or -1.
+    The cost (n, k) of each light's choices is `IMPOSSIBLE` where they cannot be a pair; the numbers
+    (n, k) are the detections'. Pairs without another choice are taken at once, the rest by the
+    Hungarian method. Returns each light's detection, (n,), or -1.
     """
     given = np.full(len(cost), -1)
     possible = cost < IMPOSSIBLE
@@ -79,19 +72,11 @@ def assign(cost: Array, number: Integers) -> Integers:
 def common_shift(
     predicted: Array, seen: Array, nearest: Array, longest: float, tolerance: float
 ) -> Array | None:
-    """A jump that most lights made together, as by a push to the camera.
+    """A jump (2,) that most lights made together, as by a push to the camera; None for none.
 
-    The shifts from every prediction to every detection vote in cells; the fullest are tried.
-
-    Args:
-        predicted: (n, 2) px.
-        seen: (m, 2) px.
-        nearest: (n,) px, from each prediction to the nearest detection.
-        longest: px, of a jump.
-        tolerance: px, by which the lights may differ.
-
-    Returns:
-        (2,) px, or None where they made none.
+    The shifts from every prediction (n, 2) to every detection (m, 2) vote in cells; the fullest are
+    tried. The nearest detection of each is (n,) px away, a jump is so long at most, and lights that
+    jump together differ by no more than the tolerance, px.
     """
     count = len(predicted)
     at_rest = int((nearest < tolerance).sum())
@@ -101,30 +86,23 @@ def common_shift(
     shifts = shifts[np.abs(shifts).max(axis=1) < longest]
     if len(shifts) < 3:
         return None
-    tree = cKDTree(seen)
-    best, shift = 0, None
-    for candidate in _most_common(shifts, longest, tolerance):
-        apart = tree.query(predicted + candidate, distance_upper_bound=tolerance)[0]
-        fitting = int(np.isfinite(apart).sum())
-        if fitting > best:
-            best, shift = fitting, candidate
-    return shift if best >= max(3, 0.6 * count, at_rest + 2) else None
-
-
-def _most_common(shifts: Array, longest: float, tolerance: float) -> list[Array]:
-    """The middles of the cells into which most shifts fall."""
     side = int(2 * longest / tolerance) + 2
     cells = np.floor((shifts + longest) / tolerance).astype(np.intp)
     votes = np.bincount(cells[:, 0] * side + cells[:, 1], minlength=side * side).reshape(side, side)
     # Two by two cells, as a jump may lie at the border of one.
     votes = votes[:-1, :-1] + votes[1:, :-1] + votes[:-1, 1:] + votes[1:, 1:]
     fullest = np.argsort(-votes.ravel(), kind='stable')[:_JUMPS_TRIED]
-    middles = []
+    tree, best, shift = cKDTree(seen), 0, None
     for corner in np.stack(np.unravel_index(fullest, votes.shape), axis=-1):
         inside = np.all((cells >= corner) & (cells <= corner + 1), axis=1)
-        if inside.any():
-            middles.append(np.median(shifts[inside], axis=0))
-    return middles
+        if not inside.any():
+            continue
+        candidate = np.median(shifts[inside], axis=0)
+        apart = tree.query(predicted + candidate, distance_upper_bound=tolerance)[0]
+        fitting = int(np.isfinite(apart).sum())
+        if fitting > best:
+            best, shift = fitting, candidate
+    return shift if best >= max(3, 0.6 * count, at_rest + 2) else None
 
 
 Mask = NDArray[np.bool_]
@@ -140,19 +118,15 @@ class MultiObjectTuning:
     """
 
     gate: float = 4.0  # standard deviations from its prediction at which a light is another one
-    # Part of the distance to the nearest other light within which a light is itself.
-    alone: float = 0.45
+    alone: float = 0.45  # part of the distance to the nearest other light within which it is itself
     widest: float = 60.0  # px that a light may lie off its prediction, unless all jump together
     same_jump: float = 5.0  # px by which lights that jump together may differ
-    # Of the logarithm of a change in size; a light that changes its size is likelier to be another
-    # one.
-    size_weight: float = 3.0
+    size_weight: float = 3.0  # of the logarithm of a change in size, as of another light
     size_offset: float = 4.0  # px that soften that for the smallest lights
     size_memory: float = 0.8  # per sighting, of a light's usual size
     confirmed: int = 3  # sightings from which a light is more than a speck
-    # Specks out of sight that are kept; with all of the following, so that noise in every frame
-    # costs little more than in one.
-    max_tentative: int = 50
+    # So that noise in every frame costs little more than in one:
+    max_tentative: int = 50  # specks out of sight that are kept
     max_voters: int = 40  # lights that are asked whether all have jumped
     most: int = 400  # lights that are kept
 
@@ -164,10 +138,8 @@ class MultiObjectTracker:
     """Every light of the frame, as persistent as its motion allows.
 
     The lights of a frame are given to the known ones so that the squared distances from the
-    predictions, over their variances, are least in sum; where several are new or hidden at once
-    the others' motion is a prediction too (`MotionPredictor` shares what they have in common). A
-    light out of sight is predicted for ``lost_timeout`` and then forgotten; two that run into
-    one are both kept that long.
+    predictions, over their variances, are least in sum. A light out of sight is predicted for
+    ``lost_timeout`` and then forgotten; two that run into one are both kept that long.
     """
 
     def __init__(self) -> None:
@@ -197,16 +169,24 @@ class MultiObjectTracker:
         self._update(time, given, found)
         given = self._forget(time - parameters.lost_timeout, given, TUNING.most - len(found))
         new = np.setdiff1d(np.arange(len(found)), given)
-        self._add(time, found[new])
+        if len(new):
+            self._motion.add(found[new, :2])
+            areas = enumerate(found[new, 2], self._newest_id + 1)
+            lights = [(number, area, 1, time) for number, area in areas]
+            self._newest_id += len(new)
+            self._lights = np.concatenate((self._lights, np.array(lights, _LIGHT)))
         return self._result(np.concatenate((given, new)), found, status)
 
     def _assign(self, predicted: Array, found: Array, search_radius: int) -> Integers:
         """Which detection each known light has; -1 for none."""
-        if len(predicted) == 0 or len(found) == 0:
+        if not (len(predicted) and len(found)):
             return np.full(len(predicted), -1)
         seen = found[:, :2]
         apart, number = choices(predicted, seen, TUNING.widest)
-        voters = self._voters()
+        # Those can show a jump of all that are well known and were seen in the last frame.
+        sightings, last_seen = self._lights['sightings'], self._lights['last_seen']
+        voters = np.flatnonzero((sightings >= TUNING.confirmed) & (last_seen == last_seen.max()))
+        voters = voters[np.argsort(-sightings[voters], kind='stable')[: TUNING.max_voters]]
         longest, same = 3 * TUNING.widest, TUNING.same_jump
         shift = common_shift(predicted[voters], seen, apart[voters, 0], longest, same)
         if shift is not None:
@@ -224,12 +204,6 @@ class MultiObjectTracker:
         cost += (TUNING.size_weight * (usual[:, None] - size[number])) ** 2
         cost[apart > reach] = IMPOSSIBLE
         return assign(cost, number)
-
-    def _voters(self) -> Integers:
-        """The lights that can show a jump of all: well known, and seen in the last frame."""
-        sightings, last_seen = self._lights['sightings'], self._lights['last_seen']
-        voters = np.flatnonzero((sightings >= TUNING.confirmed) & (last_seen == last_seen.max()))
-        return voters[np.argsort(-sightings[voters], kind='stable')[: TUNING.max_voters]]
 
     def _update(self, time: float, given: Integers, found: Array) -> None:
         """Measure the known lights."""
@@ -253,15 +227,6 @@ class MultiObjectTracker:
             self._motion.keep(kept)
             self._lights = self._lights[kept]
         return given[kept]
-
-    def _add(self, time: float, new: Array) -> None:
-        """Follow new lights, (k, 3): x, y (px), area (px)."""
-        if not len(new):
-            return
-        self._motion.add(new[:, :2])
-        first, self._newest_id = self._newest_id + 1, self._newest_id + len(new)
-        lights = [(first + i, area, 1, time) for i, area in enumerate(new[:, 2].tolist())]
-        self._lights = np.concatenate((self._lights, np.array(lights, _LIGHT)))
 
     def _result(self, given: Integers, found: Array, status: str) -> MarkerResult:
         motions = np.array(self._motion.motions()).reshape(-1, 4)

@@ -12,22 +12,14 @@ import numpy as np
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
-from mvuav_ros.vision.markers.initialization import (
-    ABSENT,
-    STRAY,
-    Guess,
-    Prior,
-    guess_body,
-    log_odds_of,
-)
-from mvuav_ros.vision.markers.lights import Light, Lights, are_close, places_of
+from mvuav_ros.vision.markers.initialization import ABSENT, STRAY, Prior, guess_body, log_odds_of
+from mvuav_ros.vision.markers.lights import Light, are_close, candidates, places_of
 from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED
 
-DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
-GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
+GATE = FAULTS.gate  # Squared distance over variance at which a light is too far from a place
 GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
 MAX_WAYS = 1000
 MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
@@ -43,10 +35,9 @@ def assign(
 ) -> dict[int, Light]:
     """Name the lights that lie where exactly one marker is expected, and look like it.
 
-    All ways of giving the lights to the markers are weighed; a marker is named where every way that
-    costs little more than the best gives it the same light.
+    A marker is named where all ways of naming that cost little more than the best agree.
     """
-    costs: dict[int, dict[int, float]] = {}
+    choices: list[tuple[int, dict[int, float]]] = []
     for marker, place in expected.items():
         near = {}
         for number, light in enumerate(lights):
@@ -55,14 +46,18 @@ def assign(
             if unlike < math.inf:
                 near[number] = cost + unlike
         if near:
-            costs[marker] = near
-    if not costs:
-        return {}
-    ways = list(islice(_ways(list(costs.items())), MAX_WAYS + 1))
+            choices.append((marker, near))
+    ways = list(islice(_ways(choices), MAX_WAYS + 1))
     if len(ways) > MAX_WAYS:
         return {}
-    named = {marker: lights[number] for marker, number in _shared(ways).items()}
-    return {marker: light for marker, light in named.items() if not unlikeness(marker, light)}
+    least, best = min(ways, key=lambda pair: pair[0])
+    probable = [way for cost, way in ways if cost < least + FAULTS.doubt]
+    return {
+        marker: lights[number]
+        for marker, number in best.items()
+        if all(way.get(marker) == number for way in probable)
+        and not unlikeness(marker, lights[number])
+    }
 
 
 def _ways(
@@ -78,13 +73,6 @@ def _ways(
         if number not in taken:
             for cost, way in _ways(rest, taken | {number}):
                 yield cost + own, {marker: number, **way}
-
-
-def _shared(ways: Sequence[tuple[float, dict[int, int]]]) -> dict[int, int]:
-    """What all ways share that cost little more than the best."""
-    least, best = min(ways, key=lambda pair: pair[0])
-    probable = [way for cost, way in ways if cost < least + DOUBT]
-    return {m: light for m, light in best.items() if all(w.get(m) == light for w in probable)}
 
 
 MIN_AGAIN = (2, 3)
@@ -120,30 +108,22 @@ def reacquire(
 ) -> Again | None:
     """Find a body again of which too little is in sight where it was expected.
 
-    It is looked for within what is known of its view. There are so many strays per px², and the
-    fewest of its markers must be among the lights.
+    The fewest of its markers must be among the lights, beside so many strays per px².
     """
     ways = guess_body(shape, lights, prior, fewest, strays)
     likely = [way for way in ways if not any(unlikeness(m, lights[i]) for m, i in way.way)]
     if not likely:
         return None
-    best = max(likely, key=lambda guess: guess.evidence)
-    if any(_are_alike(way, best) for way in likely):
-        return None
+    best, *others = likely
+    for way in others:
+        same_lights = {light for _, light in way.way} == {light for _, light in best.way}
+        if same_lights and not {*way.way} & {*best.way} and best.evidence - way.evidence < ALIKE:
+            return None
     odds = log_odds_of(best, ways)
     named = {marker: lights[i] for marker, i in best.way if odds[marker] > 0.0}
     if len(named) < fewest:
         return None
     return Again(best.view, named, {marker: odds[marker] for marker in named})
-
-
-def _are_alike(way: Guess, best: Guess) -> bool:
-    """Whether another way names the same lights, all of them otherwise, and is about as good."""
-    return (
-        way.evidence > best.evidence - ALIKE
-        and {light for _, light in way.way} == {light for _, light in best.way}
-        and not {*way.way} & {*best.way}
-    )
 
 
 STRANGE = 3  # Frames without a name after which a light is clutter
@@ -167,15 +147,11 @@ class Clutter:
 
     @property
     def may_be_new(self) -> bool:
-        """Whether lights that are not known to be clutter may be some as well.
-
-        They hardly are where none has come lately, and as much is in sight as there was at most.
-        """
+        """Whether other lights may be clutter as well: some is out of sight, or came lately."""
         return self.is_about and (self._known < self._most or self._settled < SETTLED)
 
     @property
     def _known(self) -> int:
-        """How much of it is in sight."""
         return sum(age >= STRANGE for _, age in self._seen)
 
     def include(self, light: Light) -> bool:
@@ -183,10 +159,10 @@ class Clutter:
         return any(age >= STRANGE and _is_beside(light, other) for other, age in self._seen)
 
     def update(self, lights: Sequence[Light], expected: Mapping[int, Expectation] | None) -> None:
-        """Take the lights of a frame that got no name.
+        """Take the lights of a frame that got no name, and where markers without one should be.
 
-        What lies far from all places where markers without a light are expected is none. Where the
-        body is out of sight (None), only what was clutter before is followed.
+        What lies far from all of those is clutter. Where the body is out of sight (None), only what
+        was clutter before is followed.
         """
         seen = []
         self._settled += 1
@@ -194,7 +170,10 @@ class Clutter:
             ages = [age for other, age in self._seen if _is_beside(light, other)]
             before = max(ages, default=0)
             if expected is not None:
-                near = any(_may_be_at(light, place) for place in expected.values())
+                near = any(
+                    math.hypot(light.x - x, light.y - y) < CLUTTER_STEP + 4.0 * deviation
+                    for x, y, deviation in expected.values()
+                )
                 ages.append(0 if near else before + STRANGE)
             if ages:
                 seen.append((light, max(ages)))
@@ -208,11 +187,6 @@ class Clutter:
 
 def _is_beside(a: Light, b: Light) -> bool:
     return abs(a.x - b.x) < CLUTTER_STEP and abs(a.y - b.y) < CLUTTER_STEP
-
-
-def _may_be_at(light: Light, place: Expectation) -> bool:
-    reach = CLUTTER_STEP + 4.0 * place.deviation
-    return math.hypot(light.x - place.x, light.y - place.y) < reach
 
 
 KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even clutter may be it
@@ -235,16 +209,15 @@ class Search:
     ) -> None:
         """Begin with the markers found so far, without those that a consensus drops."""
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
-        self._known = tuple(self.found)
+        # Those of the found of which one or some must be another light.
+        self.suspects = set(consensus.suspects)
         # What speaks against each marker; another one where others have taken all names.
         self.faults = faults
         self.views = faults.views  # at this frame's time
-        # Those of the found of which one or some must be another light.
-        self.suspects = set(consensus.suspects)
-        # Log odds of the markers found again together, after hardly any was in sight.
-        self.reacquired: Mapping[int, float] = {}
-        self._doubtful = faults.doubtful
+        self.reacquired: Mapping[int, float] = {}  # log odds of the markers found again together
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
+        self._known = tuple(self.found)
+        self._doubtful = faults.doubtful
         self._markers = markers
         self._view = consensus.view()
         self._expected: list[Expectation] = []  # of all markers, by this view:
@@ -256,25 +229,12 @@ class Search:
         return self.found.keys() - set(self._known)
 
     @property
-    def _firm(self) -> int:
-        """How many names are in no doubt: those from before, unless all markers have theirs."""
-        firm = self.found.keys() - self._doubtful
-        # Of three markers no two say where the third one is.
-        if len(firm) == len(self._markers) or len(self._markers) <= FAULTS.min_firm:
-            return len(firm)
-        return len(firm - self.given)
-
-    @property
     def missing(self) -> list[int]:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
 
-    def name(self, frame: Lights, clutter: Clutter, older: ViewFilter) -> None:
-        """Give names to the lights of the frame.
-
-        The older filter is that which last had enough firm names, at this frame's time.
-        """
-        lights = frame.spots
+    def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter) -> None:
+        """Name the lights of a frame; the older filter is that which last had enough firm names."""
         self._clutter = clutter
         self._free = [
             light
@@ -285,7 +245,11 @@ class Search:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
                 self._name_joined()
-        if self._firm < FAULTS.min_firm:
+        # Names from before, unless all markers have theirs; of three no two show the third one.
+        firm, count = self.found.keys() - self._doubtful, len(self._markers)
+        if len(firm) < count and count > FAULTS.min_firm:
+            firm -= self.given
+        if len(firm) < FAULTS.min_firm:
             self._find_again()
         self._check()
         self.alone = {
@@ -299,7 +263,7 @@ class Search:
         clutter.update(nameless, self.expected(self.missing) if known else None)
         few = len(self.reacquired) < FAULTS.min_firm
         if not self.found or (nameless and self.missing and few):
-            self._find_otherwise(frame, older)
+            self._find_otherwise(lights, older)
 
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
@@ -316,17 +280,17 @@ class Search:
                     return math.inf
                 return self._unlikeness(index, light)
 
-            free = [light for light in self._free if not self._is_joined(light, places)]
+            free = []
+            for light in self._free:
+                inside = self._inside(light, places)
+                areas = [self._markers[index].area for index in inside]
+                # The lights of two markers may have run together.
+                if len(inside) < 2 or light.seen.area <= LARGER * max(areas):
+                    free.append(light)
             named = assign(gates, free, unlike)
             if not named:
                 return
             self._take({**self.found, **named})
-
-    def _is_joined(self, light: Light, places: Mapping[int, Expectation]) -> bool:
-        """Whether the lights of two markers have run together."""
-        inside = self._inside(light, places)
-        areas = [self._markers[index].area for index in inside]
-        return len(inside) > 1 and light.seen.area > LARGER * max(areas)
 
     def _inside(self, light: Light, places: Mapping[int, Expectation]) -> list[int]:
         reach = light.seen.radius + TOUCHING
@@ -357,7 +321,7 @@ class Search:
                 u, v = light.seen.x + x - light.x, light.seen.y + y - light.y
                 seen = Detection(u, v, round(marker.area), marker.spread)
                 self.found[index] = Light(x, y, seen)
-            self._free = [other for other in self._free if other is not light]
+            self._free.remove(light)
             self._view = self.views.look(places_of(self.found))
             return
 
@@ -374,37 +338,28 @@ class Search:
         may_be_none, strays = self._clutter.may_be_new, self._strays
         if self._clutter.is_about and not may_be_none:
             strays *= KNOWN
-        again = reacquire(
-            self.views.shape,
-            Prior.of(self.views),
-            new,
-            self._unlikeness,
-            strays,
-            MIN_AGAIN[may_be_none],
-        )
-        if again is not None:
-            self.suspects.clear()
-            self.reacquired = again.odds
-            self._free = lights
-            self._take(dict(again.lights))
-            away = max(self.faults.nis_of(places_of(self.found)).values())
-            if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
-                self._begin(self.views.shape, again)
-            self._name_clear()
+        prior, fewest = Prior.of(self.views), MIN_AGAIN[may_be_none]
+        again = reacquire(self.views.shape, prior, new, self._unlikeness, strays, fewest)
+        if again is None:
+            return
+        self.suspects.clear()
+        self.reacquired = again.odds
+        self._free = lights
+        self._take(dict(again.lights))
+        away = max(self.faults.nis_of(places_of(self.found)).values())
+        if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
+            self._begin(self.views.shape, again)
+        self._name_clear()
 
     @property
     def _strays(self) -> float:
         """Density of lights that are no markers, per px²."""
         return STRAY if self._clutter.is_about else RARE * STRAY
 
-    def _find_otherwise(self, frame: Lights, older: ViewFilter) -> None:
-        """Find the body where names that may be those of other lights have bent the view.
-
-        Where names were found it must name two markers more, or one and show that one of those
-        names is wrong; and the odds of its names must exceed theirs.
-        """
+    def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
+        """Find the body where names that may be those of other lights have bent the view."""
         count = len(self._markers)
-        lights = frame.candidates(count)
+        lights = candidates(every, count)
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         holds = is_firm or (self.found and count > FAULTS.min_firm)
         if len(lights) > MAX_NAMED or (holds and len(lights) <= len(self.found)):
@@ -429,12 +384,15 @@ class Search:
         self.faults, self._view = FaultDetector(self.views), self.views.view
 
     def _is_better(self, again: Again) -> bool:
-        """Whether a body says more of the lights than the names found so far."""
-        is_other = any(
-            marker not in again.lights or not are_close(again.lights[marker], light, SAME_SPOT)
+        """Whether a body says more of the lights than the names found so far.
+
+        It must name two markers more, or one and show that one of those names is wrong.
+        """
+        is_same = all(
+            marker in again.lights and are_close(again.lights[marker], light, SAME_SPOT)
             for marker, light in self.found.items()
         )
-        if len(again.lights) - len(self.found) <= (0 if is_other else 1):
+        if len(again.lights) <= len(self.found) + is_same:
             return False
         return sum(again.odds.values()) > sum(self._markers[marker].odds for marker in self.found)
 

@@ -20,31 +20,22 @@ Complex = NDArray[np.complex128]
 ROLL, SCALE, X, Y, PITCH, YAW, FOCAL, BARREL = range(8)
 """Places in a view's parameters."""
 COUNT = 8
-KNOWN_FOCAL = 0.01
-"""Part by which a calibrated focal length may be wrong (1 sigma)."""
+KNOWN_FOCAL = 0.01  # Part by which a calibrated focal length may be wrong (1 sigma)
 _TURNS: Complex = np.zeros((COUNT, 3), np.complex128)
 """Of a view: log of the scale plus i times the roll, less i times the yaw, i times the pitch."""
 _TURNS[[SCALE, ROLL], 0], _TURNS[YAW, 1], _TURNS[PITCH, 2] = (1.0, 1j), -1j, 1j
-_NEAREST = 0.05
-"""Least distance of a marker over the rig's: what would come to lie behind the camera."""
-_MIN_AREA = 1e-3
-"""Twice that of a triangle in which three markers are not on one line, in squared units."""
+_NEAREST = 0.05  # Least distance of a marker over the rig's: else it would be behind the camera
+_MIN_AREA = 1e-3  # Twice that of three markers that are not on one line, in squared units
 
 
 @dataclass(frozen=True, eq=False)
 class WeakPerspective:
-    """A rig seen from behind, in units of its size.
+    """A rig seen from behind: its markers' middle is the origin, and the farthest one is at 1."""
 
-    Attributes:
-        points: (n, 3), x right, y down, z ahead; the middle of the markers is the origin and the
-            farthest marker is at 1.
-        lens: of the camera.
-        offsets: (n,), by how much the markers of a body that is not what its rig says are seen
-            beside it: x + iy in units of the scale, turned with the roll.
-    """
-
-    points: Array
+    points: Array  # (n, 3), x right, y down, z ahead
     lens: Lens
+    # (n,), by how much the markers of a body that is not what its rig says are seen beside it:
+    # x + iy in units of the scale, turned with the roll.
     offsets: Complex | None = None
 
     @classmethod
@@ -64,38 +55,33 @@ class WeakPerspective:
 
     @cached_property
     def triangles(self) -> Callable[[int], list[tuple[int, int, int]]]:
-        """What `_triangles` gives, worked out once for each number."""
-        return cache(self._triangles)
-
-    def _triangles(self, hidden: int) -> list[tuple[int, int, int]]:
-        """Threes of markers, not on one line, of which one is left whichever so many are hidden.
+        """Threes of markers, not on one line, of which some are left whichever so many are hidden.
 
         The largest as seen from behind of those that are left most often.
         """
+        return cache(self._triangles)
+
+    def _triangles(self, hidden: int) -> list[tuple[int, int, int]]:
         flat = self.points[:, 0] + 1j * self.points[:, 1]
         threes = np.array([*combinations(range(len(flat)), 3)], np.intp).reshape(-1, 3)
         a, b, c = flat[threes].T
         areas = np.abs(((b - a).conjugate() * (c - a)).imag)
         threes, areas = threes[areas >= _MIN_AREA], areas[areas >= _MIN_AREA]
-        outs = [*combinations(range(len(flat)), hidden)]
-        is_out = np.zeros((len(outs), len(flat)), np.bool_)
-        for row, out in enumerate(outs):
-            is_out[row, list(out)] = True
-        shows: NDArray[np.bool_] = np.logical_not(is_out[:, threes].any(axis=2)).T
+        outs = [{*out} for out in combinations(range(len(flat)), hidden)]
+        shows = np.array([[out.isdisjoint(three) for out in outs] for three in threes.tolist()])
         # How often each way of hiding so many is still to be shown.
         left = np.full(len(outs), 2 if hidden else 1)
         chosen: list[tuple[int, int, int]] = []
-        free = np.ones(len(threes), np.bool_)
-        while left.any() and free.any():
-            shown = np.where(free, np.count_nonzero(shows & (left > 0), axis=1), 0)
+        while len(threes) and left.any():
+            shown = np.count_nonzero(shows & (left > 0), axis=1)
             most = np.flatnonzero(shown == shown.max())
             best = int(most[areas[most].argmax()])
             if not shown[best]:
                 break
             first, second, third = threes[best].tolist()
             chosen.append((first, second, third))
-            free[best] = False
             left -= shows[best] & (left > 0)
+            shows[best] = False
         return chosen
 
     @cached_property
@@ -104,33 +90,22 @@ class WeakPerspective:
         return math.log(0.85 / max(0.35, -float(self.points[:, 2].min())))
 
     def project(self, parameters: Array) -> Array:
-        """Where the markers are seen.
+        """Where the markers are seen, (..., n, 2) px.
 
-        Args:
-            parameters: (..., 8): roll (rad), log of the scale (px per unit), x and y of the
-                origin (px), pitch and yaw away from straight behind (rad), log of the focal
-                length (px: the less, the nearer the rig), barrel (share by which the
-                lens moves a point at half the image's diagonal; 0 where it is calibrated).
-
-        Returns:
-            (..., n, 2), px.
+        The parameters (..., 8) are roll (rad), log of the scale (px per unit), x and y of the
+        origin (px), pitch and yaw away from straight behind (rad), log of the focal length (px:
+        the less, the nearer the rig), and barrel (share by which the lens moves a point at half
+        the image's diagonal; 0 where it is calibrated).
         """
         views = np.ascontiguousarray(parameters).reshape(-1, COUNT)
         return self.linearize(views)[0].reshape(*parameters.shape[:-1], -1, 2)
 
     def linearize(self, views: Array) -> tuple[Array, Array]:
-        """Places of the markers and their slopes, in the order in which matrix products take it.
+        """Places of the markers (m, 2 n) in views (m, 8), and their slopes (m, 8, 2 n).
 
         Image points are complex numbers, x + iy from the image's centre: N / D, where N is the
         turned point in px plus the origin's place, and D its depth over the origin's. By a
         parameter p, that changes by (dN/dp - N / D dD/dp) / D.
-
-        Args:
-            views: (m, 8), see `project`.
-
-        Returns:
-            Places (m, 2 n), x and y of each marker in turn, and by how much they move with the
-            parameters, (m, 8, 2 n).
         """
         px, py, pz = self.points.T
         turn, yaw, pitch = np.exp(views.dot(_TURNS)).T[..., None]
@@ -166,11 +141,9 @@ class WeakPerspective:
         return image.view(np.float64), slopes.view(np.float64)
 
     def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> tuple[Complex, Complex]:
-        """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n).
-
-        With k the barrel over half the diagonal squared, z becomes z (1 + k |z|²), and dz becomes
-        (1 + 2 k |z|²) dz + k z² dz*.
-        """
+        """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n)."""
+        # With k the barrel over half the diagonal squared, z becomes z (1 + k |z|²), and dz becomes
+        # (1 + 2 k |z|²) dz + k z² dz*.
         share = 1.0 / self.lens.half_diagonal**2
         cubic = image * (image.real**2 + image.imag**2) * share
         bent = (barrel * share) * image
@@ -182,23 +155,17 @@ class WeakPerspective:
 
     @cached_property
     def middle(self) -> complex:
-        """The lens's principal point, x + iy, px: off it, near and far markers shift."""
+        """The lens's principal point, x + iy, px."""
         return complex(*self.lens.centre.tolist())
 
 
 @dataclass(frozen=True, eq=False)
 class ViewState:
-    """An estimate of how a shape is seen.
+    """An estimate of how a shape is seen."""
 
-    Attributes:
-        parameters: (8,), see `WeakPerspective.project`.
-        covariance: (8, 8).
-        misfit: root mean square of the residuals of the markers it was fitted to, px.
-    """
-
-    parameters: Array
-    covariance: Array
-    misfit: float = 0.0
+    parameters: Array  # (8,), see `WeakPerspective.project`
+    covariance: Array  # (8, 8)
+    misfit: float = 0.0  # root mean square of the residuals of the markers it was fitted to, px
 
     @property
     def scale(self) -> float:
@@ -225,12 +192,6 @@ SETTLED = 5e-3
 _MAX_STEP = 0.5  # rad, and logarithms
 
 
-def columns_of(markers: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Where x and y of some markers (..., k) are among those of all, (..., 2 k)."""
-    pairs = 2 * markers[..., None] + (0, 1)
-    return np.asarray(pairs.reshape(*markers.shape[:-1], 2 * markers.shape[-1]))
-
-
 def limited(step: Array) -> tuple[Array, float]:
     """Gauss-Newton steps (m, 8) no longer than they may be, and how long the longest was."""
     longest = np.abs(step * SHARED)
@@ -250,8 +211,7 @@ _FIRST, _SECOND = [0, 0, 1], [1, 2, 2]  # Of three markers, in pairs
 _DEPTH_ITERATIONS = 6
 _AT_ONCE = 8192  # Threes, whose arrays a processor's cache holds
 _FLAT = 0.3  # Of a rig's size: depths of three seen from nearly straight above differ by less
-_MAX_DEPTH_STEP = 0.3
-"""Of a depth, by its own length."""
+_MAX_DEPTH_STEP = 0.3  # Of a depth, by its own length
 _MIN_DEPTH = 0.3  # Least distance of a marker over that of the first one, to begin with
 
 
@@ -262,18 +222,11 @@ def views_of_three(
     focal: float,
     may_be: Callable[[Array], NDArray[np.bool_]],
 ) -> Array:
-    """Views in which three markers are seen at given places.
+    """Views (v, 8) in which three markers are seen at given places, up to three for each three.
 
-    Args:
-        shape: the rig.
-        markers: (t, 3), three that do not lie on one line.
-        places: (t, 3), x + iy, px.
-        focal: length, px.
-        may_be: which of some views (v, 8), that are about right, are worth to be worked out.
-
-    Returns:
-        (v, 8), see `WeakPerspective.project`: up to three for each three. Where there is none, a
-        view that does not show the markers there.
+    The markers (t, 3) of a three do not lie on one line; their places (t, 3) are x + iy, px, for a
+    focal length, px. Of the views that are about right only those that may be are worked out. Where
+    there is none, a view does not show the markers there.
     """
     if len(markers) > _AT_ONCE:
         parts = [slice(i, i + _AT_ONCE) for i in range(0, len(markers), _AT_ONCE)]
@@ -326,8 +279,8 @@ def _cross(a: Array, b: Array) -> Array:
 def _orthographic_depths(points: Array, seen: Complex) -> tuple[Array, NDArray[np.intp]]:
     """Depths (3, v) of points (3, 3, t) seen (3, t) about from behind, and whose they are, (v,).
 
-    Alter's solution and its mirror image, and what lies between where three are seen from nearly
-    straight above: there perspective has more than two solutions.
+    Alter's solution (1994) and its mirror image; and what lies between where three are seen from
+    nearly straight above, as perspective has more than two solutions there.
     """
     edges = points[1:] - points[0]
     first, second = (edges * edges).sum(axis=1)

@@ -12,7 +12,6 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
-from mvuav_ros.vision.markers.detection import detect, detect_any
 from mvuav_ros.vision.markers.marker_results import (
     TANKER_NAMES,
     Label,
@@ -20,7 +19,7 @@ from mvuav_ros.vision.markers.marker_results import (
     MarkerState,
     is_cut,
 )
-from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
+from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker, detect, detect_any
 from mvuav_ros.vision.point_operations import Pixels, full_scale
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 from mvuav_ros.vision.rig_examination import examine
@@ -32,10 +31,7 @@ if TYPE_CHECKING:
 
 AUTO, INTENSITY, BRIGHTEST = 'auto', 'intensity', 'brightest'  # Channels of a colour image
 WITHOUT_MEMORY = ('detect', 'detect_any')  # Modes that take each frame by itself
-
-
-_LONGEST_GAP_NS = 3600 * 10**9
-"""From one frame to the next, after which a flight begins anew."""
+_LONGEST_GAP_NS = 3600 * 10**9  # From one frame to the next, after which a flight begins anew
 
 
 class MarkerTracker:
@@ -61,16 +57,13 @@ class MarkerTracker:
     """
 
     def __init__(
-        self,
-        parameters: MarkerTrackerParameters | None = None,
-        rig: MarkerRig | None = None,
+        self, parameters: MarkerTrackerParameters | None = None, rig: MarkerRig | None = None
     ) -> None:
         """Prepare for the first frame.
 
         Args:
             parameters: the defaults if None.
-            rig: the body whose markers are named; if None that of the parameter ``layout``,
-                which is the tanker of the thesis where it is empty.
+            rig: the body whose markers are named; if None that of the parameter ``layout``.
 
         Raises:
             ParameterError: the rig's file cannot be used, or its names or pose are ambiguous and
@@ -106,8 +99,9 @@ class MarkerTracker:
         """
         if parameters.layout != self.parameters.layout:
             raise ParameterError('layout', 'cannot be changed; make another MarkerTracker')
-        before, self.parameters = self.parameters, parameters
-        if _program(parameters) != _program(before):
+        programs = [(p.mode, p.prediction == 'kalman') for p in (self.parameters, parameters)]
+        self.parameters = parameters
+        if programs[0] != programs[1]:
             self.reset()
 
     def reset(self) -> None:
@@ -142,8 +136,7 @@ class MarkerTracker:
 
         Raises:
             TypeError: in ``track`` and ``track_any``, the stamp is no whole number.
-            ValueError: in ``track`` and ``track_any``, the stamp is not later than the last one
-                (see `reset`).
+            ValueError: in ``track`` and ``track_any``, the stamp is not later than the last one.
             ImageError: it is no such image, or does not convert to grey.
         """
         image = as_image(image)
@@ -151,27 +144,21 @@ class MarkerTracker:
         return self._explained(image, self._result(image, time))
 
     def _result(self, image: Image, time: float) -> MarkerResult:
-        mode = self.parameters.mode
         if self.parameters.channel != AUTO:
             return self._find(image.seen_in(self.parameters.channel), time, self._tracker)
+        has_memory = self.parameters.mode not in WITHOUT_MEMORY
         result = self._find(image.seen_in(self._channel), time, self._tracker)
         if image.is_gray or self._has_found or _finds(result):
-            self._has_found = mode not in WITHOUT_MEMORY and (self._has_found or _finds(result))
+            self._has_found = has_memory and (self._has_found or _finds(result))
             return result
-        return self._look_brighter(image, time, result)
-
-    def _look_brighter(self, image: Image, time: float, result: MarkerResult) -> MarkerResult:
-        """The result in the brightest channel, if it finds anything; it is kept from then on.
-
-        Only before the first marker is found: a tracker that has lost its markers knows more of
-        them than a new one, and lights do not change their colour.
-        """
+        # Only before the first marker is found: a tracker that has lost its markers knows more of
+        # them than a new one, and lights do not change their colour.
         if self._brighter is None:
             self._brighter = self._make_tracker()
         other = self._find(image.seen_in(BRIGHTEST), time, self._brighter)
         if not _finds(other):
             return result
-        if self.parameters.mode not in WITHOUT_MEMORY:
+        if has_memory:
             self._tracker, self._channel, self._has_found = self._brighter, BRIGHTEST, True
         return other
 
@@ -184,7 +171,7 @@ class MarkerTracker:
         return self._of_rig(found) if isinstance(tracker, ThesisTracker) else found
 
     def _of_rig(self, result: MarkerResult) -> MarkerResult:
-        """What the thesis's programs have found, who name the tanker's markers by their order."""
+        """What the thesis's programs have found, who name the tanker's markers alone."""
         if self.rig.names == TANKER_NAMES:
             return result
         markers = tuple(each._replace(label=Label.UNLABELLED) for each in result.markers)
@@ -241,7 +228,3 @@ def rig_of(parameters: MarkerTrackerParameters) -> MarkerRig:
 
 def _finds(result: MarkerResult) -> bool:
     return any(marker.state is MarkerState.DETECTED for marker in result.markers)
-
-
-def _program(parameters: MarkerTrackerParameters) -> tuple[str, bool]:
-    return parameters.mode, parameters.prediction == 'kalman'

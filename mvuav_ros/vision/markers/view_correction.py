@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -19,15 +19,13 @@ from mvuav_ros.vision.markers.rig_view import (
     Array,
     ViewState,
     WeakPerspective,
-    columns_of,
     limited,
     possible,
 )
 
 Distance = tuple[float, float, float, float]
 """Factors of x², x y and y², and the logarithm of the density at no distance, px^-2."""
-BESIDE = 6.0
-"""px (1 sigma): how far from a marker's place a light lies that has been taken for it."""
+BESIDE = 6.0  # px (1 sigma): how far from a marker's place a light lies that has been taken for it
 _LOG_TURN = math.log(2.0 * math.pi)
 _FREEDOM = 4.0  # Degrees, of the distribution of a place about where the others put it
 _TAIL = 0.5 * _FREEDOM + 1.0  # Exponent of its density in two dimensions
@@ -53,39 +51,30 @@ class NamedPlaces(NamedTuple):
         return cls(np.array([list(found)], np.intp), places.reshape(1, -1))
 
 
+@dataclass(eq=False)
 class Gain:
-    """What k named lights will make of f views wherever near they are seen.
+    """What k named lights will make of f views wherever near they are seen."""
 
-    Attributes:
-        covariance: (f, s, s), of the priors.
-        markers: those seen, in the first of them.
-        at: (f, 2 k + 8), places, px, and the views at which they have their slopes.
-        slopes: (f, 8, 2 k), of the places by the parameters.
-        towards: (f, s, 2 k), covariance of the state with the places.
-        weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
-        noise: (f, 2 k), px², variances at which the coordinates take part.
-        own: px², variance of a marker's place.
-    """
+    covariance: Array  # (f, s, s), of the priors, or (1, s, s) of one for all
+    markers: list[int]  # those seen, in the first of them
+    noise: Array  # (f, 2 k), px², variances at which the coordinates take part
+    own: float  # px², variance of a marker's place
+    at: Array  # (f, 2 k + 8), places, px, and the views at which they have their slopes
+    slopes: Array  # (f, 8, 2 k), of the places by the parameters
+    _distances: dict[tuple[int | None, bool], list[Distance]] = field(default_factory=dict)
 
-    def __init__(
-        self,
-        covariance: Array,
-        markers: list[int],
-        views: Array,
-        seen: tuple[Array, Array],
-        noise: Array,
-        own: float,
-    ) -> None:
-        """Where the markers are seen in the views by these places and slopes."""
-        count = noise.shape[1]
-        self.covariance, self.markers, self.noise, self.own = covariance, markers, noise, own
-        places, slopes = seen
-        self.at, self.slopes = np.concatenate((places, views), axis=1), slopes
-        self.towards = covariance[:, :, :COUNT] @ slopes
-        spread = slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
-        spread.reshape(-1, count * count)[:, :: count + 1] += noise
-        self.weight = _inverses(spread)
-        self._distances: dict[tuple[int | None, bool], list[Distance]] = {}
+    @cached_property
+    def towards(self) -> Array:
+        """(f, s, 2 k), covariance of the state with the places."""
+        return np.asarray(self.covariance[:, :, :COUNT] @ self.slopes)
+
+    @cached_property
+    def weight(self) -> Array:
+        """(f, 2 k, 2 k), inverse covariance of the innovations, px^-2."""
+        spread = self.slopes.transpose(0, 2, 1) @ self.towards[:, :COUNT]
+        count = spread.shape[2]
+        spread.reshape(-1, count * count)[:, :: count + 1] += self.noise
+        return _inverses(spread)
 
     @cached_property
     def effect(self) -> Array:
@@ -101,8 +90,7 @@ class Gain:
     def after(self) -> Array:
         """The covariances with what has been seen, in Joseph's form: no variance gets negative.
 
-        With K the gain, H the slopes and P the prior's covariance, it is A - (A H - K R) K^T, where
-        A = (I - K H^T) P.
+        It is A - (A H - K R) K^T with A = (I - K H^T) P, the gain K, slopes H and prior P.
         """
         gain = self._kalman
         transposed = gain.transpose(0, 2, 1)
@@ -145,18 +133,12 @@ class Correction:
 
     It is that of f filters at once, of which the first is the main one, and the one after marker i
     of the rig's is that which ignores it; or of one prior by f ways of naming lights.
-
-    Attributes:
-        gain: where the places were linearized last.
-        before: (f, s), the priors' means.
-        change: (f, s), of the state.
-        weighed: (f, 2 k), the innovations over their covariance, px^-1.
     """
 
-    gain: Gain
-    before: Array
-    change: Array
-    weighed: Array
+    gain: Gain  # where the places were linearized last
+    before: Array  # (f, s), the priors' means, or (1, s), that of one for all
+    change: Array  # (f, s), of the state
+    weighed: Array  # (f, 2 k), the innovations over their covariance, px^-1
 
     @classmethod
     def of(
@@ -164,28 +146,35 @@ class Correction:
         shape: WeakPerspective,
         before: Belief,
         named: NamedPlaces,
-        noise: Array,
         own: float,
+        noise: Array | None = None,
         starts: Array | None = None,
         iterations: int = 6,
     ) -> Correction:
-        """Correct priors by lights, of whose coordinates each has a variance (f, 2 k), px².
+        """Correct priors by lights, of whose places each has its own variance, px².
 
-        The steps begin at the starts (f, 8), or at the priors.
+        They may take part at others (f, 2 k). The steps begin at the starts (f, 8), or the priors.
         """
         mean, covariance = before
+        ways, width = named.places.shape
+        if noise is None:
+            noise = np.full((max(ways, len(mean)), width), own)
         markers: list[int] = named.markers[0].tolist()
-        every = markers == list(range(len(shape.points))) and len(named.markers) == 1
-        columns = None if every else columns_of(named.markers)
+        columns = None
+        if ways > 1 or markers != list(range(len(shape.points))):
+            columns = (2 * named.markers[..., None] + (0, 1)).reshape(ways, width)
         prior = np.ascontiguousarray(mean[:, :COUNT])
-        parameters = prior if starts is None else starts
-        for _ in range(iterations):
+        parameters = (
+            np.repeat(prior, len(noise) // len(prior), axis=0) if starts is None else starts
+        )
+        for number in range(iterations):
             expected, slopes = _seen(columns, *shape.linearize(parameters))
             innovation = named.places - expected
             away = prior - parameters
-            if parameters is not prior:
+            if number or starts is not None:
                 innovation -= times(slopes.transpose(0, 2, 1), away)
-            gain = Gain(covariance, markers, parameters, (expected, slopes), noise, own)
+            at = np.concatenate((expected, parameters), axis=1)
+            gain = Gain(covariance, markers, noise, own, at, slopes)
             weighed = times(gain.weight, innovation)
             change = times(gain.towards, weighed)
             step, largest = limited(change[:, :COUNT] + away)
@@ -211,10 +200,7 @@ class Correction:
 
     @cached_property
     def cost(self) -> Array:
-        """(f,), squared residuals and squared distance from the prior, both over their variances.
-
-        With the weighed innovations w and their covariance S it is w S w.
-        """
+        """(f,), squared residuals and squared distance from the prior, over their variances."""
         gain, weighed = self.gain, self.weighed
         moved = times(gain.slopes.transpose(0, 2, 1), times(gain.towards[:, :COUNT], weighed))
         return np.asarray((weighed * (gain.noise * weighed + moved)).sum(axis=1))
@@ -227,14 +213,11 @@ class Correction:
 
     @cached_property
     def nis(self) -> list[float]:
-        """For each marker how far it lies from where the main filter's others put it.
-
-        Chi squared with two degrees of freedom.
-        """
+        """For each marker how far it lies from where the others put it, by the main filter."""
         return self.nis_by(0)
 
     def nis_by(self, row: int) -> list[float]:
-        """The same by another filter."""
+        """The same by another filter: chi squared with two degrees of freedom."""
         return _squares(self.weighed[row].tolist(), self.gain.distances(row))
 
     def nis_by_ignoring(self) -> list[float]:
@@ -252,9 +235,8 @@ class Correction:
     def log_likelihoods(self) -> dict[int, tuple[float, float]]:
         """How probable each marker's place is by all others, logarithm per px².
 
-        First that of the marker itself, then that of another light beside there (see `BESIDE`).
-        It is Student's t in two dimensions, whose tails are wider than a normal distribution's: at
-        times a motion was not foreseen.
+        First that of the marker itself, then that of another light beside there (see `BESIDE`). It
+        is Student's t in two dimensions, as a motion is at times not foreseen.
         """
         own, other = self.gain.distances(0), self.gain.distances(0, beside=True)
         far = _squares(self.weighed[0].tolist(), other)

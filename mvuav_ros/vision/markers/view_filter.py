@@ -11,7 +11,6 @@ import numpy as np
 from mvuav_ros.vision.markers.lights import Point
 from mvuav_ros.vision.markers.rig_view import (
     COUNT,
-    FOCAL,
     PITCH,
     SCALE,
     SETTLED,
@@ -37,39 +36,32 @@ class ViewTuning:
     9529. The parameters are those of `WeakPerspective.project`.
     """
 
-    # Random walk of the parameters, per square root of a second.
+    # Random walk of the parameters and of their rates, per square root of a second.
     walk_noise: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
-    # The same of their rates: how quickly a motion changes.
     rate_noise: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
     noise: float = 0.15  # px (1 sigma), of a light's place
-    # Of a marker's place on the rig, in units of its size (1 sigma), at first.
-    rig_error: float = 0.004
+    rig_error: float = 0.004  # of a marker's place, in units of the rig's size (1 sigma), at first
     min_rig_error: float = 0.0003  # the least that is learnt from how well the markers fit
     other_rig_error: float = 0.02  # the same for a body that is not what its rig says
-    # Per frame, of a rig error that turns out less, or more.
-    learning: float = 0.25
-    unlearning: float = 0.003
-    # Per frame, by which the variances of jitter and process noise follow the motion.
-    motion_learning: float = 0.1
-    # Per frame in which too few markers are seen, by which they grow again.
+    learning: float = 0.25  # per frame, of a rig error that turns out less
+    unlearning: float = 0.003  # and of one that turns out more
+    motion_learning: float = 0.1  # per frame, by which the process noise follows the motion
+    # Per frame in which too few markers are seen, by which it grows again; to so many of the rates'
+    # squares over their variances, and to these least and greatest values.
     motion_forgetting: float = 1.2
-    # To which they grow at least, and at most.
+    rates_share: float = 3.0
     min_unseen: float = 0.1
     max_unseen: float = 8.0
-    # To which they grow, in parts of the rates' squares over their variances.
-    rates_share: float = 3.0
     max_motion_memory: float = 0.998  # per frame, of the quickest motion that was seen
     max_step: float = 25.0  # square over its variance, of a step that is learnt from
-    # Of those variances, in parts of the usual ones.
-    min_motion: float = 0.02
+    min_motion: float = 0.02  # of the process noise, in parts of the usual one
     max_motion: float = 4.0
     doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
     min_doubted: float = 2.0  # px, of that at least
     ignored: float = 1e3  # px (1 sigma), of a marker that takes no part
     rates_last: float = 1.0  # s, after which a motion has changed
-    # Coordinates of all markers less the unknowns of the view, with which a light that slowly
-    # drifts away from its marker bends the view instead of standing out: four lights, and five
-    # without a calibration. With more it stands out in a frame, with less nothing can be checked.
+    # Coordinates of all markers less the unknowns of the view, with which a light that drifts from
+    # its marker bends the view. With more it stands out in a frame, with less nothing is checked.
     bending: tuple[int, int] = (1, 2)
     max_kept: int = 8  # frames in which a gain serves
     # While it does: the prior variances over those of the gain before, as a gain that still settles
@@ -109,36 +101,26 @@ _MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exa
 class ViewFilter:
     """A Kalman filter of a view and its rates, whose measurements are named lights.
 
-    How far each marker lies from where all the others put it follows in closed form from the
-    innovations and their covariance (see `Correction.nis`). A body with just enough lights has a
-    second filter for each marker, which has all but ignored that marker in all frames: a light that
-    drifts slowly with the view is seen by that filter alone. All of them go on together, the main
-    one first.
+    A body with just enough lights has a second filter for each marker, which has all but ignored
+    that marker in all frames: a light that drifts slowly with the view is seen by that one alone.
+    All of them go on together, the main one first.
     """
 
     def __init__(
-        self,
-        shape: WeakPerspective,
-        view: ViewState,
-        time: float,
-        before: ViewFilter | None = None,
+        self, shape: WeakPerspective, view: ViewState, time: float, before: ViewFilter | None = None
     ) -> None:
         """Begin at a time (s) with a view fitted to all markers.
 
         The filter before of this very rig has learnt its exactness and motion.
         """
-        # The rig, with what lies beside it on a body that is not what its rig says.
-        self.shape = shape
-        self.time = time  # s
+        self.shape, self.time = shape, time
         covariance = np.diag(np.concatenate((np.zeros(COUNT), _STATIONARY + 1e-12)))
         covariance[:COUNT, :COUNT] = view.covariance
         mean = np.concatenate((view.parameters, np.zeros(COUNT)))
         self._is_calibrated = shape.lens.focal is not None
-        # Parameters that the lights alone give.
+        # Parameters that the lights alone give: a calibration gives the last two.
         self.unknowns = COUNT - 2 if self._is_calibrated else COUNT
-        self._walk = (
-            _WALK_NOISE * (np.arange(COUNT) < FOCAL) if self._is_calibrated else _WALK_NOISE
-        )
+        self._walk = np.where(np.arange(COUNT) < self.unknowns, _WALK_NOISE, 0.0)
         count = len(shape.points)
         least, most = TUNING.bending
         # Whether each marker has a filter that all but ignores it.
@@ -227,13 +209,8 @@ class ViewFilter:
     def fit(self, named: NamedPlaces) -> Correction:
         """Views by several ways of naming markers, from this frame's prior."""
         mean, covariance = self.belief
-        ways, width = named.places.shape
-        before = Belief(
-            np.repeat(mean[:1, :COUNT], ways, axis=0),
-            np.repeat(covariance[:1, :COUNT, :COUNT], ways, axis=0),
-        )
-        variance = self.deviation**2
-        return Correction.of(self.shape, before, named, np.full((ways, width), variance), variance)
+        before = Belief(mean[:1, :COUNT], covariance[:1, :COUNT, :COUNT])
+        return Correction.of(self.shape, before, named, self.deviation**2)
 
     def correct(
         self,
@@ -241,10 +218,7 @@ class ViewFilter:
         untrusted: Collection[int] = (),
         ignored: Collection[int] = (),
     ) -> Correction:
-        """What the named lights, px without distortion, make of the view.
-
-        Those on probation hardly take part, and some not at all.
-        """
+        """What named lights make of the view: untrusted ones hardly take part, ignored ones not."""
         again = None if untrusted or ignored else self._correct_as_before(found)
         if again is not None:
             return again
@@ -258,7 +232,7 @@ class ViewFilter:
                 noise[rows, 2 * index : 2 * index + 2] = wide
                 if marker in ignored:
                     noise[:, 2 * index : 2 * index + 2] = TUNING.ignored**2
-        return Correction.of(self.shape, before, NamedPlaces.of(found), noise, own)
+        return Correction.of(self.shape, before, NamedPlaces.of(found), own, noise)
 
     def _correct_as_before(self, found: Mapping[int, Point]) -> Correction | None:
         """The same with the gain of the last frames; None where it may have changed."""
@@ -322,17 +296,16 @@ class ViewFilter:
 
     def _learn_motion(self, newest: list[Correction]) -> None:
         """The steps from the predicted views over their variances give the process noise."""
-        gain, frames = newest[0].gain, len(newest)
-        changes = ((one.change[0, :COUNT], one.before[0, COUNT:]) for one in newest)
-        squares = np.square([row for pair in changes for row in pair])
-        steps, rates = squares[::2], squares[1::2]
+        gain = newest[0].gain
+        steps = np.square([one.change[0, :COUNT] for one in newest])
+        rates = np.square([one.before[0, COUNT:] for one in newest])
         expected = (gain.covariance[0] - gain.after[0]).diagonal()[:COUNT]
         ratios = (steps / np.maximum(expected, 1e-12)).dot(_ALIKE)
         shown = np.minimum(ratios, TUNING.max_step)
         growth = (1.0 - TUNING.motion_learning) + TUNING.motion_learning * shown
         motion = self._motion * np.multiply.reduce(growth, axis=0)
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
-        faded = TUNING.max_motion_memory**frames * self._max_motion
+        faded = TUNING.max_motion_memory ** len(newest) * self._max_motion
         self._max_motion = np.maximum(faded, rates.max(axis=0) * _LIVELY)
 
     def _learn_rig_error(self, newest: list[Correction], seen: int) -> None:
@@ -347,10 +320,7 @@ class ViewFilter:
 
 
 def _dynamics(elapsed: float, walk: Array) -> tuple[Array, Array]:
-    """What so many s make of states in rows, and the covariance that white noise adds, (16, 16).
-
-    The rates fade. The noise of the parameters has these variances per s, (8,).
-    """
+    """What so many s make of states in rows, and the covariance that white noise adds, (16, 16)."""
     last = TUNING.rates_last
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)

@@ -11,7 +11,8 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
+from mvuav_ros.vision.markers.centroid import CentroidMeter
+from mvuav_ros.vision.markers.marker_results import NO_WINDOW, Window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 
@@ -51,15 +52,14 @@ def test_reference_frames(trial, parameters):
 @pytest.mark.parametrize('motion', ['translation', 'roll', 'docking'])
 def test_simulated_frames(motion):
     flight = TankerFlight(TankerSettings(motion=motion, frames=60, fps=5.0, seed=5, exposure=0.0))
-    meter = CentroidMeter(0.7, weighted=True)
     found = []
     for index in flight.indices:
         frame = flight.frame(index)
+        meter = CentroidMeter(frame.image, 0.7, weighted=True)
         for marker in frame.truth.markers:
             if marker.whole and 25 < marker.x < 614 and 25 < marker.y < 454:
                 x, y = round(marker.x), round(marker.y)
-                window = (x - 10, x + 10, y - 10, y + 10)
-                spot = meter.measure(cutter(frame.image), window, (640, 480))
+                spot = meter.measure(Window(x - 10, x + 10, y - 10, y + 10))
                 found.append((spot.x - marker.x, spot.y - marker.y))
     assert len(found) > 200
     assert max(rms(found, 0)) <= 0.03
@@ -76,9 +76,8 @@ def light(x, y, size=21, dark=40.0, scale=255, step=0.0):
 
 def centroid(image, weighted=True, encoding='mono8'):
     height, width = image.shape
-    window = (0, width - 1, 0, height - 1)
-    meter = CentroidMeter(0.7, weighted)
-    return meter.measure(cutter(Image(image, encoding)), window, (width, height))
+    meter = CentroidMeter(Image(image, encoding), 0.7, weighted)
+    return meter.measure(Window(0, width - 1, 0, height - 1))
 
 
 @pytest.mark.parametrize('shift', [0.0, 0.2, 0.5, 0.8])
@@ -91,9 +90,8 @@ def test_any_place_within_a_pixel(shift, scale, encoding):
 
 def test_a_brighter_background_on_one_side_pulls_little():
     image = light(20.0, 20.0, 41, step=12.0)
-    meter = CentroidMeter(0.7, weighted=True)
-    window, whole = (10, 30, 10, 30), (41, 41)
-    ((spot, pull),) = meter.measure_all(cutter(Image(image, 'mono8')), [window], whole, [None])
+    meter = CentroidMeter(Image(image, 'mono8'), 0.7, weighted=True)
+    ((spot, pull),) = meter.measure_all([Window(10, 30, 10, 30)], [None])
     weights = image[10:31, 10:31].astype(float) - 40.0
     naive = (weights * np.arange(10, 31)).sum() / weights.sum()
     assert pull[0] > 0.01
@@ -104,10 +102,9 @@ def test_a_brighter_background_on_one_side_pulls_little():
 def test_another_light_in_the_ring_is_no_background():
     alone = light(20.0, 20.0, 41)
     beside = np.maximum(alone, light(31.0, 20.0, 41))
-    size, window = (41, 41), (14, 26, 14, 26)
-    meter = CentroidMeter(0.7, weighted=True)
-    near = meter.measure(cutter(Image(beside, 'mono8')), window, size)
-    far = meter.measure(cutter(Image(alone, 'mono8')), window, size)
+    window = Window(14, 26, 14, 26)
+    near = CentroidMeter(Image(beside, 'mono8'), 0.7, weighted=True).measure(window)
+    far = CentroidMeter(Image(alone, 'mono8'), 0.7, weighted=True).measure(window)
     assert near.x == pytest.approx(far.x, abs=0.02)
 
 
@@ -144,15 +141,16 @@ def test_radius_of_a_spot():
 def test_windows_of_any_size_are_measured_as_each_alone():
     """Also those that the frame's edge cuts, or that show nothing."""
     image = Image(np.vstack((light(30.0, 30.0, 60), light(3.0, 45.0, 60))), 'mono8')
-    meter, cut, size = CentroidMeter(0.7, weighted=True), cutter(image), (60, 120)
-    windows = [(20, 40, 20, 40), (0, 12, 92, 119), (0, -1, 0, -1), (40, 59, 0, 9), (25, 36, 24, 35)]
+    meter = CentroidMeter(image, 0.7, weighted=True)
+    bounds = [(20, 40, 20, 40), (0, 12, 92, 119), NO_WINDOW, (40, 59, 0, 9), (25, 36, 24, 35)]
+    windows = [Window(*each) for each in bounds]
     pulls = [None, None, None, None, (0.01, 0.02)]
-    found = meter.measure_all(cut, windows, size, pulls)
+    found = meter.measure_all(windows, pulls)
     assert found[2:4] == [None, None]
     for index in (0, 1):
-        alone = meter.measure(cut, windows[index], size)
+        alone = meter.measure(windows[index])
         assert found[index][0] == pytest.approx(alone, abs=1e-4)
     spot, pull = found[4]
-    bare = meter.measure_all(cut, windows[4:], size, [(0.0, 0.0)])[0][0]
+    bare = meter.measure_all(windows[4:], [(0.0, 0.0)])[0][0]
     assert pull == (0.01, 0.02)
     assert (spot.x, spot.y) == pytest.approx((bare.x - 0.01, bare.y - 0.02), abs=1e-4)

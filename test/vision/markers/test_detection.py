@@ -6,7 +6,7 @@ from support.marker_scenes import image, tanker_at
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import detect, detect_any
+from mvuav_ros.vision.markers.thesis_tracker import detect, detect_any
 
 
 def found(result):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.detection import MAX_CLUSTERS, group_mask
-from mvuav_ros.vision.markers.lights import GroupingError
+from mvuav_ros.vision.markers.lights import MAX_CLUSTERS, GroupingError, group_mask
 
 
 def by_definition(mask, distance):

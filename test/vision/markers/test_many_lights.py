@@ -6,8 +6,9 @@ import pytest
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
+from mvuav_ros.vision.markers.centroid import CentroidMeter
 from mvuav_ros.vision.markers.lights import Blobs
+from mvuav_ros.vision.markers.marker_results import Window
 
 
 def crowd(seed, encoding):
@@ -44,11 +45,11 @@ def test_all_at_once_is_one_by_one(seed, encoding, weighted):
 @pytest.mark.parametrize('encoding', ['mono8', 'mono16'])
 def test_a_light_apart_from_others_is_measured_as_in_its_window(encoding, weighted):
     image = crowd(0, encoding)
-    blobs, meter = Blobs(image.gray(), parameters(weighted)), CentroidMeter
+    blobs, meter = Blobs(image.gray(), parameters(weighted)), CentroidMeter(image, 0.7, weighted)
     measured, compared = blobs.measure(), 0
     for (x, y, width, height, area), place in zip(blobs.stats.tolist(), measured, strict=True):
         window = max(x - 1, 0), min(x + width, 259), max(y - 1, 0), min(y + height, 199)
-        spot = meter(0.7, weighted).measure(cutter(image), window, (260, 200))
+        spot = meter.measure(Window(*window))
         if spot.area == area:
             np.testing.assert_allclose(place, spot, atol=1e-4)
             compared += 1

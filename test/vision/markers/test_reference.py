@@ -6,7 +6,7 @@ from support.reference import load_trial
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import group_mask
+from mvuav_ros.vision.markers.lights import group_mask
 from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import threshold

@@ -254,4 +254,5 @@ def test_predictions():
     assert motion.predict(0.3, 'velocity')[0] == pytest.approx(5.0)
     assert motion.predict(0.3, 'acceleration')[0] == pytest.approx(5.5)
     assert motion.predict(0.3, 'acceleration_program')[0] == pytest.approx(4.75)
-    assert motion.predict(0.5, 'acceleration', steps_unseen=2)[0] == pytest.approx(9.0)
+    motion.unseen = 2
+    assert motion.predict(0.5, 'acceleration')[0] == pytest.approx(9.0)

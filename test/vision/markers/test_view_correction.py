@@ -40,11 +40,7 @@ def places(markers, seed=0):
 
 
 def corrected(found, before=None, variances=None):
-    before = before or prior()
-    variances = (
-        np.full((len(before.mean), 2 * len(found)), NOISE**2) if variances is None else variances
-    )
-    return Correction.of(SHAPE, before, NamedPlaces.of(found), variances, NOISE**2)
+    return Correction.of(SHAPE, before or prior(), NamedPlaces.of(found), NOISE**2, variances)
 
 
 @pytest.mark.parametrize('markers', [[0, 1, 2, 3, 4], [4, 3, 2, 1, 0], [3, 0, 2], [1, 4]])
@@ -71,11 +67,9 @@ def test_a_correction_is_the_most_probable_view(markers):
 
 def test_several_ways_of_naming_are_fitted_at_once():
     ways = [places([0, 1, 2]), places([4, 3, 1]), places([2, 0, 4])]
-    mean, covariance = (np.repeat(part, 3, axis=0) for part in prior())
     each = zip(*map(NamedPlaces.of, ways), strict=True)
     named = NamedPlaces(*map(np.concatenate, each))
-    noise = np.full((3, 6), NOISE**2)
-    together = Correction.of(SHAPE, Belief(mean, covariance), named, noise, NOISE**2)
+    together = Correction.of(SHAPE, prior(), named, NOISE**2)
     for row, way in enumerate(ways):
         alone = corrected(way)
         np.testing.assert_allclose(

@@ -26,7 +26,7 @@ def fit(shape, mean, variances, places, noise):
     """A view by all markers' places, from a prior."""
     before = Belief(mean[None], np.diag(variances)[None])
     named = NamedPlaces.of(dict(enumerate(places)))
-    return Correction.of(shape, before, named, np.full((1, 10), noise**2), noise**2)
+    return Correction.of(shape, before, named, noise**2)
 
 
 def test_slopes_are_the_places_differences(shape):
