@@ -21,7 +21,7 @@ from mvuav_ros.vision.markers.initialization import (
     log_odds_of,
 )
 from mvuav_ros.vision.markers.lights import Light, Lights, are_close, places_of
-from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
+from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED
@@ -235,7 +235,7 @@ class Search:
     ) -> None:
         """Begin with the markers found so far, without those that a consensus drops."""
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
-        self._known = tuple(self.found)
+        self._known: tuple[int, ...] = tuple(self.found)
         # What speaks against each marker; another one where others have taken all names.
         self.faults = faults
         self.views = faults.views  # at this frame's time
@@ -388,7 +388,8 @@ class Search:
             self._free = lights
             self._take(dict(again.lights))
             away = max(self.faults.nis_of(places_of(self.found)).values())
-            if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
+            is_told = max(again.odds.values()) >= CONFIDENCE.min_odds
+            if is_told and away > GATE and len(again.lights) >= FAULTS.min_agreeing:
                 self._begin(self.views.shape, again)
             self._name_clear()
 
@@ -414,7 +415,9 @@ class Search:
         if is_firm:
             fewest = max(fewest, len(self.found))
         again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
-        if again is None or (holds and not self._is_better(again)):
+        if again is None or max(again.odds.values()) < CONFIDENCE.min_odds:
+            return
+        if holds and not self._is_better(again):
             return
         shape = older.shape
         if shape.offsets is not None and len(again.lights) == count:
@@ -427,6 +430,7 @@ class Search:
         """Follow a body that was found again from where it is: the filter has lost it."""
         self.views = ViewFilter(shape, again.view, self.views.time, self.views)
         self.faults, self._view = FaultDetector(self.views), self.views.view
+        self._known = ()  # All names are given anew.
 
     def _is_better(self, again: Again) -> bool:
         """Whether a body says more of the lights than the names found so far."""
