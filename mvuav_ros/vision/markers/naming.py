@@ -388,8 +388,8 @@ class Search:
             self._free = lights
             self._take(dict(again.lights))
             away = max(self.faults.nis_of(places_of(self.found)).values())
-            is_told = max(again.odds.values()) >= CONFIDENCE.min_odds
-            if is_told and away > GATE and len(again.lights) >= FAULTS.min_agreeing:
+            is_sure = max(again.odds.values()) >= CONFIDENCE.min_odds
+            if is_sure and away > GATE and len(again.lights) >= FAULTS.min_agreeing:
                 self._begin(self.views.shape, again)
             self._name_clear()
 
