@@ -14,7 +14,7 @@ from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.initialization import ABSENT, STRAY, Prior, guess_body, log_odds_of
 from mvuav_ros.vision.markers.lights import Light, are_close, candidates, places_of
-from mvuav_ros.vision.markers.marker_memory import Expectation, KnownMarker
+from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED
@@ -96,6 +96,11 @@ class Again(NamedTuple):
     view: ViewState  # fitted to its lights
     lights: Mapping[int, Light]  # by marker
     odds: Mapping[int, float]  # logarithms, of these names, by all ways of naming the lights
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether a name of it is probable enough to be reported; else the view must not follow it either."""
+        return max(self.odds.values()) >= CONFIDENCE.min_odds
 
 
 def reacquire(
@@ -216,7 +221,7 @@ class Search:
         self.views = faults.views  # at this frame's time
         self.reacquired: Mapping[int, float] = {}  # log odds of the markers found again together
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
-        self._known = tuple(self.found)
+        self._known: tuple[int, ...] = tuple(self.found)
         self._doubtful = faults.doubtful
         self._markers = markers
         self._view = consensus.view()
@@ -347,7 +352,7 @@ class Search:
         self._free = lights
         self._take(dict(again.lights))
         away = max(self.faults.nis_of(places_of(self.found)).values())
-        if away > GATE and len(again.lights) >= FAULTS.min_agreeing:
+        if again.is_sure and away > GATE and len(again.lights) >= FAULTS.min_agreeing:
             self._begin(self.views.shape, again)
         self._name_clear()
 
@@ -369,7 +374,9 @@ class Search:
         if is_firm:
             fewest = max(fewest, len(self.found))
         again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
-        if again is None or (holds and not self._is_better(again)):
+        if again is None or not again.is_sure:
+            return
+        if holds and not self._is_better(again):
             return
         shape = older.shape
         if shape.offsets is not None and len(again.lights) == count:
@@ -382,6 +389,7 @@ class Search:
         """Follow a body that was found again from where it is: the filter has lost it."""
         self.views = ViewFilter(shape, again.view, self.views.time, self.views)
         self.faults, self._view = FaultDetector(self.views), self.views.view
+        self._known = ()  # All names are given anew.
 
     def _is_better(self, again: Again) -> bool:
         """Whether a body says more of the lights than the names found so far.

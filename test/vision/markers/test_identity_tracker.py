@@ -294,6 +294,26 @@ def test_a_whole_body_among_five_glares_is_named_in_its_first_frames(calibrated,
     assert whole >= fewest
 
 
+def test_a_body_of_glares_does_not_replace_the_one_that_was_out_of_sight():
+    """After two seconds in the dark two glares and two markers look like four markers by chance.
+
+    The odds of that are too low for a name; the view must not follow it either, or the next frame
+    would find the names likely.
+    """
+    storm = LightScene(roll=1.0, tilt=0.1, shake=1.0, losses=7, dark=0.8, glares=3, dropped=0.1)
+    flight = LightFlight(storm, 27617)
+    tracker = MarkerTracker()
+    tracker.set_camera(flight.camera)
+    are_found_again = False
+    for stamp_ns, pixels, truth in islice(flight, 180):
+        result = tracker.process(Image(pixels, 'mono8'), stamp_ns)
+        seen = [m.state is DETECTED for m in result.markers]
+        places = np.array([(marker.x, marker.y) for marker in result.markers])
+        assert np.abs(places - truth.pixels)[seen].max(initial=0.0) < 4.0
+        are_found_again |= stamp_ns > 4_400_000_000 and all(seen)
+    assert are_found_again
+
+
 def test_four_strangers_and_one_marker_are_no_tanker():
     """The tracker follows five lights; four vanish while others light up elsewhere."""
     pipeline = MarkerTracker()
