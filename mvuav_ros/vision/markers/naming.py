@@ -99,7 +99,7 @@ class Again(NamedTuple):
 
     @property
     def is_sure(self) -> bool:
-        """Whether a name of it is probable enough to be reported; else the view must not follow it either."""
+        """Whether a name is probable enough to be reported; if not, no view may follow it."""
         return max(self.odds.values()) >= CONFIDENCE.min_odds
 
 
