@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, MutableMapping
 from functools import partial
 from itertools import groupby
 from typing import Any
@@ -30,7 +30,6 @@ _STAGES = [
     *('unknown', 'Correction', OTHER, 'Node', EVERY_NODE),
 ]
 """In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
-_FOLDED = ['Node', EVERY_NODE]
 
 
 class ParameterRow:
@@ -238,7 +237,8 @@ class Parameters:
 
     def __init__(self, page: Page, node: LiveNode) -> None:
         self._page, self._node = page, node
-        self._edits, self._history = page.edits_of(node.name), page.histories[node.name]
+        self._history = page.histories[node.name]
+        self._edits: MutableMapping[str, Value] = page.kept['edits'].setdefault(node.name, {})
         self._rows: dict[str, ParameterRow] = {}
         self._sending: set[str] = set()
         self._stages: dict[str, ui.expansion] = {}
@@ -252,15 +252,13 @@ class Parameters:
         self.show_status()
         self.show()
 
-    @property
-    def _at_once(self) -> bool:
-        return bool(self._page.kept.get('at_once', True))
-
     def _build_bar(self) -> None:
         with el.box('apply'):
-            ui.switch('At once', value=self._at_once, on_change=self._switch).props('dense')
-            self._undo = el.icon_button('undo', 'Undo', self.undo)
-            self._redo = el.icon_button('redo', 'Redo', self.redo)
+            ui.switch('At once', value=self._page.kept['at_once'], on_change=self._switch).props(
+                'dense'
+            )
+            self._undo = el.icon_button('undo', 'Undo', lambda: self.step(back=True))
+            self._redo = el.icon_button('redo', 'Redo', lambda: self.step(back=False))
             el.box('grow')
             self._discard = el.button('Discard', self._forget_edits).props('flat')
             self._apply = el.button('Apply', lambda: self._set(dict(self._edits)), main=True)
@@ -296,37 +294,26 @@ class Parameters:
             row.place(visible=wanted or (self._whole and not looking), counts=counts)
         self._arranging = True
         for stage, rows in self._stages.items():
-            rows.value = looking or stage not in self._folded
+            rows.value = looking or stage not in self._page.kept['folded']
         self._arranging = False
         self._more.set_visibility(hidden > 0 and not looking)
         what = f'{hidden} that have no effect in this mode'
         self._more.set_text(f'Hide {what}' if self._whole else f'Show {what}')
 
-    @property
-    def _folded(self) -> list[str]:
-        folded: list[str] = self._page.kept.setdefault('folded', list(_FOLDED))
-        return folded
-
     def _fold(self, stage: str, event: Any) -> None:
         """Keep what the user folds and unfolds."""
         if not self._arranging:
-            others = [each for each in self._folded if each != stage]
+            others = [each for each in self._page.kept['folded'] if each != stage]
             self._page.kept['folded'] = others if event.value else [*others, stage]
 
     def find(self) -> None:
         """Let the user type what he looks for."""
         self._filter.run_method('focus')
 
-    async def undo(self) -> None:
-        """Take back the last change."""
-        if await self._set(self._history.undo(), undoable=False):
-            self._history.redo()
-            self._count_edits()
-
-    async def redo(self) -> None:
-        """Do again what was taken back last."""
-        if await self._set(self._history.redo(), undoable=False):
-            self._history.undo()
+    async def step(self, *, back: bool) -> None:
+        """Take back the last change, or do again what was taken back last."""
+        if await self._set(self._history.step(back=back), undoable=False):
+            self._history.step(back=not back)
             self._count_edits()
 
     def _toggle_whole(self) -> None:
@@ -362,7 +349,7 @@ class Parameters:
     def _edited(self, name: str, value: Value) -> None:
         self._edits[name] = value
         self._count_edits()
-        if self._at_once and name not in self._sending:
+        if self._page.kept['at_once'] and name not in self._sending:
             background_tasks.create(self._send(name))
 
     async def _send(self, name: str) -> None:
@@ -417,13 +404,13 @@ class Parameters:
 
     def _switch(self, event: Any) -> None:
         self._page.kept['at_once'] = bool(event.value)
-        if self._at_once:
+        if event.value:
             for name, value in list(self._edits.items()):
                 self._edited(name, value)
         self._count_edits()
 
     def _count_edits(self) -> None:
-        waiting = len(self._edits) if not self._at_once else 0
+        waiting = 0 if self._page.kept['at_once'] else len(self._edits)
         self._apply.set_text(f'Apply {waiting}' if waiting else 'Apply')
         self._apply.set_enabled(waiting > 0)
         self._discard.set_enabled(bool(self._edits))

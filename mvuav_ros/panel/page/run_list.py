@@ -170,10 +170,6 @@ class Runs:
         self.refresh()
         self._show_run()
 
-    @property
-    def _ticked(self) -> list[str]:
-        return list(self._page.kept.setdefault('ticks', []))
-
     def _make_form(self) -> None:
         with el.box('form'):
             with el.box('line wrap'):
@@ -221,7 +217,7 @@ class Runs:
         el.name_rejected(self._rejected, 'Not readable', services.runs.rejected)
         rows = [_row(run) for run in reversed(self._runs)]
         self._table.rows = rows
-        self._table.selected = [row for row in rows if row['run'] in self._ticked]
+        self._table.selected = [row for row in rows if row['run'] in self._page.kept['ticks']]
         self._show_ticked()
 
     def choose_recording(self) -> None:
@@ -230,17 +226,12 @@ class Runs:
         self.frames.follow_node()
 
     def _opened(self) -> None:
-        self._kept_names[self._page.selected] = self._bag.value
+        self._page.kept['recordings'][self._page.selected] = self._bag.value
         self.frames.rewind()
 
-    @property
-    def _kept_names(self) -> dict[str, str]:
-        """Of the recordings chosen last, by node."""
-        names: dict[str, str] = self._page.kept.setdefault('recordings', {})
-        return names
-
     def _likely(self) -> str | None:
-        if (kept := self._kept_names.get(self._page.selected)) in self._bags:
+        kept: str | None = self._page.kept['recordings'].get(self._page.selected)
+        if kept in self._bags:
             return kept
         node = self._page.node
         word = DETECTORS[node.kind].sample if node is not None else ''
@@ -251,7 +242,7 @@ class Runs:
         self._show_ticked()
 
     def _chosen(self) -> list[Run]:
-        return [run for run in self._runs if run.name in self._ticked]
+        return [run for run in self._runs if run.name in self._page.kept['ticks']]
 
     def _show_ticked(self) -> None:
         chosen = self._chosen()
@@ -312,7 +303,7 @@ class Runs:
                 image_topic=self.frames.topic or node.image_topic,
             )
             if await self._runner.replay(run, folder) and keep:
-                self._page.kept['ticks'] = [*self._ticked, run.name]
+                self._page.kept['ticks'] = [*self._page.kept['ticks'], run.name]
             services.runs_changed.emit()
 
     def _show_run(self) -> None:

@@ -130,7 +130,6 @@ class PanelView:
         self._parameters: Parameters | None = None
         self._results: Results | None = None
         self._built: tuple[object, ...] = ('nothing yet',)
-        part = kept.get('part')
         with el.box('panel') as self._root:
             self._head = Head(self._page)
             with el.box('body'):
@@ -151,7 +150,7 @@ class PanelView:
                 self._parameters_place = el.box('part parameters', 'section')
                 self._parameters_place.props('aria-label=Parameters')
         self._tabs = tabs
-        tabs.set_value(part if part in _PARTS else 'images')
+        tabs.set_value(self._page.kept['part'])
         # A button uses the space bar itself; the other keys are the panel's there, too.
         ui.keyboard(self._key, repeating=False, ignore=['input', 'select', 'textarea'])
         ui.skip_link('Skip to the images and results', target=panels)
@@ -173,8 +172,7 @@ class PanelView:
         if not event.action.keydown or event.modifiers.alt:
             return
         if control and key.lower() in ('z', 'y') and self._parameters:
-            again = event.modifiers.shift or key.lower() == 'y'
-            await (self._parameters.redo() if again else self._parameters.undo())
+            await self._parameters.step(back=key.lower() == 'z' and not event.modifiers.shift)
         elif control:
             return
         elif key == '/' and self._parameters:
