@@ -6,8 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any
+from typing import Any, Literal
 
 from mvuav_ros.panel import sanitized
 from mvuav_ros.parameters.declaration import ParameterSet, ParameterSpec, Value, default_text
@@ -24,16 +23,6 @@ EVERY_NODE, OTHER = 'Every ROS node', 'Other'
 """Stages of what is not declared."""
 
 
-class Kind(Enum):
-    """The widget."""
-
-    SWITCH = 'switch'
-    MENU = 'menu'
-    SLIDER = 'slider'
-    NUMBER = 'number'
-    TEXT = 'text'
-
-
 @dataclass(frozen=True)
 class Control(ParameterSpec):
     """A parameter as the panel sets it.
@@ -44,13 +33,13 @@ class Control(ParameterSpec):
     declared: bool = True
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> Literal['switch', 'menu', 'slider', 'number', 'text']:
         """The widget."""
         if self.type is bool:
-            return Kind.SWITCH
+            return 'switch'
         if self.type in (int, float):
-            return Kind.NUMBER if self.maximum is None else Kind.SLIDER
-        return Kind.MENU if self.choices else Kind.TEXT
+            return 'number' if self.maximum is None else 'slider'
+        return 'menu' if self.choices else 'text'
 
     @property
     def is_every_nodes(self) -> bool:
@@ -61,13 +50,6 @@ class Control(ParameterSpec):
     def label(self) -> str:
         """The name for people."""
         return sanitized.words(self.name)
-
-    def has_effect(self, values: Mapping[str, Any]) -> bool:
-        """Whether it has one while the node's parameters have these values."""
-        return not self.counts or any(
-            all(str(values.get(name)) in wanted for name, wanted in condition.items())
-            for condition in self.counts
-        )
 
     def parse(self, words: object) -> Value:
         """What a user typed, as a value for the node to judge; ValueError where it can be none."""

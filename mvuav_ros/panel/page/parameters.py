@@ -14,7 +14,6 @@ from mvuav_ros.panel.controls import (
     EVERY_NODE,
     OTHER,
     Control,
-    Kind,
     position_on,
     scale_of,
     value_text,
@@ -36,43 +35,43 @@ class ParameterRow:
     """A parameter's line of the list; ``edited`` is called whenever the user has changed the value.
 
     It is ``changed`` where the node's value is not that of the chosen set, or not the default.
-
     What the user is typing is never overwritten, whoever changes the parameter meanwhile.
     """
 
     def __init__(
         self, control: Control, value: Any, edited: Callable[[str, Value], object]
     ) -> None:
-        self.control = control
-        self._edited = edited
+        self.control, self._edited = control, edited
         self._current: Any = value
         self._new: Any = value
-        self._base: Value | None = None
+        self._base: Any = None
         self.changed = False
-        self._image_size = -1
         self._refused = self._difference = ''
         self._slider: ui.element | None = None
         thesis = f' Thesis: {control.thesis}.' if control.thesis else ''
         self._description = (control.description or 'No description.') + thesis
-        with el.box(f'param of-{control.kind.value}') as self._row:
+        with el.box(f'param of-{control.kind}') as self._row:
             el.set_props(self._row, data_parameter=control.label)
             with el.box('named'):
                 _show_name(control.label, self._description)
                 self._reset = el.icon_button('settings_backup_restore', 'Reset', self._restore)
+                el.set_props(self._reset, aria_label=f'Reset {control.label}')
             self._now = el.text(value_text(value), 'now')
             with el.box('edit'):
                 self._field = self._make_field()
-            if control.kind is Kind.SLIDER and not control.read_only:
+            if control.kind == 'slider' and not control.read_only:
                 self._slider = el.slider(control.label, self._moved, control.unit)
             self._hint = el.text('', 'hint').props('aria-live=polite')
 
     def _make_field(self) -> Any:
         control = self.control
         field: Any
-        if control.kind is Kind.SWITCH:
+        if control.kind == 'switch':
             field = ui.switch(value=self._written, on_change=self._chosen).props('dense')
-        elif control.kind is Kind.MENU:
-            field = ui.select(self._options, value=self._new, on_change=self._chosen)
+        elif control.kind == 'menu':
+            # A node's value may be none of the choices.
+            options = list(dict.fromkeys((*control.choices, self._new)))
+            field = ui.select(options, value=self._new, on_change=self._chosen)
             field.props('outlined dense options-dense')
         else:
             field = ui.input(value=self._written).props('outlined dense')
@@ -82,24 +81,19 @@ class ParameterRow:
             field.on('keydown.esc', self._give_up)
         el.set_props(field, aria_label=f'{control.label}, new value')
         # What cannot be typed as it is must not be changed by being looked at.
-        strange = isinstance(self._new, str) and sanitized.words(self._new) != self._new
-        if control.read_only or strange or (control.type is tuple and isinstance(self._new, str)):
+        unlike = control.type is tuple or sanitized.words(self._new) != self._new
+        if control.read_only or (isinstance(self._new, str) and unlike):
             field.disable()
         return field
 
     @property
-    def _options(self) -> list[Any]:
-        """Of a menu; a node's value may be none of the choices."""
-        return list(dict.fromkeys((*self.control.choices, self._new)))
-
-    @property
     def _written(self) -> Any:
         """The new value as the field holds it while nobody types."""
-        if self.control.kind is Kind.SWITCH:
+        if self.control.kind == 'switch':
             return bool(self._new)
-        if self.control.kind is Kind.MENU:
-            return self._new
-        return sanitized.words(self._new) if isinstance(self._new, str) else value_text(self._new)
+        return (
+            self._new if self.control.kind == 'menu' or self._new == '' else value_text(self._new)
+        )
 
     def matches(self, words: str) -> bool:
         """Whether every typed word occurs in name, description or thesis."""
@@ -113,20 +107,13 @@ class ParameterRow:
 
     def fit(self, image_size: int) -> None:
         """Let a slider for places and lengths end where the image does; see `scale_of`."""
-        if self._slider is not None and image_size != self._image_size:
-            self._image_size = image_size
+        if self._slider is not None:
             self._scale = scale_of(self.control, image_size)
             shown = ' '.join(map(value_text, self._scale))
             el.set_props(self._slider, max=len(self._scale) - 1, data_values=shown)
-            self._place_thumb()
+            self._say()
 
-    def show(
-        self,
-        value: Any,
-        edit: Value | None = None,
-        difference: str = '',
-        base: Value | None = None,
-    ) -> None:
+    def show(self, value: Any, edit: Value | None, difference: str, base: Value | None) -> None:
         """Show the node's value, and beside it the user's where the node has not taken that.
 
         A value that is not the chosen set's is marked; ``difference`` says what that has.
@@ -136,10 +123,8 @@ class ParameterRow:
         self._base = default if base is None else base
         self.changed = self._base is not None and value_text(value) != value_text(self._base)
         self._reset.set_visibility(self.changed and not self.control.read_only)
-        el.set_props(self._reset, aria_label=f'Reset {self.control.label}')
-        if not same_value(value, self._current):
-            self._current = value
-            self._now.set_text(value_text(value))
+        self._current = value
+        self._now.set_text(value_text(value))
         self._difference = difference
         self._show_new(value if edit is None else edit, self._refused if edit is not None else '')
 
@@ -153,23 +138,16 @@ class ParameterRow:
         self._new, self._refused = value, refused
         if not is_typing:
             self._write()
-        self._place_thumb()
         self._say()
 
     def _write(self) -> None:
-        if self.control.kind is Kind.MENU and self._new not in self._field.options:
-            self._field.set_options(self._options, value=self._new)
+        if self.control.kind == 'menu' and self._new not in self._field.options:
+            self._field.set_options([*self.control.choices, self._new], value=self._new)
         elif not same_value(self._field.value, self._written):
             self._field.value = self._written
 
-    def _place_thumb(self) -> None:
-        # What is no number has no place.
-        if self._slider is not None and isinstance(self._new, (int, float)):
-            el.set_props(self._slider, data_index=position_on(self._scale, self._new))
-
     def _restore(self) -> None:
-        if self._base is not None:
-            self._enter(self._base)
+        self._enter(self._base)
 
     def _enter(self, value: Value) -> None:
         self._show_new(value)
@@ -203,9 +181,12 @@ class ParameterRow:
             self.refuse('')
 
     def _say(self) -> None:
-        """The line below: the node's reason, or range, unit and default."""
+        """The slider's thumb, and the line below: the node's reason, or range, unit and default."""
         control = self.control
-        words = [self._difference, '' if control.kind is Kind.MENU else control.constraint]
+        # What is no number has no place.
+        if self._slider is not None and isinstance(self._new, (int, float)):
+            el.set_props(self._slider, data_index=position_on(self._scale, self._new))
+        words = [self._difference, '' if control.kind == 'menu' else control.constraint]
         words += [control.unit]
         words += [f'default {value_text(control.default)}'] if control.declared else []
         words += ['set at the start only'] if control.read_only else []
@@ -243,6 +224,7 @@ class Parameters:
         self._sending: set[str] = set()
         self._stages: dict[str, ui.expansion] = {}
         self._whole = self._arranging = False
+        self._image_size = -1
         with el.box('card'):
             self._sets = SetBar(page, node, self.load, self.show)
             self._build_bar()
@@ -297,8 +279,8 @@ class Parameters:
             rows.value = looking or stage not in self._page.kept['folded']
         self._arranging = False
         self._more.set_visibility(hidden > 0 and not looking)
-        what = f'{hidden} that have no effect in this mode'
-        self._more.set_text(f'Hide {what}' if self._whole else f'Show {what}')
+        verb = 'Hide' if self._whole else 'Show'
+        self._more.set_text(f'{verb} {hidden} that have no effect in this mode')
 
     def _fold(self, stage: str, event: Any) -> None:
         """Keep what the user folds and unfolds."""
@@ -332,8 +314,10 @@ class Parameters:
 
     def show_status(self) -> None:
         """After new diagnostics."""
-        for row in self._rows.values():
-            row.fit(self._node.image_size)
+        if self._image_size != self._node.image_size:
+            self._image_size = self._node.image_size
+            for row in self._rows.values():
+                row.fit(self._image_size)
 
     def show_sets(self) -> None:
         """After a set was saved, taken in or deleted."""
