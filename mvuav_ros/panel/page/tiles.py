@@ -67,13 +67,15 @@ class Images:
         return {stream.key: stream for node in nodes for stream in streams_of(node)}
 
     def refresh(self) -> None:
-        """After nodes came or went, or another was selected."""
+        """After nodes came or went, another was selected, or values changed."""
         streams = self._streams()
         wishes = [wish for wish in self._wished if wish[0] in streams] or self._usual()
         if wishes != self._shown():
             self._grid.clear()
             with self._grid:
                 self._tiles = [Tile(streams[key], self, size) for key, size in wishes]
+        for tile in self._tiles:
+            tile.show_values()
         self._empty.set_visibility(not self._tiles)
 
     def _usual(self, *, pair: bool = False) -> list[Wish]:
@@ -124,11 +126,6 @@ class Images:
             return
         self._wish([*self._shown(), (key, 'm')])
 
-    def show_values(self) -> None:
-        """After a node's values changed."""
-        for tile in self._tiles:
-            tile.show_values()
-
 
 class Tile:
     """One image."""
@@ -164,7 +161,6 @@ class Tile:
                         self._action.props('dense unelevated toggle-color=primary size=sm no-caps')
                     self._words = el.text('Click a pixel to see its value.', 'small soft grow')
                     self._words.classes('pixel').props('role=status')
-        self.show_values()
 
     @property
     def _values(self) -> dict[str, Any]:

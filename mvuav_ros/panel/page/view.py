@@ -201,22 +201,17 @@ class PanelView:
     def _node_changed(self, what: str, node: LiveNode) -> None:
         ours = node.name == self._page.selected
         with self._root:
-            if what == 'nodes':
-                self._refresh()
-            elif what == 'values':
-                self.images.show_values()
-                self._scene.show(self._page.node)
-                self.images.refresh()
-                if ours:
-                    self._runs.frames.show()
-                if ours and self._parameters:
-                    self._parameters.show()
-            elif what == 'status':
+            if what == 'status':
                 self._head.refresh()
                 if ours and self._parameters:
                     self._parameters.show_status()
                 if ours and self._results:
                     self._results.show()
+            elif what == 'nodes' or ours:
+                self._refresh()
+                self._runs.frames.show()
+            else:
+                self.images.refresh()
 
     def _refresh(self) -> None:
         # The head first: it selects a node where none is.
