@@ -18,7 +18,7 @@ pytest.importorskip('nicegui', reason='the extra panel is not installed')
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.report import csv_text
-from mvuav_ros.panel.page.run_list import grouped_options, line_options
+from mvuav_ros.panel.page.run_list import chart_options
 from mvuav_ros.panel.runs import (
     RESULTS,
     Run,
@@ -141,12 +141,12 @@ def test_trends_over_names_and_over_a_parameter_that_differs(made):
     assert rows[0]['num_peaks'] == '2' and float(rows[0]['rho flags [frames]']) >= 0
     assert varied(runs) == ['mode', 'num_peaks'] and varied([done]) == []
     columns = ['rho flags', 'theta flags']
-    named = line_options(runs, columns, 'run')
+    named = chart_options(runs, columns, 'run')
     assert named['xAxis']['data'] == ['first', 'second']
-    over = line_options(runs, columns, 'num_peaks')
+    over = chart_options(runs, columns, 'num_peaks')
     assert over['xAxis']['data'] == ['num_peaks 1', 'num_peaks 2']
     assert [line['name'] for line in over['series']] == columns
-    bars = grouped_options(runs, columns, 'run')
+    bars = chart_options(runs, columns, 'run', grouped=True)
     assert bars['xAxis']['data'] == columns
     assert [bar['name'] for bar in bars['series']] == ['first', 'second']
 

@@ -9,7 +9,6 @@ from nicegui import ui
 from nicegui.elements.scene.scene_object3d import Object3D
 
 from mvuav_ros.panel import sanitized
-from mvuav_ros.panel.image_feed import RESULT_OF_KIND
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
@@ -46,24 +45,18 @@ _MEANS = {
 }
 
 
-class Readout:
+def make_readout() -> ui.element:
     """Large figures with the state of trust, which ``static/live.js`` fills.
 
-    On a telephone the node's result image stands beside them.
+    Returns the canvas of the node's result image, which stands beside them on a telephone.
     """
-
-    def __init__(self) -> None:
-        with el.box('readout card', 'section').props('aria-label=Result'):
-            with el.box('preview well').props('data-fresh=never'):
-                self._canvas = el.box('image', 'canvas').props('role=img aria-label="Result"')
-            with el.box('grow'):
-                el.text('no results yet', 'trust').props('data-trust=stale')
-                el.box('figures', 'dl')
-
-    def show(self, node: LiveNode | None) -> None:
-        """Stand for this node."""
-        key = f'{node.name} {RESULT_OF_KIND[node.kind]}' if node else ''
-        el.set_props(self._canvas, data_key=key)
+    with el.box('readout card', 'section').props('aria-label=Result'):
+        with el.box('preview well').props('data-fresh=never'):
+            canvas = el.box('image', 'canvas').props('role=img aria-label="Result"')
+        with el.box('grow'):
+            el.text('no results yet', 'trust').props('data-trust=stale')
+            el.box('figures', 'dl')
+    return canvas
 
 
 class PoseScene:

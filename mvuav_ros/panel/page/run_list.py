@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -85,38 +85,41 @@ class Trends:
             elif kind == 'subplots':
                 with el.box('charts'):
                     for column in columns:
-                        self._chart(line_options, [column], 220)
+                        self._chart([column], 220)
             else:
-                self._chart(grouped_options if kind == 'grouped' else line_options, columns, 320)
+                self._chart(columns, 320, grouped=kind == 'grouped')
 
-    def _chart(self, options: Callable[..., Any], columns: list[str], height: int) -> None:
-        chart = ui.echart(options(self._runs, columns, self._over.value)).classes('chart')
+    def _chart(self, columns: list[str], height: int, *, grouped: bool = False) -> None:
+        options = chart_options(self._runs, columns, self._over.value, grouped=grouped)
+        chart = ui.echart(options).classes('chart')
         chart.style(f'height: {height}px')
         names = ', '.join(columns)
         el.set_props(chart, data_trend=names, aria_label=f'Trend of {names}')
 
 
-def line_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
-    """A chart with a line for each column, over the runs in order of the parameter's value."""
-    if over != _OVER_NAMES:
+def chart_options(
+    runs: Sequence[Run], columns: Sequence[str], over: str, *, grouped: bool = False
+) -> Any:
+    """A chart with a line for each column, over the runs in order of the parameter's value.
+
+    If ``grouped``, with a group of bars for each column instead.
+    """
+    if not grouped and over != _OVER_NAMES:
         runs = sorted(runs, key=lambda run: _order(run.parameters.get(over)))
-    options = el.axes(*_title(columns), [_place(run, over) for run in runs])
-    look = {'type': 'line', 'symbolSize': 7, 'symbol': 'circle'}
+    parts = [Column.parse(column) for column in columns]
+    names, places = [part.name for part in parts], [_place(run, over) for run in runs]
+    numbers = [_numbers(runs, column) for column in columns]
+    # The unit stands in the title where all columns have the same.
+    unit = parts[0].unit if len({part.unit for part in parts}) == 1 else ''
+    title = names[0].capitalize() if len(parts) == 1 else 'Trends'
+    options = el.axes(title, unit, names if grouped else places)
+    look: dict[str, Any] = {'type': 'line', 'symbolSize': 7, 'symbol': 'circle'}
+    if grouped:
+        look = {'type': 'bar', 'barMaxWidth': 36}
+        names, numbers = places, [list(each) for each in zip(*numbers, strict=True)]
+        options['yAxis']['scale'] = False
     options['series'] = [
-        {**look, 'name': Column.parse(each).name, 'data': _numbers(runs, each)} for each in columns
-    ]
-    return options
-
-
-def grouped_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
-    """A chart with a group of bars for each column."""
-    options = el.axes(*_title(columns), [Column.parse(column).name for column in columns])
-    options['yAxis']['scale'] = False
-    look = {'type': 'bar', 'barMaxWidth': 36}
-    values = zip(*(_numbers(runs, column) for column in columns), strict=True)
-    options['series'] = [
-        {**look, 'name': _place(run, over), 'data': list(data)}
-        for run, data in zip(runs, values, strict=True)
+        {**look, 'name': name, 'data': data} for name, data in zip(names, numbers, strict=True)
     ]
     return options
 
@@ -129,13 +132,6 @@ def _order(value: Any) -> tuple[bool, float, str]:
     """Numbers by size, then words."""
     is_number = isinstance(value, (int, float)) and math.isfinite(value)
     return not is_number, float(value) if is_number else 0.0, str(value)
-
-
-def _title(columns: Sequence[str]) -> tuple[str, str]:
-    """Of the chart, with the unit where all columns have the same."""
-    parts = [Column.parse(column) for column in columns]
-    title = parts[0].name.capitalize() if len(parts) == 1 else 'Trends'
-    return title, parts[0].unit if len({part.unit for part in parts}) == 1 else ''
 
 
 def _numbers(runs: Sequence[Run], column: str) -> list[float | None]:

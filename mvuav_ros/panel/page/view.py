@@ -8,11 +8,12 @@ from typing import Any
 from nicegui import Client, ui
 
 from mvuav_ros.detectors import DETECTORS
+from mvuav_ros.panel.image_feed import RESULT_OF_KIND
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
 from mvuav_ros.panel.page.parameters import Parameters
-from mvuav_ros.panel.page.readout import PoseScene, Readout, Results
+from mvuav_ros.panel.page.readout import PoseScene, Results, make_readout
 from mvuav_ros.panel.page.recorder import RecordingButton
 from mvuav_ros.panel.page.run_list import Runs
 from mvuav_ros.panel.page.tiles import Images
@@ -133,7 +134,7 @@ class PanelView:
         with el.box('panel') as self._root:
             self._head = Head(self._page)
             with el.box('body'):
-                self._readout = Readout()
+                self._preview = make_readout()
                 with ui.tabs(on_change=self._show_part) as tabs:
                     for key, words in _PARTS.items():
                         ui.tab(key, words).classes(f'tab {key}')
@@ -196,7 +197,6 @@ class PanelView:
 
     def _closed(self) -> None:
         self._page.services.system.leave(self._node_changed)
-        self._runs.frames.end()
 
     def _node_changed(self, what: str, node: LiveNode) -> None:
         ours = node.name == self._page.selected
@@ -219,7 +219,8 @@ class PanelView:
         self.images.refresh()
         el.set_props(self._root, data_node=self._page.selected)
         node = self._page.node
-        self._readout.show(node)
+        key = f'{node.name} {RESULT_OF_KIND[node.kind]}' if node else ''
+        el.set_props(self._preview, data_key=key)
         self._scene.show(node)
         built = (node, *node.controls) if node else ()
         if built != self._built:
