@@ -35,14 +35,7 @@ _MAX_LIVE_AGE = 10.0
 MAX_STREAMS = 16
 """Shown on one page."""
 INPUT = 'input'
-TITLES = {
-    INPUT: 'Input',
-    'debug/confined': 'Confined',
-    'debug/edges': 'Edges',
-    'debug/hough': 'Hough',
-    'debug/overlay': 'Overlay',
-    'debug_image': 'Markers',
-}
+_TITLES = {'debug_image': 'Markers'}
 RESULT_OF_KIND = {kind: processor.panel.image for kind, processor in PROCESSORS.items()}
 """The image with the results drawn in."""
 
@@ -66,7 +59,7 @@ class ImageStream(NamedTuple):
     @property
     def title(self) -> str:
         """For people."""
-        return TITLES.get(self.name) or self.name.replace('_', ' ')
+        return _TITLES.get(self.name) or self.name.rpartition('/')[2].replace('_', ' ').capitalize()
 
 
 def streams_of(node: LiveNode) -> list[ImageStream]:

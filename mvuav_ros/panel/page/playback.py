@@ -155,7 +155,7 @@ class Frames:
             return
         self._fill(shown, name)
         found = differences(values[0], values[-1])
-        said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
+        said = (f'{n} {value_text(own)} | {value_text(its)}' for n, (own, its) in found.items())
         words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
         self._differing.set_text(
             sanitized.words(words if name else reason, sanitized.LONGEST_DESCRIPTION)

@@ -73,7 +73,7 @@ class SetBar:
             words = f'The live values are those of {name}.'
         self._match.set_text(words)
         el.set_class(self._match, 'differs', bool(differing))
-        return {each.name: f'{name}: {value_text(each.left)}' for each in differing}
+        return {each: f'{name}: {value_text(own)}' for each, (own, _) in differing.items()}
 
     def value_of(self, parameter: str) -> Value | None:
         """The chosen set's value of a parameter; None where it has none."""
