@@ -86,7 +86,7 @@ class Figures:
             if 0 < half_width < _MAX_RANGE and 0 < half_height < _MAX_RANGE:
                 self._view = half_width, half_height
         elif topic == 'rpy':
-            self._roll = float(message.vector.x)
+            self._roll = math.degrees(message.vector.x)
         elif topic == 'pose':
             self._take_pose(message)
         elif topic == 'integrity':
@@ -130,26 +130,26 @@ class Figures:
         )
 
     def _figures(self) -> list[Figure]:
-        (x, y, z), (sx, sy, sz, *turns) = self._place, self._deviations
+        (x, y, z), (sx, sy, sz) = self._place, self._deviations[:3]
         whole = np.isfinite(self._turn).all()
-        roll, pitch, yaw = rpy(self._turn) if whole else (math.nan,) * 3
+        roll, pitch, yaw = np.degrees(rpy(self._turn)) if whole else (math.nan,) * 3
+        s_roll, s_pitch, s_yaw = np.degrees(self._deviations[3:])
         if self._kind == 'marker_tracker':
-            known = roll if math.isnan(self._roll) else self._roll
             return [
-                ('roll', _degrees(known), _degrees(turns[0], '± ')),
-                ('ahead', _metres(x), _metres(sx, '± ')),
-                (_side(y), _metres(abs(y)), _metres(sy, '± ')),
-                ('above' if z > 0 else 'below', _metres(abs(z)), _metres(sz, '± ')),
-                ('pitch', _degrees(pitch), _degrees(turns[1], '± ')),
-                ('yaw', _degrees(yaw), _degrees(turns[2], '± ')),
+                _figure('roll', roll if math.isnan(self._roll) else self._roll, s_roll, '°'),
+                _figure('ahead', x, sx, ' m'),
+                _figure(_side(y), abs(y), sy, ' m'),
+                _figure('above' if z > 0 else 'below', abs(z), sz, ' m'),
+                _figure('pitch', pitch, s_pitch, '°'),
+                _figure('yaw', yaw, s_yaw, '°'),
             ]
         if self._values().get('mode') != 'approach':
             return self._lines
         return [
-            (f'{_side(y)} of centre', _metres(abs(y)), _metres(sy, '± ')),
-            ('height', _metres(z), _metres(sz, '± ')),
-            (f'heading {_side(yaw)}', _degrees(abs(yaw)), _degrees(turns[2], '± ')),
-            ('to the near end', _metres(-x), _metres(sx, '± ')),
+            _figure(f'{_side(y)} of centre', abs(y), sy, ' m'),
+            _figure('height', z, sz, ' m'),
+            _figure(f'heading {_side(yaw)}', abs(yaw), s_yaw, '°'),
+            _figure('to the near end', -x, sx, ' m'),
         ]
 
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
@@ -170,7 +170,7 @@ class Figures:
     def _take_charts(self, topic: str, message: Any) -> None:
         """A result that has no figures of its own: those of its curves."""
         self._lines = [
-            (name, _written(math.nan if value is None else value, f' {chart.unit}', ''), '')
+            _figure(name, math.nan if value is None else value, math.nan, f' {chart.unit}')
             for chart in PROCESSORS[self._kind].panel.charts.values()
             if chart.topic == topic
             for name, value in curves_of(chart, message).items()
@@ -187,7 +187,7 @@ class Figures:
         if is_safe:
             levels = sanitized.key_values(status.values)
             largest = max(sanitized.number(levels[name]) for name in _LEVELS if name in levels)
-            words = f'protection level {_metres(largest)}'
+            words = f'protection level {_written(largest, " m")}'
         self._integrity = is_safe, words
 
     def _take_lines(self, rows: Any) -> None:
@@ -207,7 +207,11 @@ class Figures:
         if not found.any() or self._missed > _MAX_MISSED:
             self._place[:], self._turn[:], self._deviations[:] = math.nan, math.nan, math.nan
         self._lines = [
-            (f'line {number}', _degrees(row['theta']), f'rho {row["rho"]:.0f} px' if known else '')
+            (
+                f'line {number}',
+                _written(math.degrees(row['theta']), '°'),
+                f'rho {row["rho"]:.0f} px' if known else '',
+            )
             for number, (row, known) in enumerate(zip(rows[:_MAX_ROWS], found, strict=False), 1)
         ]
 
@@ -245,20 +249,13 @@ def _side(value: float) -> str:
     return 'aside' if math.isnan(value) else 'left' if value > 0 else 'right'
 
 
-def _metres(value: float, sign: str = '') -> str:
-    return _written(value if abs(value) < 1e6 else math.nan, ' m', sign)
+def _figure(name: str, value: float, deviation: float, unit: str) -> Figure:
+    return name, _written(value, unit), f'± {deviation:.2g}{unit}' if deviation < _MAX_VALUE else ''
 
 
-def _degrees(value: float, sign: str = '') -> str:
-    return _written(math.degrees(value), '°', sign)
-
-
-def _written(value: float, unit: str, sign: str) -> str:
-    """With two digits where it is a deviation, which is nothing where it is not known."""
-    if not math.isfinite(value):
-        return '' if sign else '-'
+def _written(value: float, unit: str) -> str:
     # Adding 0 makes -0.0 a 0.0.
-    return f'{sign}{value:.2g}{unit}' if sign else f'{round(value, 1) + 0.0:.1f}{unit}'
+    return f'{round(value, 1) + 0.0:.1f}{unit}' if abs(value) < _MAX_VALUE else '-'
 
 
 class SeriesFeed:
