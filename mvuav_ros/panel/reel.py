@@ -18,7 +18,6 @@ from mvuav_ros.panel.image_feed import RESULT_OF_KIND, encode_jpeg
 from mvuav_ros.panel.live_results import TOPICS, Figures
 from mvuav_ros.panel.runs import images_in
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.sources.bag import BagImages, EncodedFrame
@@ -46,10 +45,7 @@ class Wanted:
 
 
 class Result(NamedTuple):
-    """What a node made of a frame: the image with the results as JPEG, and `Figures.said`.
-
-    ``reason`` says why there is none.
-    """
+    """What a node made of a frame: an image as JPEG and `Figures.said`, or why there are none."""
 
     jpeg: bytes
     said: dict[str, Any]
@@ -161,14 +157,12 @@ class Reel:
 
     def _process(self, number: int, kind: str, values: dict[str, Value], index: int) -> Result:
         lane = self._lanes.get(number)
-        if lane is None or (lane.kind, lane.values) != (kind, values) or index < lane.index:
-            lane = None
-        if lane is None or index > lane.index + _WARM_UP:
+        is_same = lane is not None and (lane.kind, lane.values) == (kind, values)
+        if lane is None or not is_same or not lane.index <= index <= lane.index + _WARM_UP:
             try:
-                (processor,) = make_processors({kind: values})
+                lane = self._lanes[number] = _Lane(kind, values, index - _WARM_UP - 1)
             except ParameterError as error:
                 return Result(b'', {}, str(error))
-            lane = self._lanes[number] = _Lane(kind, values, processor, index - _WARM_UP - 1)
         for at in range(max(lane.index + 1, 0), index + 1):
             lane.result = lane.take(self._items[at], draw=at == index)
         lane.index = index
@@ -178,13 +172,11 @@ class Reel:
 class _Lane:
     """A node in its state behind the frame ``index``."""
 
-    def __init__(
-        self, kind: str, values: dict[str, Value], processor: Processor, index: int
-    ) -> None:
+    def __init__(self, kind: str, values: dict[str, Value], index: int) -> None:
         self.kind, self.values, self.index = kind, values, index
         self.result = Result(b'', {}, '')
-        self._processor = processor
-        known = processor.parameters_type.from_mapping(values).as_dict()
+        (self._processor,) = make_processors({kind: values})
+        known = self._processor.parameters_type.from_mapping(values).as_dict()
         self._figures = Figures(kind, lambda: known)
 
     def take(self, item: EncodedFrame | Frame | BadFrame, *, draw: bool) -> Result:
