@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import cv2
-import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
@@ -20,6 +19,7 @@ from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.image import Image, ImageError
+from mvuav_ros.vision.runway.debug_images import eight_bits
 
 MAX_RATE = 10.0
 """Images per second, Hz."""
@@ -76,7 +76,7 @@ def decode(stream: ImageStream, data: bytes) -> Image:
 
 def encode_jpeg(image: Image) -> bytes:
     """An image as JPEG with sides of at most `MAX_SIDE`."""
-    pixels = _eight_bit(image)
+    pixels = _eight_bits(image)
     height, width = pixels.shape[:2]
     factor = MAX_SIDE / max(height, width)
     if factor < 1.0:
@@ -87,14 +87,11 @@ def encode_jpeg(image: Image) -> bytes:
 
 def encode_png(image: Image) -> bytes:
     """An image as PNG at its full size."""
-    return cv2.imencode('.png', _eight_bit(image))[1].tobytes()
+    return cv2.imencode('.png', _eight_bits(image))[1].tobytes()
 
 
-def _eight_bit(image: Image) -> Any:
-    pixels = image.pixels if image.is_gray else image.bgr()
-    if pixels.dtype == np.uint8:
-        return pixels
-    return cv2.convertScaleAbs(pixels, alpha=255.0 / np.iinfo(pixels.dtype).max)
+def _eight_bits(image: Image) -> Any:
+    return eight_bits(image.pixels) if image.is_gray else image.bgr()
 
 
 Look = Callable[[str, bytes], None]

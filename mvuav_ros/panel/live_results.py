@@ -28,7 +28,7 @@ from mvuav_ros.panel.live_nodes import LiveNode, same_value
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.processor import Chart
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_unit_quaternion, rpy
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_quaternion, rpy
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag
 
@@ -225,12 +225,9 @@ def rows_of(message: PointCloud2) -> Any:
 
 def rotation_of(quaternion: Any) -> NDArray[np.float64]:
     """A geometry_msgs/Quaternion as a matrix; NaN where it is none."""
-    q = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z], dtype=float)
-    length = float(np.linalg.norm(q)) if (np.abs(q) < 1e3).all() else 0.0
-    if length < 1e-6:
-        return np.full((3, 3), math.nan)
-    w, x, y, z = q / length
-    return from_unit_quaternion(x, y, z, w)
+    parts = quaternion.x, quaternion.y, quaternion.z, quaternion.w
+    known = all(abs(part) < 1e3 for part in parts)
+    return from_quaternion(*parts) if known else np.full((3, 3), math.nan)
 
 
 def _trust_in_markers(rows: Any) -> tuple[str, str]:
