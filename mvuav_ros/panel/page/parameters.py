@@ -223,8 +223,7 @@ class Parameters:
         self._rows: dict[str, ParameterRow] = {}
         self._sending: set[str] = set()
         self._stages: dict[str, ui.expansion] = {}
-        self._whole = self._arranging = False
-        self._image_size = -1
+        self._whole, self._image_size = False, -1
         with el.box('card'):
             self._sets = SetBar(page, node, self.load, self.show)
             self._build_bar()
@@ -262,7 +261,8 @@ class Parameters:
                 for each in group:
                     value = self._node.values.get(each.name)
                     self._rows[each.name] = ParameterRow(each, value, self._edited)
-            rows.on_value_change(partial(self._fold, stage))
+            # What the user folds and unfolds; the value itself also follows the search.
+            rows.on('update:model-value', partial(self._fold, stage))
             self._stages[stage] = rows
 
     def _arrange(self) -> None:
@@ -274,19 +274,15 @@ class Parameters:
             wanted = (row.matches(sought) and row.changed >= changed) if looking else counts
             hidden += not wanted
             row.place(visible=wanted or (self._whole and not looking), counts=counts)
-        self._arranging = True
         for stage, rows in self._stages.items():
             rows.value = looking or stage not in self._page.kept['folded']
-        self._arranging = False
         self._more.set_visibility(hidden > 0 and not looking)
         verb = 'Hide' if self._whole else 'Show'
         self._more.set_text(f'{verb} {hidden} that have no effect in this mode')
 
     def _fold(self, stage: str, event: Any) -> None:
-        """Keep what the user folds and unfolds."""
-        if not self._arranging:
-            others = [each for each in self._page.kept['folded'] if each != stage]
-            self._page.kept['folded'] = others if event.value else [*others, stage]
+        others = [each for each in self._page.kept['folded'] if each != stage]
+        self._page.kept['folded'] = others if event.args else [*others, stage]
 
     def find(self) -> None:
         """Let the user type what he looks for."""
@@ -306,8 +302,8 @@ class Parameters:
         """After the node's values changed, by us or by anybody, or it came or went."""
         values, differing = self._node.values, self._sets.compare()
         for name, row in self._rows.items():
-            base = self._sets.value_of(name)
-            row.show(values.get(name), self._edits.get(name), differing.get(name, ''), base)
+            base, difference = self._sets.values.get(name), differing.get(name, '')
+            row.show(values.get(name), self._edits.get(name), difference, base)
         self._list.props(remove='inert') if self._node.alive else self._list.props('inert')
         self._arrange()
         self._count_edits()
