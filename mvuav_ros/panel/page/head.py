@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 from nicegui import ui
 
@@ -63,10 +64,6 @@ class Head:
         dark = await ui.run_javascript('return document.body.classList.contains("body--dark")')
         self._dark.value = not dark
 
-    def _node_button(self, name: str) -> ui.button:
-        made = ui.button(name, icon='circle', color=None)
-        return made.props('flat rounded no-caps').on_click(lambda: self._page.select(name))
-
     def refresh(self) -> None:
         """After nodes came or went, were selected, or said something."""
         nodes = self._page.services.system.nodes
@@ -79,7 +76,9 @@ class Head:
             # Only then: a button that is made anew loses the keyboard's focus.
             self._nodes.clear()
             with self._nodes:
-                self._buttons = {name: self._node_button(name) for name in nodes}
+                self._buttons = {name: ui.button(icon='circle', color=None) for name in nodes}
+                for name, button in self._buttons.items():
+                    button.props('flat rounded no-caps').on_click(partial(self._page.select, name))
                 if not nodes:
                     el.text('looking for nodes …', 'soft')
         for name, button in self._buttons.items():

@@ -117,8 +117,8 @@ class PoseScene:
             else:
                 self._scene.move_camera(-230, 75, 70, -30, 0, 8, duration=0)
             moved, still = (self._tanker.id, self._own.id) if tracks else (self._own.id, '-')
-            el.set_props(self._scene, data_objects=f'{moved} {still} {self._cone.id}')
-            el.set_props(self._scene, aria_label=f'Pose: {words}, in space')
+            objects = f'{moved} {still} {self._cone.id}'
+            el.set_props(self._scene, data_objects=objects, aria_label=f'Pose: {words}, in space')
         width = node.values.get('runway_width')
         wide = width if isinstance(width, float) and 0 < width < 1e3 else _DEFAULT_WIDTH
         if not tracks and self._strip.sy != wide:

@@ -315,7 +315,10 @@ class Runs:
             self._show_numbers(runner.last)
 
     def _show_numbers(self, run: Run) -> None:
-        rows = [[m.name, _number_text(m.value), m.unit] for m in run.metrics]
+        rows = [
+            (m.name, sanitized.fixed(m.value, 0 if m.value.is_integer() else 3), m.unit)
+            for m in run.metrics
+        ]
         half = -(-len(rows) // 2)
         self._result.clear()
         with self._result, el.box('card'):
@@ -342,7 +345,3 @@ def _row(run: Run) -> dict[str, str]:
         'other than default': ', '.join(changed) or 'nothing',
         'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),
     }
-
-
-def _number_text(value: float) -> str:
-    return sanitized.fixed(value, 0 if float(value).is_integer() else 3)

@@ -61,7 +61,7 @@ class PanelView:
         ui.skip_link('Skip to the parameters', target=self._parameters_place)
         client.on_connect(self._connected)
         client.on_disconnect(self._disconnected)
-        client.on_delete(self._closed)
+        client.on_delete(lambda: services.system.leave(self._node_changed))
         services.sets_changed.subscribe(self._sets_changed)
         self._connected()
 
@@ -97,9 +97,6 @@ class PanelView:
     def _disconnected(self) -> None:
         if not self._client.has_socket_connection:
             self._page.services.system.leave(self._node_changed)
-
-    def _closed(self) -> None:
-        self._page.services.system.leave(self._node_changed)
 
     def _node_changed(self, what: str, node: LiveNode) -> None:
         ours = node.name == self._page.selected
