@@ -20,7 +20,7 @@ _MAX_INTEGER = 2**63 - 1
 _BETWEEN = re.compile(r'[,;\s()\[\]]+')
 """Several numbers."""
 EVERY_NODE, OTHER = 'Every ROS node', 'Other'
-"""Stages of what is not declared."""
+"""Stages of what is not declared; what every node has is without a meaning for vision."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,6 @@ class Control(ParameterSpec):
         if self.type in (int, float):
             return 'number' if self.maximum is None else 'slider'
         return 'menu' if self.choices else 'text'
-
-    @property
-    def is_every_nodes(self) -> bool:
-        """Whether every ROS node has it, without a meaning for vision."""
-        return self.stage == EVERY_NODE
 
     @property
     def label(self) -> str:

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE
 from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, topic_beside, type_name
 from mvuav_ros.panel import sanitized
-from mvuav_ros.panel.controls import Control, controls_of
+from mvuav_ros.panel.controls import EVERY_NODE, Control, controls_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.processing.registry import PROCESSORS
@@ -110,7 +110,7 @@ class LiveNode:
     @property
     def own_values(self) -> dict[str, Value]:
         """Its values, without what every ROS node has."""
-        own = (control.name for control in self.controls if not control.is_every_nodes)
+        own = (control.name for control in self.controls if control.stage != EVERY_NODE)
         return {name: self.values[name] for name in own if self.values.get(name) is not None}
 
     def connect(self, counted: Callable[[LiveNode, DiagnosticArray], None]) -> None:

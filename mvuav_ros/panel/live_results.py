@@ -36,8 +36,7 @@ TOPICS: dict[str, dict[str, type]] = {
     kind: {
         topic: message
         for topic, message in processor.topics.items()
-        if topic in ('pose', 'integrity')
-        or any(topic == c.topic for c in processor.panel.charts.values())
+        if topic in {'pose', 'integrity', *(c.topic for c in processor.panel.charts.values())}
     }
     for kind, processor in PROCESSORS.items()
 }
@@ -334,16 +333,11 @@ def curves_of(chart: Chart, message: Any, names: Sequence[str] = ()) -> Curves:
     curves: Curves = {}
     # From 1, as the lines are numbered in the images.
     for index, row in enumerate(rows_of(message)[:_MAX_ROWS], 1):
-        lost = 'state' in row.dtype.names and row['state'] == MarkerState.LOST
-        curves[_name(chart, row, index, names)] = (
-            None if lost else _number(scale * row[chart.field])
-        )
+        fields = row.dtype.names
+        # A light of track_any has another row whenever one before it is lost, but always its id.
+        name = f'{chart.rows} {int(row["id"]) if "id" in fields else index}'
+        if 'label' in fields and int(row['label']) < len(names):
+            name = names[int(row['label'])].replace('_', ' ')
+        lost = 'state' in fields and row['state'] == MarkerState.LOST
+        curves[name] = None if lost else _number(scale * row[chart.field])
     return curves
-
-
-def _name(chart: Chart, row: Any, index: int, names: Sequence[str]) -> str:
-    if 'label' in row.dtype.names and int(row['label']) < len(names):
-        return names[int(row['label'])].replace('_', ' ')
-    # A light of track_any has another row whenever one before it is lost, but always its id.
-    number = int(row['id']) if 'id' in row.dtype.names else index
-    return f'{chart.rows} {number}'

@@ -27,7 +27,7 @@ def test_the_last_results_of_a_frame_are_sent_without_waiting_for_the_next_frame
             async def send_text(self, text):
                 sent.append(text)
 
-        live = LiveSocket(Socket(), None, None, None)
+        live = LiveSocket(Socket(), None)
         live._series = series
         sender = asyncio.create_task(live._send())
         async with asyncio.timeout(20.0):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mvuav_ros.panel.controls import controls_of, position_on, scale_of, value_text
+from mvuav_ros.panel.controls import EVERY_NODE, controls_of, position_on, scale_of, value_text
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
@@ -28,7 +28,7 @@ def test_the_widget_fits_the_declaration(control):
     assert control.kind == expected.get(control.type, 'slider')
     if control.type in (int, float, tuple):
         assert control.parse(value_text(control.default)) == control.default
-    assert control.declared and not control.is_every_nodes
+    assert control.declared and control.stage != EVERY_NODE
 
 
 def test_controls_stand_in_the_order_in_which_the_node_has_its_parameters():
@@ -117,8 +117,9 @@ def test_what_is_not_declared_has_the_type_of_its_value():
     assert (gain.kind, gain.parse('2'), gain.stage) == ('number', 2.0, 'Other')
     assert (words.kind, words.read_only, words.declared) == ('text', False, False)
     assert nothing.read_only
-    assert clock.is_every_nodes and clock.kind == 'switch' and not clock.read_only
-    assert depth.is_every_nodes and depth.read_only
+    assert clock.stage == depth.stage == EVERY_NODE
+    assert clock.kind == 'switch' and not clock.read_only
+    assert depth.read_only
 
 
 def test_values_in_words():

@@ -164,8 +164,8 @@ class Results:
                 with el.box('card'):
                     made = ui.echart(el.axes(chart.title, chart.unit)).classes('chart')
                     # Until the first value there is nothing that the chart would say of itself.
-                    el.set_props(made, aria_label=f'Curve of {chart.title}')
-                    el.set_props(made, data_curves=name, data_node=node.name)
+                    words = f'Curve of {chart.title}'
+                    el.set_props(made, aria_label=words, data_curves=name, data_node=node.name)
         with el.box('card'):
             el.text('Diagnostics of the node', tag='h2')
             with el.box('charts'):

@@ -71,8 +71,7 @@ class Trends:
 
     def _usual(self) -> list[str]:
         groups = metric_groups(run.metrics for run in self._runs)
-        first = [group for group in (*_FIRST, *groups) if group in groups]
-        return list(groups[first[0]]) if first else []
+        return next((list(groups[each]) for each in (*_FIRST, *groups) if each in groups), [])
 
     def _draw(self) -> None:
         columns, kind = list(self._numbers.value or []), self._arrangement.value
