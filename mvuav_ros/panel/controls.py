@@ -131,10 +131,6 @@ def _two_digits(low: float, high: float, whole: bool) -> list[float]:
     return sorted(v for v in values if low <= v <= high and (not whole or v == int(v)))
 
 
-def value_text(value: object) -> str:
+def value_text(value: Any) -> str:
     """A value as the panel writes it."""
-    if value is None:
-        return '-'
-    if isinstance(value, (bool, int, float, str, tuple)):
-        return sanitized.words(default_text(value))
-    return sanitized.words(value)
+    return '-' if value is None else sanitized.words(default_text(value))

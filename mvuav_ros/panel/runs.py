@@ -201,9 +201,8 @@ class RunStore:
     def new_folder(self, name: str) -> Path:
         """Make the folder of a run to come; a name that a run has is refused as well."""
         folder = self.folder / checked_name(name)
-        self.folder.mkdir(parents=True, exist_ok=True)
         try:
-            folder.mkdir()
+            folder.mkdir(parents=True)
         except FileExistsError:
             raise NameRefusedError(f'there is a run {name} already') from None
         return folder
