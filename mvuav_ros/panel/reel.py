@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -77,39 +78,35 @@ class ReelProcess:
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
-        self._busy = self._ended = False
+        # All that is done with the process, one after the other.
+        self._thread = ThreadPoolExecutor(1)
 
     async def show(self, wanted: Wanted) -> Shown:
-        """Process a frame; one at a time. ReelFailedError where that is not possible."""
-        self._busy = True
+        """Process a frame; ReelFailedError where that is not possible."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, self._show, wanted)
+
+    def end(self) -> None:
+        """End the process, once the frame that it is at is done."""
+        self._thread.submit(self._drop)
+        self._thread.shutdown(wait=False)
+
+    def _show(self, wanted: Wanted) -> Shown:
         try:
-            if self._worker is None:
-                self._worker = await asyncio.to_thread(Worker, Reel())
+            self._worker = self._worker or Worker(Reel())
             self._worker.send(0, wanted)
-            done: Any = await asyncio.to_thread(self._worker.receive)
+            done: Any = self._worker.receive()
         except ProcessDiedError as error:
             self._drop()
             raise ReelFailedError(str(error)) from None
-        finally:
-            self._busy = False
-            if self._ended:
-                self._drop()
         if done.error is not None:
             raise ReelFailedError(str(done.error))
         shown: Shown = done.result
         return shown
 
-    def end(self) -> None:
-        """End the process, once the frame that it is at is done."""
-        self._ended = True
-        # Not while a thread reads from it: what it reads might be another's by then.
-        if not self._busy:
-            self._drop()
-
     def _drop(self) -> None:
-        worker, self._worker = self._worker, None
-        if worker is not None:
-            worker.end()
+        if self._worker is not None:
+            self._worker.end()
+            self._worker = None
 
 
 class Reel:
