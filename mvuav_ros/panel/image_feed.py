@@ -36,8 +36,6 @@ MAX_STREAMS = 16
 """Shown on one page."""
 INPUT = 'input'
 _TITLES = {'debug_image': 'Markers'}
-RESULT_OF_KIND = {kind: processor.panel.image for kind, processor in PROCESSORS.items()}
-"""The image with the results drawn in."""
 
 
 class ImageStream(NamedTuple):

@@ -122,11 +122,11 @@ class Figures:
         values = self._values()
         if self._kind == 'marker_tracker':
             return bool(values.get('pose')) and values.get('mode') in ('track', 'detect')
-        return (
-            self._kind == 'runway_detector'
-            and values.get('mode') == 'approach'
-            and values.get('runway_width', 0.0) != 0.0
-        )
+        return self._is_approach and values.get('runway_width', 0.0) != 0.0
+
+    @property
+    def _is_approach(self) -> bool:
+        return self._values().get('mode') == 'approach'
 
     def _figures(self) -> list[Figure]:
         (x, y, z), (sx, sy, sz) = self._place, self._deviations[:3]
@@ -142,7 +142,7 @@ class Figures:
                 _figure('pitch', pitch, s_pitch, '°'),
                 _figure('yaw', yaw, s_yaw, '°'),
             ]
-        if self._values().get('mode') != 'approach':
+        if not self._is_approach:
             return self._lines
         return [
             _figure(f'{_side(y)} of centre', abs(y), sy, ' m'),
@@ -193,7 +193,7 @@ class Figures:
         found = np.isfinite(rows['rho'])
         held = int(((rows['flags'] & LineFlag.CORRECTED) != 0)[found].sum())
         words = f'{found.sum()} of {len(rows)} lines' + (f', {held} held' if held else '')
-        if self._values().get('mode') == 'approach':
+        if self._is_approach:
             confidence = float(np.nan_to_num(rows['confidence'][found]).max(initial=0.0))
             sure = f'confidence {100 * confidence:.0f} %' if found.any() else 'no runway'
             words = sure + (f', {held} held' if held else '')

@@ -15,7 +15,7 @@ from mvuav_ros.messages.images import BadFrame, Frame, decode_image, view_image
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
 from mvuav_ros.offline.replay.job import make_processors, process
 from mvuav_ros.offline.stopping import Stop
-from mvuav_ros.panel.image_feed import RESULT_OF_KIND, encode_jpeg
+from mvuav_ros.panel.image_feed import encode_jpeg
 from mvuav_ros.panel.live_results import TOPICS, Figures
 from mvuav_ros.panel.runs import images_in
 from mvuav_ros.parameters.declaration import ParameterError, Value
@@ -186,7 +186,7 @@ class _Lane:
             name = topic.removeprefix(below)
             if name in TOPICS[self.kind]:
                 self._figures.take(name, deserialize_message(data, TOPICS[self.kind][name]))
-            elif name == RESULT_OF_KIND[self.kind]:
+            elif name == self._processor.panel.image:
                 jpeg = encode_jpeg(decode_image(view_image(data)))
         return Result(jpeg, self._figures.said(), '; '.join(results.reasons))
 

@@ -12,17 +12,11 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from mvuav_ros.panel.image_feed import (
-    INPUT,
-    MAX_STREAMS,
-    RESULT_OF_KIND,
-    ImageStream,
-    encode_png,
-    streams_of,
-)
+from mvuav_ros.panel.image_feed import INPUT, MAX_STREAMS, ImageStream, encode_png, streams_of
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.image import CHANNELS, Image
 
 _SIZES = ('s', 'm', 'l')
@@ -83,7 +77,7 @@ class Images:
         node = self.page.node
         if node is None:
             return []
-        large = (INPUT, RESULT_OF_KIND[node.kind])
+        large = (INPUT, PROCESSORS[node.kind].panel.image)
         # Mode approach draws the result only.
         pair = pair or node.values.get('mode') == 'approach'
         streams = [stream for stream in streams_of(node) if stream.name in large or not pair]

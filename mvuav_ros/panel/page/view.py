@@ -7,7 +7,6 @@ from typing import Any
 
 from nicegui import Client, ui
 
-from mvuav_ros.panel.image_feed import RESULT_OF_KIND
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
@@ -17,6 +16,7 @@ from mvuav_ros.panel.page.readout import PoseScene, Results, make_readout
 from mvuav_ros.panel.page.run_list import Runs
 from mvuav_ros.panel.page.tiles import Images
 from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.processing.registry import PROCESSORS
 
 _PARTS = {
     'images': 'Images',
@@ -119,7 +119,7 @@ class PanelView:
         self.images.refresh()
         el.set_props(self._root, data_node=self._page.selected)
         node = self._page.node
-        key = f'{node.name} {RESULT_OF_KIND[node.kind]}' if node else ''
+        key = f'{node.name} {PROCESSORS[node.kind].panel.image}' if node else ''
         el.set_props(self._preview, data_key=key)
         self._scene.show(node)
         built = (node, *node.controls) if node else ()
