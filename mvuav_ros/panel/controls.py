@@ -41,11 +41,6 @@ class Control(ParameterSpec):
             return 'number' if self.maximum is None else 'slider'
         return 'menu' if self.choices else 'text'
 
-    @property
-    def label(self) -> str:
-        """The name for people."""
-        return sanitized.words(self.name)
-
     def parse(self, words: object) -> Value:
         """What a user typed, as a value for the node to judge; ValueError where it can be none."""
         if self.type is bool:

@@ -57,8 +57,6 @@ Figure = tuple[str, str, str]
 """What it is, its value with unit, and its standard deviation; ``-`` and empty if not known."""
 _MAX_RATE = 30.0
 """Points per second of a curve; a screen shows no more."""
-Curves = dict[str, float | None]
-"""Values by curve; None where there is none."""
 
 
 class Figures:
@@ -265,7 +263,7 @@ class SeriesFeed:
         self._ros, self._node, self._on_news = ros, node, on_news
         self._figures = Figures(node.kind, lambda: node.values)
         self._charts = PROCESSORS[node.kind].panel.charts
-        self._points: list[tuple[float, str, Curves]] = []
+        self._points: list[tuple[float, str, dict[str, float | None]]] = []
         self._values = dict(node.values)
         self._marks: list[tuple[float, str]] = []
         self._due: dict[str, float] = {}
@@ -324,13 +322,13 @@ def _number(value: float) -> float | None:
     return round(float(value), 3) if abs(value) < _MAX_VALUE else None
 
 
-def curves_of(chart: Chart, message: Any, names: Sequence[str] = ()) -> Curves:
-    """The values of a chart's curves in a message of its topic; ``names`` are those of labels."""
+def curves_of(chart: Chart, message: Any, names: Sequence[str] = ()) -> dict[str, float | None]:
+    """The newest values of a chart's curves, None where there is none; ``names`` are of labels."""
     scale = 180.0 / math.pi if chart.unit == '°' else 1.0
     if not isinstance(message, PointCloud2):
         value = attrgetter(chart.field)(message)
         return {chart.title.lower(): _number(scale * value)}
-    curves: Curves = {}
+    curves: dict[str, float | None] = {}
     # From 1, as the lines are numbered in the images.
     for index, row in enumerate(rows_of(message)[:_MAX_ROWS], 1):
         fields = row.dtype.names

@@ -42,6 +42,7 @@ class ParameterRow:
         self, control: Control, value: Any, edited: Callable[[str, Value], object]
     ) -> None:
         self.control, self._edited = control, edited
+        self._label = sanitized.words(control.name)
         self._current: Any = value
         self._new: Any = value
         self._base: Any = None
@@ -51,16 +52,16 @@ class ParameterRow:
         thesis = f' Thesis: {control.thesis}.' if control.thesis else ''
         self._description = (control.description or 'No description.') + thesis
         with el.box(f'param of-{control.kind}') as self._row:
-            el.set_props(self._row, data_parameter=control.label)
+            el.set_props(self._row, data_parameter=self._label)
             with el.box('named'):
-                _show_name(control.label, self._description)
+                _show_name(self._label, self._description)
                 self._reset = el.icon_button('settings_backup_restore', 'Reset', self._restore)
-                el.set_props(self._reset, aria_label=f'Reset {control.label}')
+                el.set_props(self._reset, aria_label=f'Reset {self._label}')
             self._now = el.text(value_text(value), 'now')
             with el.box('edit'):
                 self._field = self._make_field()
             if control.kind == 'slider' and not control.read_only:
-                self._slider = el.slider(control.label, self._moved, control.unit)
+                self._slider = el.slider(self._label, self._moved, control.unit)
             self._hint = el.text('', 'hint').props('aria-live=polite')
 
     def _make_field(self) -> Any:
@@ -79,7 +80,7 @@ class ParameterRow:
                 field.props('inputmode=decimal')
             field.on('keydown.enter', self._commit).on('blur', self._commit)
             field.on('keydown.esc', self._give_up)
-        el.set_props(field, aria_label=f'{control.label}, new value')
+        el.set_props(field, aria_label=f'{self._label}, new value')
         # What cannot be typed as it is must not be changed by being looked at.
         unlike = control.type is tuple or sanitized.words(self._new) != self._new
         if control.read_only or (isinstance(self._new, str) and unlike):
@@ -97,7 +98,7 @@ class ParameterRow:
 
     def matches(self, words: str) -> bool:
         """Whether every typed word occurs in name, description or thesis."""
-        said = f'{self.control.label} {self._description} {self.control.stage}'.lower()
+        said = f'{self._label} {self._description} {self.control.stage}'.lower()
         return all(word in said for word in words.lower().split())
 
     def place(self, *, visible: bool, counts: bool) -> None:
