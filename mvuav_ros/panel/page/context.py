@@ -106,14 +106,9 @@ class Page:
     ) -> None:
         self.services, self.kept, self._on_select = services, kept, on_select
         self.histories: defaultdict[str, History] = defaultdict(History)
-        fresh = {'node': '', 'part': 'images', 'at_once': True, 'folded': ['Node', EVERY_NODE]}
-        for name, value in {
-            **fresh,
-            'ticks': [],
-            'sets': {},
-            'edits': {},
-            'recordings': {},
-        }.items():
+        fresh: dict[str, Any] = {'node': '', 'part': 'images', 'at_once': True, 'ticks': []}
+        fresh |= {'folded': ['Node', EVERY_NODE], 'sets': {}, 'edits': {}, 'recordings': {}}
+        for name, value in fresh.items():
             kept.setdefault(name, value)
 
     @property

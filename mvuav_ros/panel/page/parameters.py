@@ -122,10 +122,10 @@ class ParameterRow:
         """
         default = self.control.default if self.control.declared else None
         self._base = default if base is None else base
-        self.changed = self._base is not None and value_text(value) != value_text(self._base)
+        self._current, now = value, value_text(value)
+        self.changed = self._base is not None and now != value_text(self._base)
         self._reset.set_visibility(self.changed and not self.control.read_only)
-        self._current = value
-        self._now.set_text(value_text(value))
+        self._now.set_text(now)
         self._difference = difference
         self._show_new(value if edit is None else edit, self._refused if edit is not None else '')
 
