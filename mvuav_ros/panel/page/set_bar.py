@@ -105,7 +105,8 @@ class SetBar:
     async def _delete_chosen(self) -> None:
         name, services = self._page.chosen_set, self._page.services
         if await el.confirmed(f'Delete the set {name}?', 'Delete'):
-            services.sets.delete(name)
+            with el.errors_notified():
+                services.sets.delete(name)
             services.sets_changed.emit()
 
     def _send_file(self) -> None:

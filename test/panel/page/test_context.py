@@ -10,8 +10,10 @@ pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.panel import live_nodes, node_recorder
+from mvuav_ros.panel.page import elements
 from mvuav_ros.panel.page.context import History, Page
 from mvuav_ros.panel.page.parameters import Parameters
+from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.panel.page.tiles import value_at
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.vision.image import Image
@@ -97,6 +99,25 @@ def test_a_set_is_in_use_where_the_node_has_all_of_its_values(tmp_path):
     assert page.set_in_use(node) == ''
     page.chosen_set = 'gone'
     assert page.set_in_use(node) == ''
+
+
+def test_a_set_that_cannot_be_deleted_is_named_with_the_reason(tmp_path, monkeypatch):
+    said, listed = [], []
+
+    async def confirmed(question, yes):
+        return True
+
+    monkeypatch.setattr(elements, 'confirmed', confirmed)
+    monkeypatch.setattr(elements, 'notify', lambda words, bad: said.append(words))
+    (tmp_path / 'night.yaml').mkdir()
+    bar = SetBar.__new__(SetBar)
+    services = SimpleNamespace(
+        sets=SetStore(tmp_path), sets_changed=SimpleNamespace(emit=lambda: listed.append(1))
+    )
+    bar._page = SimpleNamespace(chosen_set='night', services=services)
+    asyncio.run(bar._delete_chosen())
+    (words,) = said
+    assert 'night.yaml' in words and listed
 
 
 def test_a_pixel_is_seen_in_the_nodes_channel():
