@@ -43,8 +43,6 @@ class Control(ParameterSpec):
 
     def parse(self, words: object) -> Value:
         """What a user typed, as a value for the node to judge; ValueError where it can be none."""
-        if self.type is bool:
-            return bool(words)
         if self.type is str:
             return '' if words is None else str(words)
         if self.type is tuple:
