@@ -17,12 +17,10 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
 from mvuav_ros.panel.guard import NONCE, Guard
-from mvuav_ros.panel.image_feed import MAX_STREAMS, ImageFeed, streams_of
-from mvuav_ros.panel.live_nodes import LiveSystem
+from mvuav_ros.panel.image_feed import MAX_STREAMS, streams_of
 from mvuav_ros.panel.live_results import SeriesFeed
 from mvuav_ros.panel.page.context import Services
 from mvuav_ros.panel.page.view import PanelView
-from mvuav_ros.panel.ros_thread import RosThread
 
 _CURVE_INTERVAL = 0.2
 """Seconds between two batches of points."""
@@ -42,10 +40,8 @@ class LiveSocket:
     (uint32 length of a JSON header, the header, a JPEG), curves and the newest pose as JSON.
     """
 
-    def __init__(
-        self, socket: WebSocket, ros: RosThread, system: LiveSystem, feed: ImageFeed
-    ) -> None:
-        self._socket, self._ros, self._system, self._feed = socket, ros, system, feed
+    def __init__(self, socket: WebSocket, services: Services) -> None:
+        self._socket, self._services = socket, services
         self._waiting: dict[str, bytes] = {}
         self._under_way: Counter[str] = Counter()
         self._series: SeriesFeed | None = None
@@ -59,8 +55,8 @@ class LiveSocket:
             async for text in self._socket.iter_text():
                 if len(text) <= _MAX_REQUEST:
                     self._take(json.loads(text))
-        except (ValueError, TypeError, AttributeError, RecursionError):
-            # No page of ours.
+        except (ValueError, TypeError, AttributeError, RuntimeError):
+            # No page of ours, or one that went while something was sent to it.
             pass
         finally:
             sender.cancel()
@@ -80,21 +76,21 @@ class LiveSocket:
 
     def _look_at(self, keys: list[str]) -> None:
         """Known streams only: what a page asks for never becomes a topic by itself."""
-        streams = [each for node in self._system.nodes.values() for each in streams_of(node)]
+        nodes = self._services.system.nodes.values()
+        streams = [each for node in nodes for each in streams_of(node)]
         wanted = [each for each in streams if each.topic and each.key in keys][:MAX_STREAMS]
-        self._feed.look(self._arrived, set(wanted))
-        known = self._waiting.keys() | self._under_way.keys()
-        for key in known - {each.key for each in wanted}:
-            self._waiting.pop(key, None)
-            self._under_way.pop(key, None)
+        self._services.feed.look(self._arrived, set(wanted))
+        for kept in (self._waiting, self._under_way):
+            for key in kept.keys() - {each.key for each in wanted}:
+                del kept[key]
 
     def _follow(self, name: str) -> None:
-        node = self._system.nodes.get(name)
+        node = self._services.system.nodes.get(name)
         if self._series is not None and (node is None or self._series.name != name):
             self._series.close()
             self._series = None
         if self._series is None and node is not None:
-            self._series = SeriesFeed(self._ros, node, self._something.set)
+            self._series = SeriesFeed(self._services.ros, node, self._something.set)
 
     def _arrived(self, key: str, message: bytes) -> None:
         self._waiting[key] = message
@@ -129,7 +125,7 @@ def make_application(services: Services, token: str) -> Guard:
 
     @application.websocket('/live')
     async def live(socket: WebSocket) -> None:
-        await LiveSocket(socket, services.ros, services.system, services.feed).run()
+        await LiveSocket(socket, services).run()
 
     @application.get('/report/{name}')
     def report(name: str) -> Response:

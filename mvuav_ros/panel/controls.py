@@ -6,8 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any
+from typing import Any, Literal
 
 from mvuav_ros.panel import sanitized
 from mvuav_ros.parameters.declaration import ParameterSet, ParameterSpec, Value, default_text
@@ -21,17 +20,7 @@ _MAX_INTEGER = 2**63 - 1
 _BETWEEN = re.compile(r'[,;\s()\[\]]+')
 """Several numbers."""
 EVERY_NODE, OTHER = 'Every ROS node', 'Other'
-"""Stages of what is not declared."""
-
-
-class Kind(Enum):
-    """The widget."""
-
-    SWITCH = 'switch'
-    MENU = 'menu'
-    SLIDER = 'slider'
-    NUMBER = 'number'
-    TEXT = 'text'
+"""Stages of what is not declared; what every node has is without a meaning for vision."""
 
 
 @dataclass(frozen=True)
@@ -44,35 +33,16 @@ class Control(ParameterSpec):
     declared: bool = True
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> Literal['switch', 'menu', 'slider', 'number', 'text']:
         """The widget."""
         if self.type is bool:
-            return Kind.SWITCH
+            return 'switch'
         if self.type in (int, float):
-            return Kind.NUMBER if self.maximum is None else Kind.SLIDER
-        return Kind.MENU if self.choices else Kind.TEXT
-
-    @property
-    def is_every_nodes(self) -> bool:
-        """Whether every ROS node has it, without a meaning for vision."""
-        return self.stage == EVERY_NODE
-
-    @property
-    def label(self) -> str:
-        """The name for people."""
-        return sanitized.words(self.name)
-
-    def has_effect(self, values: Mapping[str, Any]) -> bool:
-        """Whether it has one while the node's parameters have these values."""
-        return not self.counts or any(
-            all(str(values.get(name)) in wanted for name, wanted in condition.items())
-            for condition in self.counts
-        )
+            return 'number' if self.maximum is None else 'slider'
+        return 'menu' if self.choices else 'text'
 
     def parse(self, words: object) -> Value:
         """What a user typed, as a value for the node to judge; ValueError where it can be none."""
-        if self.type is bool:
-            return bool(words)
         if self.type is str:
             return '' if words is None else str(words)
         if self.type is tuple:
@@ -154,10 +124,6 @@ def _two_digits(low: float, high: float, whole: bool) -> list[float]:
     return sorted(v for v in values if low <= v <= high and (not whole or v == int(v)))
 
 
-def value_text(value: object) -> str:
+def value_text(value: Any) -> str:
     """A value as the panel writes it."""
-    if value is None:
-        return '-'
-    if isinstance(value, (bool, int, float, str, tuple)):
-        return sanitized.words(default_text(value))
-    return sanitized.words(value)
+    return '-' if value is None else sanitized.words(default_text(value))

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import cv2
-import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
@@ -20,6 +19,7 @@ from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.image import Image, ImageError
+from mvuav_ros.vision.runway.debug_images import eight_bits
 
 MAX_RATE = 10.0
 """Images per second, Hz."""
@@ -35,16 +35,7 @@ _MAX_LIVE_AGE = 10.0
 MAX_STREAMS = 16
 """Shown on one page."""
 INPUT = 'input'
-TITLES = {
-    INPUT: 'Input',
-    'debug/confined': 'Confined',
-    'debug/edges': 'Edges',
-    'debug/hough': 'Hough',
-    'debug/overlay': 'Overlay',
-    'debug_image': 'Markers',
-}
-RESULT_OF_KIND = {kind: processor.panel.image for kind, processor in PROCESSORS.items()}
-"""The image with the results drawn in."""
+_TITLES = {'debug_image': 'Markers'}
 
 
 class ImageStream(NamedTuple):
@@ -66,7 +57,7 @@ class ImageStream(NamedTuple):
     @property
     def title(self) -> str:
         """For people."""
-        return TITLES.get(self.name) or self.name.replace('_', ' ')
+        return _TITLES.get(self.name) or self.name.rpartition('/')[2].replace('_', ' ').capitalize()
 
 
 def streams_of(node: LiveNode) -> list[ImageStream]:
@@ -83,7 +74,7 @@ def decode(stream: ImageStream, data: bytes) -> Image:
 
 def encode_jpeg(image: Image) -> bytes:
     """An image as JPEG with sides of at most `MAX_SIDE`."""
-    pixels = _eight_bit(image)
+    pixels = _eight_bits(image)
     height, width = pixels.shape[:2]
     factor = MAX_SIDE / max(height, width)
     if factor < 1.0:
@@ -94,14 +85,11 @@ def encode_jpeg(image: Image) -> bytes:
 
 def encode_png(image: Image) -> bytes:
     """An image as PNG at its full size."""
-    return cv2.imencode('.png', _eight_bit(image))[1].tobytes()
+    return cv2.imencode('.png', _eight_bits(image))[1].tobytes()
 
 
-def _eight_bit(image: Image) -> Any:
-    pixels = image.pixels if image.is_gray else image.bgr()
-    if pixels.dtype == np.uint8:
-        return pixels
-    return cv2.convertScaleAbs(pixels, alpha=255.0 / np.iinfo(pixels.dtype).max)
+def _eight_bits(image: Image) -> Any:
+    return eight_bits(image.pixels) if image.is_gray else image.bgr()
 
 
 Look = Callable[[str, bytes], None]

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE
 from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, topic_beside, type_name
 from mvuav_ros.panel import sanitized
-from mvuav_ros.panel.controls import Control, controls_of
+from mvuav_ros.panel.controls import EVERY_NODE, Control, controls_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.processing.registry import PROCESSORS
@@ -110,7 +110,7 @@ class LiveNode:
     @property
     def own_values(self) -> dict[str, Value]:
         """Its values, without what every ROS node has."""
-        own = (control.name for control in self.controls if not control.is_every_nodes)
+        own = (control.name for control in self.controls if control.stage != EVERY_NODE)
         return {name: self.values[name] for name in own if self.values.get(name) is not None}
 
     def connect(self, counted: Callable[[LiveNode, DiagnosticArray], None]) -> None:
@@ -132,35 +132,8 @@ class LiveNode:
         if self.reading:
             self.reading.cancel()
 
-    async def read(self) -> None:
-        """Ask it for everything; NoAnswerError where it does not answer.
-
-        The controls come in the order of declaration where it keeps that.
-        """
-        said = dict.fromkeys((await self._ask(ListParameters)).result.names)
-        names = [n for n in said if 0 < len(n) <= sanitized.LONGEST_NAME][:_MAX_PARAMETERS]
-        values = (await self._ask(GetParameters, names=names)).values
-        self.values = dict(zip(names, map(value_of, values), strict=False))
-        self.controls = controls_of(PROCESSORS[self.kind].parameters_type, self.values)
-        self.alive, self.unread, self.last_seen = True, False, time.monotonic()
-
-    async def set(self, values: Mapping[str, Value]) -> dict[str, str]:
-        """Set values in one request; returns the reason for each that was not set."""
-        try:
-            messages = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
-            results = (await self._ask(SetParameters, parameters=messages)).results
-        except NoAnswerError as error:
-            return dict.fromkeys(values, str(error))
-        except (AssertionError, OverflowError, TypeError, ValueError) as error:
-            return dict.fromkeys(values, f'cannot be sent: {sanitized.words(error)}')
-        return {
-            name: sanitized.words(said.reason.removeprefix(f'{name}: '))
-            or 'refused without a reason'
-            for name, said in zip(values, results, strict=False)
-            if not said.successful
-        }
-
-    async def _ask(self, service: Any, **request: Any) -> Any:
+    async def ask(self, service: Any, **request: Any) -> Any:
+        """Call one of its services for parameters; NoAnswerError where it does not answer."""
         if service not in self._clients:
             raise NoAnswerError('the node is gone')
         return await self._ros.request(self._clients[service], service.Request(**request))
@@ -257,8 +230,20 @@ class LiveSystem:
                 node.unread, node.last_seen = True, 0.0
 
     async def set(self, node: LiveNode, values: Mapping[str, Value]) -> dict[str, str]:
-        """Set parameters of a node; returns for each that was not set the reason."""
-        refused = await node.set(values)
+        """Set parameters of a node in one request; returns the reason for each that was not set."""
+        try:
+            messages = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+            results = (await node.ask(SetParameters, parameters=messages)).results
+        except NoAnswerError as error:
+            return dict.fromkeys(values, str(error))
+        except (AssertionError, OverflowError, TypeError, ValueError) as error:
+            return dict.fromkeys(values, f'cannot be sent: {sanitized.words(error)}')
+        refused = {
+            name: sanitized.words(said.reason.removeprefix(f'{name}: '))
+            or 'refused without a reason'
+            for name, said in zip(values, results, strict=False)
+            if not said.successful
+        }
         self._take_values(node, {k: v for k, v in values.items() if k not in refused})
         return refused
 
@@ -298,11 +283,15 @@ class LiveSystem:
                 node.disconnect()
 
     async def _read(self, node: LiveNode) -> None:
-        """One that says nothing is asked again by the next scan."""
+        # One that says nothing is asked again by the next scan.
         with suppress(NoAnswerError):
-            await node.read()
+            said = dict.fromkeys((await node.ask(ListParameters)).result.names)
+            names = [n for n in said if 0 < len(n) <= sanitized.LONGEST_NAME][:_MAX_PARAMETERS]
+            values = (await node.ask(GetParameters, names=names)).values
+            node.values = dict(zip(names, map(value_of, values), strict=False))
+            node.controls = controls_of(PROCESSORS[node.kind].parameters_type, node.values)
+            node.alive, node.unread, node.last_seen = True, False, time.monotonic()
             self.notify('nodes', node)
-            self.notify('values', node)
 
     def notify(self, what: str, node: LiveNode) -> None:
         """Call the listeners."""

@@ -28,7 +28,7 @@ from mvuav_ros.panel.live_nodes import LiveNode, same_value
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.processor import Chart
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_unit_quaternion, rpy
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_quaternion, rpy
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag
 
@@ -36,8 +36,7 @@ TOPICS: dict[str, dict[str, type]] = {
     kind: {
         topic: message
         for topic, message in processor.topics.items()
-        if topic in ('pose', 'integrity')
-        or any(topic == c.topic for c in processor.panel.charts.values())
+        if topic in {'pose', 'integrity', *(c.topic for c in processor.panel.charts.values())}
     }
     for kind, processor in PROCESSORS.items()
 }
@@ -58,8 +57,6 @@ Figure = tuple[str, str, str]
 """What it is, its value with unit, and its standard deviation; ``-`` and empty if not known."""
 _MAX_RATE = 30.0
 """Points per second of a curve; a screen shows no more."""
-Curves = dict[str, float | None]
-"""Values by curve; None where there is none."""
 
 
 class Figures:
@@ -86,7 +83,7 @@ class Figures:
             if 0 < half_width < _MAX_RANGE and 0 < half_height < _MAX_RANGE:
                 self._view = half_width, half_height
         elif topic == 'rpy':
-            self._roll = float(message.vector.x)
+            self._roll = math.degrees(message.vector.x)
         elif topic == 'pose':
             self._take_pose(message)
         elif topic == 'integrity':
@@ -123,33 +120,33 @@ class Figures:
         values = self._values()
         if self._kind == 'marker_tracker':
             return bool(values.get('pose')) and values.get('mode') in ('track', 'detect')
-        return (
-            self._kind == 'runway_detector'
-            and values.get('mode') == 'approach'
-            and values.get('runway_width', 0.0) != 0.0
-        )
+        return self._is_approach and values.get('runway_width', 0.0) != 0.0
+
+    @property
+    def _is_approach(self) -> bool:
+        return self._values().get('mode') == 'approach'
 
     def _figures(self) -> list[Figure]:
-        (x, y, z), (sx, sy, sz, *turns) = self._place, self._deviations
+        (x, y, z), (sx, sy, sz) = self._place, self._deviations[:3]
         whole = np.isfinite(self._turn).all()
-        roll, pitch, yaw = rpy(self._turn) if whole else (math.nan,) * 3
+        roll, pitch, yaw = np.degrees(rpy(self._turn)) if whole else (math.nan,) * 3
+        s_roll, s_pitch, s_yaw = np.degrees(self._deviations[3:])
         if self._kind == 'marker_tracker':
-            known = roll if math.isnan(self._roll) else self._roll
             return [
-                ('roll', _degrees(known), _degrees(turns[0], '± ')),
-                ('ahead', _metres(x), _metres(sx, '± ')),
-                (_side(y), _metres(abs(y)), _metres(sy, '± ')),
-                ('above' if z > 0 else 'below', _metres(abs(z)), _metres(sz, '± ')),
-                ('pitch', _degrees(pitch), _degrees(turns[1], '± ')),
-                ('yaw', _degrees(yaw), _degrees(turns[2], '± ')),
+                _figure('roll', roll if math.isnan(self._roll) else self._roll, s_roll, '°'),
+                _figure('ahead', x, sx, ' m'),
+                _figure(_side(y), abs(y), sy, ' m'),
+                _figure('above' if z > 0 else 'below', abs(z), sz, ' m'),
+                _figure('pitch', pitch, s_pitch, '°'),
+                _figure('yaw', yaw, s_yaw, '°'),
             ]
-        if self._values().get('mode') != 'approach':
+        if not self._is_approach:
             return self._lines
         return [
-            (f'{_side(y)} of centre', _metres(abs(y)), _metres(sy, '± ')),
-            ('height', _metres(z), _metres(sz, '± ')),
-            (f'heading {_side(yaw)}', _degrees(abs(yaw)), _degrees(turns[2], '± ')),
-            ('to the near end', _metres(-x), _metres(sx, '± ')),
+            _figure(f'{_side(y)} of centre', abs(y), sy, ' m'),
+            _figure('height', z, sz, ' m'),
+            _figure(f'heading {_side(yaw)}', abs(yaw), s_yaw, '°'),
+            _figure('to the near end', -x, sx, ' m'),
         ]
 
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
@@ -170,7 +167,7 @@ class Figures:
     def _take_charts(self, topic: str, message: Any) -> None:
         """A result that has no figures of its own: those of its curves."""
         self._lines = [
-            (name, _written(math.nan if value is None else value, f' {chart.unit}', ''), '')
+            _figure(name, math.nan if value is None else value, math.nan, f' {chart.unit}')
             for chart in PROCESSORS[self._kind].panel.charts.values()
             if chart.topic == topic
             for name, value in curves_of(chart, message).items()
@@ -187,14 +184,14 @@ class Figures:
         if is_safe:
             levels = sanitized.key_values(status.values)
             largest = max(sanitized.number(levels[name]) for name in _LEVELS if name in levels)
-            words = f'protection level {_metres(largest)}'
+            words = f'protection level {_written(largest, " m")}'
         self._integrity = is_safe, words
 
     def _take_lines(self, rows: Any) -> None:
         found = np.isfinite(rows['rho'])
         held = int(((rows['flags'] & LineFlag.CORRECTED) != 0)[found].sum())
         words = f'{found.sum()} of {len(rows)} lines' + (f', {held} held' if held else '')
-        if self._values().get('mode') == 'approach':
+        if self._is_approach:
             confidence = float(np.nan_to_num(rows['confidence'][found]).max(initial=0.0))
             sure = f'confidence {100 * confidence:.0f} %' if found.any() else 'no runway'
             words = sure + (f', {held} held' if held else '')
@@ -207,7 +204,11 @@ class Figures:
         if not found.any() or self._missed > _MAX_MISSED:
             self._place[:], self._turn[:], self._deviations[:] = math.nan, math.nan, math.nan
         self._lines = [
-            (f'line {number}', _degrees(row['theta']), f'rho {row["rho"]:.0f} px' if known else '')
+            (
+                f'line {number}',
+                _written(math.degrees(row['theta']), '°'),
+                f'rho {row["rho"]:.0f} px' if known else '',
+            )
             for number, (row, known) in enumerate(zip(rows[:_MAX_ROWS], found, strict=False), 1)
         ]
 
@@ -221,12 +222,9 @@ def rows_of(message: PointCloud2) -> Any:
 
 def rotation_of(quaternion: Any) -> NDArray[np.float64]:
     """A geometry_msgs/Quaternion as a matrix; NaN where it is none."""
-    q = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z], dtype=float)
-    length = float(np.linalg.norm(q)) if (np.abs(q) < 1e3).all() else 0.0
-    if length < 1e-6:
-        return np.full((3, 3), math.nan)
-    w, x, y, z = q / length
-    return from_unit_quaternion(x, y, z, w)
+    parts = quaternion.x, quaternion.y, quaternion.z, quaternion.w
+    known = all(abs(part) < 1e3 for part in parts)
+    return from_quaternion(*parts) if known else np.full((3, 3), math.nan)
 
 
 def _trust_in_markers(rows: Any) -> tuple[str, str]:
@@ -245,20 +243,13 @@ def _side(value: float) -> str:
     return 'aside' if math.isnan(value) else 'left' if value > 0 else 'right'
 
 
-def _metres(value: float, sign: str = '') -> str:
-    return _written(value if abs(value) < 1e6 else math.nan, ' m', sign)
+def _figure(name: str, value: float, deviation: float, unit: str) -> Figure:
+    return name, _written(value, unit), f'± {deviation:.2g}{unit}' if deviation < _MAX_VALUE else ''
 
 
-def _degrees(value: float, sign: str = '') -> str:
-    return _written(math.degrees(value), '°', sign)
-
-
-def _written(value: float, unit: str, sign: str) -> str:
-    """With two digits where it is a deviation, which is nothing where it is not known."""
-    if not math.isfinite(value):
-        return '' if sign else '-'
+def _written(value: float, unit: str) -> str:
     # Adding 0 makes -0.0 a 0.0.
-    return f'{sign}{value:.2g}{unit}' if sign else f'{round(value, 1) + 0.0:.1f}{unit}'
+    return f'{round(value, 1) + 0.0:.1f}{unit}' if abs(value) < _MAX_VALUE else '-'
 
 
 class SeriesFeed:
@@ -272,7 +263,7 @@ class SeriesFeed:
         self._ros, self._node, self._on_news = ros, node, on_news
         self._figures = Figures(node.kind, lambda: node.values)
         self._charts = PROCESSORS[node.kind].panel.charts
-        self._points: list[tuple[float, str, Curves]] = []
+        self._points: list[tuple[float, str, dict[str, float | None]]] = []
         self._values = dict(node.values)
         self._marks: list[tuple[float, str]] = []
         self._due: dict[str, float] = {}
@@ -331,25 +322,20 @@ def _number(value: float) -> float | None:
     return round(float(value), 3) if abs(value) < _MAX_VALUE else None
 
 
-def curves_of(chart: Chart, message: Any, names: Sequence[str] = ()) -> Curves:
-    """The values of a chart's curves in a message of its topic; ``names`` are those of labels."""
+def curves_of(chart: Chart, message: Any, names: Sequence[str] = ()) -> dict[str, float | None]:
+    """The newest values of a chart's curves, None where there is none; ``names`` are of labels."""
     scale = 180.0 / math.pi if chart.unit == '°' else 1.0
     if not isinstance(message, PointCloud2):
         value = attrgetter(chart.field)(message)
         return {chart.title.lower(): _number(scale * value)}
-    curves: Curves = {}
+    curves: dict[str, float | None] = {}
     # From 1, as the lines are numbered in the images.
     for index, row in enumerate(rows_of(message)[:_MAX_ROWS], 1):
-        lost = 'state' in row.dtype.names and row['state'] == MarkerState.LOST
-        curves[_name(chart, row, index, names)] = (
-            None if lost else _number(scale * row[chart.field])
-        )
+        fields = row.dtype.names
+        # A light of track_any has another row whenever one before it is lost, but always its id.
+        name = f'{chart.rows} {int(row["id"]) if "id" in fields else index}'
+        if 'label' in fields and int(row['label']) < len(names):
+            name = names[int(row['label'])].replace('_', ' ')
+        lost = 'state' in fields and row['state'] == MarkerState.LOST
+        curves[name] = None if lost else _number(scale * row[chart.field])
     return curves
-
-
-def _name(chart: Chart, row: Any, index: int, names: Sequence[str]) -> str:
-    if 'label' in row.dtype.names and int(row['label']) < len(names):
-        return names[int(row['label'])].replace('_', ' ')
-    # A light of track_any has another row whenever one before it is lost, but always its id.
-    number = int(row['id']) if 'id' in row.dtype.names else index
-    return f'{chart.rows} {number}'

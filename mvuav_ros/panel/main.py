@@ -7,7 +7,6 @@ import os
 import socket
 import sys
 import tempfile
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,7 +15,7 @@ PORT = 8642
 
 def main() -> None:
     """Run the node."""
-    arguments = _parse(sys.argv[1:])
+    arguments = _parse()
     try:
         # Before ROS: without the extra nothing is to be started.
         import nicegui  # noqa: F401
@@ -30,14 +29,10 @@ def main() -> None:
     _serve(arguments, listening)
 
 
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    # rclpy.utilities.remove_ros_args would import ROS before --help.
-    words = list(arguments)
-    ros = words[words.index('--ros-args') :] if '--ros-args' in words else []
+def _parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='tuning_panel',
         description='Serves a page that tunes running marker_tracker and runway_detector nodes.',
-        epilog='ROS arguments follow --ros-args.',
     )
     what = 'address to serve on; any other than loopback asks visitors for a token'
     parser.add_argument('--host', default='127.0.0.1', help=what)
@@ -48,9 +43,10 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     what = 'a recording, or a folder of recordings, for runs; may be repeated'
     what += ' (default: the sample bags)'
     parser.add_argument('--bags', type=_existing, action='append', help=what)
-    parsed = parser.parse_args(words[: len(words) - len(ros)])
-    parsed.ros = ros
-    return parsed
+    # rclpy.utilities.remove_ros_args would import ROS before --help.
+    what = 'arguments of ROS follow'
+    parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help=what)
+    return parser.parse_args()
 
 
 def _port(text: str) -> int:
@@ -93,7 +89,7 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
 
     tune_process()
     try:
-        ros = RosThread('tuning_panel', arguments.ros)
+        ros = RosThread('tuning_panel', ['--ros-args', *arguments.ros_args])
     except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
         print(error, file=sys.stderr)
         sys.exit(2)

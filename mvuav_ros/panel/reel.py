@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,11 +15,10 @@ from mvuav_ros.messages.images import BadFrame, Frame, decode_image, view_image
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
 from mvuav_ros.offline.replay.job import make_processors, process
 from mvuav_ros.offline.stopping import Stop
-from mvuav_ros.panel.image_feed import RESULT_OF_KIND, encode_jpeg
+from mvuav_ros.panel.image_feed import encode_jpeg
 from mvuav_ros.panel.live_results import TOPICS, Figures
 from mvuav_ros.panel.runs import images_in
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.sources.bag import BagImages, EncodedFrame
@@ -46,10 +46,7 @@ class Wanted:
 
 
 class Result(NamedTuple):
-    """What a node made of a frame: the image with the results as JPEG, and `Figures.said`.
-
-    ``reason`` says why there is none.
-    """
+    """What a node made of a frame: an image as JPEG and `Figures.said`, or why there are none."""
 
     jpeg: bytes
     said: dict[str, Any]
@@ -81,39 +78,35 @@ class ReelProcess:
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
-        self._busy = self._ended = False
+        # All that is done with the process, one after the other.
+        self._thread = ThreadPoolExecutor(1)
 
     async def show(self, wanted: Wanted) -> Shown:
-        """Process a frame; one at a time. ReelFailedError where that is not possible."""
-        self._busy = True
+        """Process a frame; ReelFailedError where that is not possible."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, self._show, wanted)
+
+    def end(self) -> None:
+        """End the process, once the frame that it is at is done."""
+        self._thread.submit(self._drop)
+        self._thread.shutdown(wait=False)
+
+    def _show(self, wanted: Wanted) -> Shown:
         try:
-            if self._worker is None:
-                self._worker = await asyncio.to_thread(Worker, Reel())
+            self._worker = self._worker or Worker(Reel())
             self._worker.send(0, wanted)
-            done: Any = await asyncio.to_thread(self._worker.receive)
+            done: Any = self._worker.receive()
         except ProcessDiedError as error:
             self._drop()
             raise ReelFailedError(str(error)) from None
-        finally:
-            self._busy = False
-            if self._ended:
-                self._drop()
         if done.error is not None:
             raise ReelFailedError(str(done.error))
         shown: Shown = done.result
         return shown
 
-    def end(self) -> None:
-        """End the process, once the frame that it is at is done."""
-        self._ended = True
-        # Not while a thread reads from it: what it reads might be another's by then.
-        if not self._busy:
-            self._drop()
-
     def _drop(self) -> None:
-        worker, self._worker = self._worker, None
-        if worker is not None:
-            worker.end()
+        if self._worker is not None:
+            self._worker.end()
+            self._worker = None
 
 
 class Reel:
@@ -161,14 +154,12 @@ class Reel:
 
     def _process(self, number: int, kind: str, values: dict[str, Value], index: int) -> Result:
         lane = self._lanes.get(number)
-        if lane is None or (lane.kind, lane.values) != (kind, values) or index < lane.index:
-            lane = None
-        if lane is None or index > lane.index + _WARM_UP:
+        is_same = lane is not None and (lane.kind, lane.values) == (kind, values)
+        if lane is None or not is_same or not lane.index <= index <= lane.index + _WARM_UP:
             try:
-                (processor,) = make_processors({kind: values})
+                lane = self._lanes[number] = _Lane(kind, values, index - _WARM_UP - 1)
             except ParameterError as error:
                 return Result(b'', {}, str(error))
-            lane = self._lanes[number] = _Lane(kind, values, processor, index - _WARM_UP - 1)
         for at in range(max(lane.index + 1, 0), index + 1):
             lane.result = lane.take(self._items[at], draw=at == index)
         lane.index = index
@@ -178,13 +169,11 @@ class Reel:
 class _Lane:
     """A node in its state behind the frame ``index``."""
 
-    def __init__(
-        self, kind: str, values: dict[str, Value], processor: Processor, index: int
-    ) -> None:
+    def __init__(self, kind: str, values: dict[str, Value], index: int) -> None:
         self.kind, self.values, self.index = kind, values, index
         self.result = Result(b'', {}, '')
-        self._processor = processor
-        known = processor.parameters_type.from_mapping(values).as_dict()
+        (self._processor,) = make_processors({kind: values})
+        known = self._processor.parameters_type.from_mapping(values).as_dict()
         self._figures = Figures(kind, lambda: known)
 
     def take(self, item: EncodedFrame | Frame | BadFrame, *, draw: bool) -> Result:
@@ -197,7 +186,7 @@ class _Lane:
             name = topic.removeprefix(below)
             if name in TOPICS[self.kind]:
                 self._figures.take(name, deserialize_message(data, TOPICS[self.kind][name]))
-            elif name == RESULT_OF_KIND[self.kind]:
+            elif name == self._processor.panel.image:
                 jpeg = encode_jpeg(decode_image(view_image(data)))
         return Result(jpeg, self._figures.said(), '; '.join(results.reasons))
 

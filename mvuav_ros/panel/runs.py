@@ -64,98 +64,68 @@ class Run:
     metrics: tuple[Metric, ...] = ()
 
 
-class RunFailedError(RuntimeError):
-    """A run came to nothing, with the reason."""
-
-
-class RunProcess:
-    """A run under way, beside the panel, which stays quick and can end it."""
-
-    def __init__(self) -> None:
-        self._worker: Worker | None = None
-        self.cancelled = False
-
-    def cancel(self) -> None:
-        """End it; `run` then raises."""
-        self.cancelled = True
-        if self._worker is not None:
-            self._worker.request_stop()
-
-    async def run(self, run: Run, folder: Path, progress: Callable[[int, int | None], None]) -> Run:
-        """Replay a recording with a node's code and measure its results.
-
-        They go into the folder, with a report where the run has a name. ``progress`` gets the
-        frames done and, where that is known, how many there are.
-
-        Raises:
-            RunFailedError: it failed, or was cancelled.
-        """
-        done, failure = None, ''
-        # Spawned: a forked child would lack the threads of ROS.
-        worker = self._worker = await asyncio.to_thread(Worker, _measured_replay)
-        try:
-            worker.send(0, (run, folder))
-            if self.cancelled:
-                worker.request_stop()
-            while isinstance(message := await asyncio.to_thread(worker.receive), TaskProgress):
-                progress(message.message.done, message.message.total)
-            done, failure = message.result, str(message.error)
-        except ProcessDiedError as error:
-            failure = str(error)
-        finally:
-            await asyncio.to_thread(worker.end, _ENDING_TIME)
-        if not isinstance(done, Run):
-            raise RunFailedError('cancelled' if self.cancelled else failure)
-        return done
-
-
 class Runner:
-    """The run of the whole process, one at a time; ``on_change`` is called when it goes on.
+    """The run of the whole process, one at a time, in a process beside the panel.
 
-    ``words`` and ``fraction`` say how far it is or how it ended; ``last`` is the newest finished.
+    ``words`` and ``fraction`` say how far it is or how it ended, ``last`` is the newest finished;
+    ``on_change`` is called whenever they change.
     """
 
     def __init__(self, store: RunStore, on_change: Callable[[], object]) -> None:
         self._store, self._on_change = store, on_change
-        self._process: RunProcess | None = None
+        self._worker: Worker | None = None
+        self.is_busy = self._cancelled = False
         self.words, self.fraction = '', 0.0
         self.last: Run | None = None
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether a run is under way."""
-        return self._process is not None
-
     async def replay(self, run: Run, folder: Path) -> bool:
-        """Whether it was finished; what it makes goes away again unless it is to be kept, too."""
-        process = self._process = RunProcess()
-        keep = False
+        """Replay a recording with a node's code, measure its results, and say whether it worked.
+
+        They go into the folder, with a report; without a name, or where it fails, that goes again.
+        """
+        self.is_busy, self._cancelled, keep = True, False, False
         self._show('starting', 0.0)
         try:
-            run = await process.run(run, folder, self._progress)
+            run = await self._measured(run, folder)
             if run.name:
                 self._store.finish(run)
                 keep = True
             self.last = run
             self._show(f'{run.answered} of {run.frames} frames', 1.0)
             return True
-        except (RunFailedError, RecordingError, OSError) as error:
-            self.words = 'cancelled' if process.cancelled else f'failed: {error}'
+        except (RecordingError, OSError, ProcessDiedError) as error:
+            self.words = 'cancelled' if self._cancelled else f'failed: {error}'
             return False
         finally:
             if not keep:
                 shutil.rmtree(folder, ignore_errors=True)
-            self._process = None
+            self.is_busy = False
             self._on_change()
 
     def cancel(self) -> None:
         """End the run."""
-        if self._process is not None:
-            self._process.cancel()
+        self._cancelled = True
+        if self._worker is not None:
+            self._worker.request_stop()
 
-    def _progress(self, done: int, total: int | None) -> None:
-        words = f'{done} of {total} frames' if total else f'{done} frames'
-        self._show(words, done / total if total else 0.0)
+    async def _measured(self, run: Run, folder: Path) -> Run:
+        # Spawned: a forked child would lack the threads of ROS.
+        worker = self._worker = await asyncio.to_thread(Worker, _measured_replay)
+        try:
+            worker.send(0, (run, folder))
+            if self._cancelled:
+                worker.request_stop()
+            while isinstance(said := await asyncio.to_thread(worker.receive), TaskProgress):
+                done, total = said.message.done, said.message.total
+                words = f'{done} of {total} frames' if total else f'{done} frames'
+                self._show(words, done / total if total else 0.0)
+        finally:
+            self._worker = None
+            await asyncio.to_thread(worker.end, _ENDING_TIME)
+        if said.error is not None:
+            raise RecordingError(str(said.error))
+        assert isinstance(said.result, Run)
+        return said.result
 
     def _show(self, words: str, fraction: float) -> None:
         self.words, self.fraction = words, fraction
@@ -231,9 +201,8 @@ class RunStore:
     def new_folder(self, name: str) -> Path:
         """Make the folder of a run to come; a name that a run has is refused as well."""
         folder = self.folder / checked_name(name)
-        self.folder.mkdir(parents=True, exist_ok=True)
         try:
-            folder.mkdir()
+            folder.mkdir(parents=True)
         except FileExistsError:
             raise NameRefusedError(f'there is a run {name} already') from None
         return folder

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import yaml
 
@@ -21,14 +20,6 @@ _MAX_DEPTH = 20
 _BUILT_IN = ('default', 'thesis')
 
 
-class Difference(NamedTuple):
-    """A parameter with its values in two sets."""
-
-    name: str
-    left: object
-    right: object
-
-
 class SetStore:
     """The sets of a folder, and those shipped with the package, which cannot be overwritten.
 
@@ -40,8 +31,8 @@ class SetStore:
     def __init__(self, folder: Path, built_in: Path | None = None) -> None:
         """Look after a folder, made when the first set is saved; ``built_in`` has the shipped."""
         self.folder, self.rejected = folder, dict[str, str]()
-        shipped = {name: built_in / f'{name}{_SUFFIX}' for name in _BUILT_IN} if built_in else {}
-        self._built_in = {name: path for name, path in shipped.items() if path.is_file()}
+        shipped = [built_in / f'{name}{_SUFFIX}' for name in _BUILT_IN] if built_in else []
+        self._built_in = {path.stem: path for path in shipped if path.is_file()}
 
     def names(self, kind: str) -> list[str]:
         """The sets that say something of a kind of node; the shipped ones first."""
@@ -129,7 +120,9 @@ def _values(path: Path, kind: str) -> dict[str, object]:
     return parameter_values(text, path.stem, kind)
 
 
-def differences(left: Mapping[str, object], right: Mapping[str, object]) -> list[Difference]:
+def differences(
+    left: Mapping[str, object], right: Mapping[str, object]
+) -> dict[str, tuple[object, object]]:
     """The parameters that two sets have with different values, in the order of the first."""
-    both = (Difference(name, left[name], right[name]) for name in left if name in right)
-    return [each for each in both if each.left != each.right]
+    both = {name: (left[name], right[name]) for name in left if name in right}
+    return {name: values for name, values in both.items() if values[0] != values[1]}

@@ -65,6 +65,13 @@ class ParameterSpec:
             words += f' at least {_plain(self.minimum)}'
         return words.strip()
 
+    def has_effect(self, values: Mapping[str, Any]) -> bool:
+        """Whether it has one while the parameters of its set have these values."""
+        return not self.counts or any(
+            all(values.get(name) in wanted for name, wanted in condition.items())
+            for condition in self.counts
+        )
+
     def convert(self, value: object) -> Value:
         """Return ``value``, which may be NumPy's, as the parameter's type.
 
@@ -179,15 +186,11 @@ class ParameterSet:
 
     def without_effect(self) -> dict[str, tuple[Condition, ...]]:
         """The names that are not at their defaults and have no effect now, and when they have."""
+        values = self.as_dict()
         return {
             spec.name: spec.counts
             for spec in self.specs()
-            if spec.counts
-            and getattr(self, spec.name) != spec.default
-            and not any(
-                all(getattr(self, name) in values for name, values in condition.items())
-                for condition in spec.counts
-            )
+            if values[spec.name] != spec.default and not spec.has_effect(values)
         }
 
     def as_dict(self) -> dict[str, Value]:

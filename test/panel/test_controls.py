@@ -2,7 +2,7 @@
 
 import pytest
 
-from mvuav_ros.panel.controls import Kind, controls_of, position_on, scale_of, value_text
+from mvuav_ros.panel.controls import EVERY_NODE, controls_of, position_on, scale_of, value_text
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
@@ -23,12 +23,12 @@ CONTROLS = [
 
 @pytest.mark.parametrize('control', CONTROLS)
 def test_the_widget_fits_the_declaration(control):
-    text = Kind.MENU if control.choices else Kind.TEXT
-    expected = {bool: Kind.SWITCH, str: text, tuple: Kind.TEXT}
-    assert control.kind is expected.get(control.type, Kind.SLIDER)
+    text = 'menu' if control.choices else 'text'
+    expected = {bool: 'switch', str: text, tuple: 'text'}
+    assert control.kind == expected.get(control.type, 'slider')
     if control.type in (int, float, tuple):
         assert control.parse(value_text(control.default)) == control.default
-    assert control.declared and not control.is_every_nodes
+    assert control.declared and control.stage != EVERY_NODE
 
 
 def test_controls_stand_in_the_order_in_which_the_node_has_its_parameters():
@@ -36,7 +36,7 @@ def test_controls_stand_in_the_order_in_which_the_node_has_its_parameters():
     assert [c.name for c in controls_of(MarkerTrackerParameters, values)] == list(values)
 
 
-SLIDERS = [c for c in CONTROLS if c.values[0].kind is Kind.SLIDER]
+SLIDERS = [c for c in CONTROLS if c.values[0].kind == 'slider']
 
 
 @pytest.mark.parametrize('spec', SLIDERS)
@@ -114,11 +114,12 @@ def test_what_is_not_declared_has_the_type_of_its_value():
         'qos_overrides./x.publisher.depth': 10,
     }
     gain, words, nothing, clock, depth = controls_of(MarkerTrackerParameters, values)
-    assert (gain.kind, gain.parse('2'), gain.stage) == (Kind.NUMBER, 2.0, 'Other')
-    assert (words.kind, words.read_only, words.declared) == (Kind.TEXT, False, False)
+    assert (gain.kind, gain.parse('2'), gain.stage) == ('number', 2.0, 'Other')
+    assert (words.kind, words.read_only, words.declared) == ('text', False, False)
     assert nothing.read_only
-    assert clock.is_every_nodes and clock.kind is Kind.SWITCH and not clock.read_only
-    assert depth.is_every_nodes and depth.read_only
+    assert clock.stage == depth.stage == EVERY_NODE
+    assert clock.kind == 'switch' and not clock.read_only
+    assert depth.read_only
 
 
 def test_values_in_words():

@@ -18,12 +18,11 @@ pytest.importorskip('nicegui', reason='the extra panel is not installed')
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.report import csv_text
-from mvuav_ros.panel.page.run_list import grouped_options, line_options
+from mvuav_ros.panel.page.run_list import chart_options
 from mvuav_ros.panel.runs import (
     RESULTS,
     Run,
-    RunFailedError,
-    RunProcess,
+    Runner,
     RunStore,
     find_bags,
     run_table,
@@ -38,31 +37,34 @@ KIND = 'runway_detector'
 VALUES = {**RunwayDetectorParameters().as_dict(), 'num_peaks': 2}
 
 
-def run(name, store, values=VALUES, source=BAG):
-    steps = []
-    folder = store.new_folder(name)
-    done = asyncio.run(
-        RunProcess().run(
-            Run(name, KIND, str(source), values), folder, lambda *step: steps.append(step)
-        )
-    )
-    store.finish(done)
-    return done, steps
+def run(name, store, source=BAG, look=lambda runner: None):
+    """The runner, and what it said whenever it went on; ``look`` is called then."""
+    said = []
+
+    def changed():
+        said.append((runner.words, runner.fraction))
+        look(runner)
+
+    runner = Runner(store, changed)
+    asyncio.run(runner.replay(Run(name, KIND, str(source), VALUES), store.new_folder(name)))
+    return runner, said
 
 
 @pytest.fixture(scope='module')
 def made(tmp_path_factory):
     store = RunStore(tmp_path_factory.mktemp('data') / 'runs')
-    return store, *run('first', store)
+    runner, said = run('first', store)
+    return store, runner.last, said
 
 
 def test_a_run_keeps_parameters_results_input_and_version(made):
-    store, done, steps = made
+    store, done, said = made
     (kept,) = store.all()
     assert kept == done
     assert kept.parameters == VALUES and kept.source == str(BAG) and kept.version
     assert kept.frames == kept.answered == 150
-    assert steps[0] == (0, 150) and steps[-1] == (150, 150)
+    assert said[:2] == [('starting', 0.0), ('0 of 150 frames', 0.0)]
+    assert said[-1] == ('150 of 150 frames', 1.0)
     with open_recording(store.folder / 'first' / RESULTS) as recording:
         assert len(list(recording.messages({f'/{KIND}/line_params'}))) == 150
 
@@ -78,24 +80,17 @@ def test_a_run_that_fails_says_why_and_is_not_listed(made, tmp_path):
     store, _, _ = made
     broken = tmp_path / 'broken.mcap'
     broken.write_bytes(b'no bag')
-    with pytest.raises(RunFailedError, match='broken'):
-        run('broken', store, source=broken)
-    assert 'broken' not in [each.name for each in store.all()]
+    runner, _ = run('broken', store, broken)
+    assert runner.words.startswith('failed: ') and 'broken.mcap' in runner.words
+    assert not runner.is_busy and runner.last is None
+    assert not (store.folder / 'broken').exists()
 
 
 def test_a_run_can_be_cancelled(made):
     store, _, _ = made
-    process = RunProcess()
-    folder = store.new_folder('cancelled')
-
-    async def cancel_at_once():
-        await process.run(
-            Run('cancelled', KIND, str(BAG), VALUES), folder, lambda *_: process.cancel()
-        )
-
-    with pytest.raises(RunFailedError, match='cancelled'):
-        asyncio.run(cancel_at_once())
-    assert 'cancelled' not in [each.name for each in store.all()]
+    runner, _ = run('cancelled', store, look=lambda runner: runner.is_busy and runner.cancel())
+    assert runner.words == 'cancelled' and runner.last is None
+    assert not (store.folder / 'cancelled').exists()
 
 
 def test_names_stay_in_the_folder_and_are_given_once(made):
@@ -146,12 +141,12 @@ def test_trends_over_names_and_over_a_parameter_that_differs(made):
     assert rows[0]['num_peaks'] == '2' and float(rows[0]['rho flags [frames]']) >= 0
     assert varied(runs) == ['mode', 'num_peaks'] and varied([done]) == []
     columns = ['rho flags', 'theta flags']
-    named = line_options(runs, columns, 'run')
+    named = chart_options(runs, columns, 'run')
     assert named['xAxis']['data'] == ['first', 'second']
-    over = line_options(runs, columns, 'num_peaks')
+    over = chart_options(runs, columns, 'num_peaks')
     assert over['xAxis']['data'] == ['num_peaks 1', 'num_peaks 2']
     assert [line['name'] for line in over['series']] == columns
-    bars = grouped_options(runs, columns, 'run')
+    bars = chart_options(runs, columns, 'run', grouped=True)
     assert bars['xAxis']['data'] == columns
     assert [bar['name'] for bar in bars['series']] == ['first', 'second']
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from nicegui import Event
 
+from mvuav_ros.panel.controls import EVERY_NODE
 from mvuav_ros.panel.image_feed import ImageFeed
 from mvuav_ros.panel.live_nodes import LiveNode, LiveSystem
 from mvuav_ros.panel.node_recorder import NodeRecorder
@@ -83,25 +84,21 @@ class History:
         self.undone.clear()
         self._changed_at = self._clock() if is_step else 0.0
 
-    def undo(self) -> Values:
-        """The values to set to take back the last change; none where there is none."""
-        if not self.done:
+    def step(self, *, back: bool) -> Values:
+        """The values that take back the last change, or do it again; none where there is none."""
+        steps, others = (self.done, self.undone) if back else (self.undone, self.done)
+        if not steps:
             return {}
-        self.undone.append(self.done.pop())
-        return self.undone[-1][0]
-
-    def redo(self) -> Values:
-        """The values to set to do again what was undone last."""
-        if not self.undone:
-            return {}
-        self.done.append(self.undone.pop())
-        return self.done[-1][1]
+        others.append(steps.pop())
+        before, after = others[-1]
+        return before if back else after
 
 
 class Page:
     """Of one browser tab: which node is looked at, and what is to survive a reload.
 
-    ``on_select`` is called after another node was selected.
+    That is ``kept``; ``sets``, ``edits`` (values that a node has not taken yet) and ``recordings``
+    are by node. ``on_select`` is called after another node was selected.
     """
 
     def __init__(
@@ -109,11 +106,15 @@ class Page:
     ) -> None:
         self.services, self.kept, self._on_select = services, kept, on_select
         self.histories: defaultdict[str, History] = defaultdict(History)
+        fresh: dict[str, Any] = {'node': '', 'part': 'images', 'at_once': True, 'ticks': []}
+        fresh |= {'folded': ['Node', EVERY_NODE], 'sets': {}, 'edits': {}, 'recordings': {}}
+        for name, value in fresh.items():
+            kept.setdefault(name, value)
 
     @property
     def selected(self) -> str:
         """Name of the node that parameters, results and runs are about."""
-        return str(self.kept.get('node', ''))
+        return str(self.kept['node'])
 
     @property
     def node(self) -> LiveNode | None:
@@ -129,11 +130,11 @@ class Page:
     @property
     def chosen_set(self) -> str:
         """The set that the node's values are held against; may be empty."""
-        return str(self.kept.setdefault('sets', {}).get(self.selected, ''))
+        return str(self.kept['sets'].get(self.selected, ''))
 
     @chosen_set.setter
     def chosen_set(self, name: str) -> None:
-        self.kept.setdefault('sets', {})[self.selected] = name
+        self.kept['sets'][self.selected] = name
 
     def set_in_use(self, node: LiveNode) -> str:
         """The chosen set where the node has all of its values; else empty."""
@@ -143,8 +144,3 @@ class Page:
         except (NameRefusedError, ParameterError, OSError):
             return ''
         return '' if differences(values, node.values) else name
-
-    def edits_of(self, node: str) -> MutableMapping[str, Value]:
-        """Values entered for a node that it has not taken (yet)."""
-        edits: MutableMapping[str, Value] = self.kept.setdefault('edits', {}).setdefault(node, {})
-        return edits

@@ -33,11 +33,9 @@ def text(words: object, classes: str = '', tag: str = '') -> ui.label:
 
 def name_rejected(label: ui.label, what: str, reasons: Mapping[str, str]) -> None:
     """Say which files are left out, and why; nothing where there are none."""
-    said = '; '.join(f'{name}: {reason}' for name, reason in reasons.items())
-    label.set_text(
-        sanitized.words(f'{what}: {said}', sanitized.LONGEST_DESCRIPTION) if said else ''
-    )
-    label.set_visibility(bool(said))
+    said = f'{what}: {"; ".join(map(": ".join, reasons.items()))}'
+    label.set_text(sanitized.words(said, sanitized.LONGEST_DESCRIPTION))
+    label.set_visibility(bool(reasons))
 
 
 def set_props(element: ElementT, **props: object) -> ElementT:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, MutableMapping
 from functools import partial
 from itertools import groupby
 from typing import Any
@@ -14,7 +14,6 @@ from mvuav_ros.panel.controls import (
     EVERY_NODE,
     OTHER,
     Control,
-    Kind,
     position_on,
     scale_of,
     value_text,
@@ -30,50 +29,50 @@ _STAGES = [
     *('unknown', 'Correction', OTHER, 'Node', EVERY_NODE),
 ]
 """In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
-_FOLDED = ['Node', EVERY_NODE]
 
 
 class ParameterRow:
     """A parameter's line of the list; ``edited`` is called whenever the user has changed the value.
 
     It is ``changed`` where the node's value is not that of the chosen set, or not the default.
-
     What the user is typing is never overwritten, whoever changes the parameter meanwhile.
     """
 
     def __init__(
         self, control: Control, value: Any, edited: Callable[[str, Value], object]
     ) -> None:
-        self.control = control
-        self._edited = edited
+        self.control, self._edited = control, edited
+        self._label = sanitized.words(control.name)
         self._current: Any = value
         self._new: Any = value
-        self._base: Value | None = None
+        self._base: Any = None
         self.changed = False
-        self._image_size = -1
         self._refused = self._difference = ''
         self._slider: ui.element | None = None
         thesis = f' Thesis: {control.thesis}.' if control.thesis else ''
         self._description = (control.description or 'No description.') + thesis
-        with el.box(f'param of-{control.kind.value}') as self._row:
-            el.set_props(self._row, data_parameter=control.label)
+        with el.box(f'param of-{control.kind}') as self._row:
+            el.set_props(self._row, data_parameter=self._label)
             with el.box('named'):
-                _show_name(control.label, self._description)
+                _show_name(self._label, self._description)
                 self._reset = el.icon_button('settings_backup_restore', 'Reset', self._restore)
+                el.set_props(self._reset, aria_label=f'Reset {self._label}')
             self._now = el.text(value_text(value), 'now')
             with el.box('edit'):
                 self._field = self._make_field()
-            if control.kind is Kind.SLIDER and not control.read_only:
-                self._slider = el.slider(control.label, self._moved, control.unit)
+            if control.kind == 'slider' and not control.read_only:
+                self._slider = el.slider(self._label, self._moved, control.unit)
             self._hint = el.text('', 'hint').props('aria-live=polite')
 
     def _make_field(self) -> Any:
         control = self.control
         field: Any
-        if control.kind is Kind.SWITCH:
+        if control.kind == 'switch':
             field = ui.switch(value=self._written, on_change=self._chosen).props('dense')
-        elif control.kind is Kind.MENU:
-            field = ui.select(self._options, value=self._new, on_change=self._chosen)
+        elif control.kind == 'menu':
+            # A node's value may be none of the choices.
+            options = list(dict.fromkeys((*control.choices, self._new)))
+            field = ui.select(options, value=self._new, on_change=self._chosen)
             field.props('outlined dense options-dense')
         else:
             field = ui.input(value=self._written).props('outlined dense')
@@ -81,30 +80,25 @@ class ParameterRow:
                 field.props('inputmode=decimal')
             field.on('keydown.enter', self._commit).on('blur', self._commit)
             field.on('keydown.esc', self._give_up)
-        el.set_props(field, aria_label=f'{control.label}, new value')
+        el.set_props(field, aria_label=f'{self._label}, new value')
         # What cannot be typed as it is must not be changed by being looked at.
-        strange = isinstance(self._new, str) and sanitized.words(self._new) != self._new
-        if control.read_only or strange or (control.type is tuple and isinstance(self._new, str)):
+        unlike = control.type is tuple or sanitized.words(self._new) != self._new
+        if control.read_only or (isinstance(self._new, str) and unlike):
             field.disable()
         return field
 
     @property
-    def _options(self) -> list[Any]:
-        """Of a menu; a node's value may be none of the choices."""
-        return list(dict.fromkeys((*self.control.choices, self._new)))
-
-    @property
     def _written(self) -> Any:
         """The new value as the field holds it while nobody types."""
-        if self.control.kind is Kind.SWITCH:
+        if self.control.kind == 'switch':
             return bool(self._new)
-        if self.control.kind is Kind.MENU:
-            return self._new
-        return sanitized.words(self._new) if isinstance(self._new, str) else value_text(self._new)
+        return (
+            self._new if self.control.kind == 'menu' or self._new == '' else value_text(self._new)
+        )
 
     def matches(self, words: str) -> bool:
         """Whether every typed word occurs in name, description or thesis."""
-        said = f'{self.control.label} {self._description} {self.control.stage}'.lower()
+        said = f'{self._label} {self._description} {self.control.stage}'.lower()
         return all(word in said for word in words.lower().split())
 
     def place(self, *, visible: bool, counts: bool) -> None:
@@ -114,20 +108,13 @@ class ParameterRow:
 
     def fit(self, image_size: int) -> None:
         """Let a slider for places and lengths end where the image does; see `scale_of`."""
-        if self._slider is not None and image_size != self._image_size:
-            self._image_size = image_size
+        if self._slider is not None:
             self._scale = scale_of(self.control, image_size)
             shown = ' '.join(map(value_text, self._scale))
             el.set_props(self._slider, max=len(self._scale) - 1, data_values=shown)
-            self._place_thumb()
+            self._say()
 
-    def show(
-        self,
-        value: Any,
-        edit: Value | None = None,
-        difference: str = '',
-        base: Value | None = None,
-    ) -> None:
+    def show(self, value: Any, edit: Value | None, difference: str, base: Value | None) -> None:
         """Show the node's value, and beside it the user's where the node has not taken that.
 
         A value that is not the chosen set's is marked; ``difference`` says what that has.
@@ -135,12 +122,10 @@ class ParameterRow:
         """
         default = self.control.default if self.control.declared else None
         self._base = default if base is None else base
-        self.changed = self._base is not None and value_text(value) != value_text(self._base)
+        self._current, now = value, value_text(value)
+        self.changed = self._base is not None and now != value_text(self._base)
         self._reset.set_visibility(self.changed and not self.control.read_only)
-        el.set_props(self._reset, aria_label=f'Reset {self.control.label}')
-        if not same_value(value, self._current):
-            self._current = value
-            self._now.set_text(value_text(value))
+        self._now.set_text(now)
         self._difference = difference
         self._show_new(value if edit is None else edit, self._refused if edit is not None else '')
 
@@ -154,23 +139,16 @@ class ParameterRow:
         self._new, self._refused = value, refused
         if not is_typing:
             self._write()
-        self._place_thumb()
         self._say()
 
     def _write(self) -> None:
-        if self.control.kind is Kind.MENU and self._new not in self._field.options:
-            self._field.set_options(self._options, value=self._new)
+        if self.control.kind == 'menu' and self._new not in self._field.options:
+            self._field.set_options([*self.control.choices, self._new], value=self._new)
         elif not same_value(self._field.value, self._written):
             self._field.value = self._written
 
-    def _place_thumb(self) -> None:
-        # What is no number has no place.
-        if self._slider is not None and isinstance(self._new, (int, float)):
-            el.set_props(self._slider, data_index=position_on(self._scale, self._new))
-
     def _restore(self) -> None:
-        if self._base is not None:
-            self._enter(self._base)
+        self._enter(self._base)
 
     def _enter(self, value: Value) -> None:
         self._show_new(value)
@@ -204,9 +182,12 @@ class ParameterRow:
             self.refuse('')
 
     def _say(self) -> None:
-        """The line below: the node's reason, or range, unit and default."""
+        """The slider's thumb, and the line below: the node's reason, or range, unit and default."""
         control = self.control
-        words = [self._difference, '' if control.kind is Kind.MENU else control.constraint]
+        # What is no number has no place.
+        if self._slider is not None and isinstance(self._new, (int, float)):
+            el.set_props(self._slider, data_index=position_on(self._scale, self._new))
+        words = [self._difference, '' if control.kind == 'menu' else control.constraint]
         words += [control.unit]
         words += [f'default {value_text(control.default)}'] if control.declared else []
         words += ['set at the start only'] if control.read_only else []
@@ -238,11 +219,12 @@ class Parameters:
 
     def __init__(self, page: Page, node: LiveNode) -> None:
         self._page, self._node = page, node
-        self._edits, self._history = page.edits_of(node.name), page.histories[node.name]
+        self._history = page.histories[node.name]
+        self._edits: MutableMapping[str, Value] = page.kept['edits'].setdefault(node.name, {})
         self._rows: dict[str, ParameterRow] = {}
         self._sending: set[str] = set()
         self._stages: dict[str, ui.expansion] = {}
-        self._whole = self._arranging = False
+        self._whole, self._image_size = False, -1
         with el.box('card'):
             self._sets = SetBar(page, node, self.load, self.show)
             self._build_bar()
@@ -252,15 +234,13 @@ class Parameters:
         self.show_status()
         self.show()
 
-    @property
-    def _at_once(self) -> bool:
-        return bool(self._page.kept.get('at_once', True))
-
     def _build_bar(self) -> None:
         with el.box('apply'):
-            ui.switch('At once', value=self._at_once, on_change=self._switch).props('dense')
-            self._undo = el.icon_button('undo', 'Undo', self.undo)
-            self._redo = el.icon_button('redo', 'Redo', self.redo)
+            ui.switch('At once', value=self._page.kept['at_once'], on_change=self._switch).props(
+                'dense'
+            )
+            self._undo = el.icon_button('undo', 'Undo', lambda: self.step(back=True))
+            self._redo = el.icon_button('redo', 'Redo', lambda: self.step(back=False))
             el.box('grow')
             self._discard = el.button('Discard', self._forget_edits).props('flat')
             self._apply = el.button('Apply', lambda: self._set(dict(self._edits)), main=True)
@@ -282,7 +262,8 @@ class Parameters:
                 for each in group:
                     value = self._node.values.get(each.name)
                     self._rows[each.name] = ParameterRow(each, value, self._edited)
-            rows.on_value_change(partial(self._fold, stage))
+            # What the user folds and unfolds; the value itself also follows the search.
+            rows.on('update:model-value', partial(self._fold, stage))
             self._stages[stage] = rows
 
     def _arrange(self) -> None:
@@ -294,39 +275,24 @@ class Parameters:
             wanted = (row.matches(sought) and row.changed >= changed) if looking else counts
             hidden += not wanted
             row.place(visible=wanted or (self._whole and not looking), counts=counts)
-        self._arranging = True
         for stage, rows in self._stages.items():
-            rows.value = looking or stage not in self._folded
-        self._arranging = False
+            rows.value = looking or stage not in self._page.kept['folded']
         self._more.set_visibility(hidden > 0 and not looking)
-        what = f'{hidden} that have no effect in this mode'
-        self._more.set_text(f'Hide {what}' if self._whole else f'Show {what}')
-
-    @property
-    def _folded(self) -> list[str]:
-        folded: list[str] = self._page.kept.setdefault('folded', list(_FOLDED))
-        return folded
+        verb = 'Hide' if self._whole else 'Show'
+        self._more.set_text(f'{verb} {hidden} that have no effect in this mode')
 
     def _fold(self, stage: str, event: Any) -> None:
-        """Keep what the user folds and unfolds."""
-        if not self._arranging:
-            others = [each for each in self._folded if each != stage]
-            self._page.kept['folded'] = others if event.value else [*others, stage]
+        others = [each for each in self._page.kept['folded'] if each != stage]
+        self._page.kept['folded'] = others if event.args else [*others, stage]
 
     def find(self) -> None:
         """Let the user type what he looks for."""
         self._filter.run_method('focus')
 
-    async def undo(self) -> None:
-        """Take back the last change."""
-        if await self._set(self._history.undo(), undoable=False):
-            self._history.redo()
-            self._count_edits()
-
-    async def redo(self) -> None:
-        """Do again what was taken back last."""
-        if await self._set(self._history.redo(), undoable=False):
-            self._history.undo()
+    async def step(self, *, back: bool) -> None:
+        """Take back the last change, or do again what was taken back last."""
+        if await self._set(self._history.step(back=back), undoable=False):
+            self._history.step(back=not back)
             self._count_edits()
 
     def _toggle_whole(self) -> None:
@@ -337,16 +303,18 @@ class Parameters:
         """After the node's values changed, by us or by anybody, or it came or went."""
         values, differing = self._node.values, self._sets.compare()
         for name, row in self._rows.items():
-            base = self._sets.value_of(name)
-            row.show(values.get(name), self._edits.get(name), differing.get(name, ''), base)
+            base, difference = self._sets.values.get(name), differing.get(name, '')
+            row.show(values.get(name), self._edits.get(name), difference, base)
         self._list.props(remove='inert') if self._node.alive else self._list.props('inert')
         self._arrange()
         self._count_edits()
 
     def show_status(self) -> None:
         """After new diagnostics."""
-        for row in self._rows.values():
-            row.fit(self._node.image_size)
+        if self._image_size != self._node.image_size:
+            self._image_size = self._node.image_size
+            for row in self._rows.values():
+                row.fit(self._image_size)
 
     def show_sets(self) -> None:
         """After a set was saved, taken in or deleted."""
@@ -362,7 +330,7 @@ class Parameters:
     def _edited(self, name: str, value: Value) -> None:
         self._edits[name] = value
         self._count_edits()
-        if self._at_once and name not in self._sending:
+        if self._page.kept['at_once'] and name not in self._sending:
             background_tasks.create(self._send(name))
 
     async def _send(self, name: str) -> None:
@@ -417,13 +385,13 @@ class Parameters:
 
     def _switch(self, event: Any) -> None:
         self._page.kept['at_once'] = bool(event.value)
-        if self._at_once:
+        if event.value:
             for name, value in list(self._edits.items()):
                 self._edited(name, value)
         self._count_edits()
 
     def _count_edits(self) -> None:
-        waiting = len(self._edits) if not self._at_once else 0
+        waiting = 0 if self._page.kept['at_once'] else len(self._edits)
         self._apply.set_text(f'Apply {waiting}' if waiting else 'Apply')
         self._apply.set_enabled(waiting > 0)
         self._discard.set_enabled(bool(self._edits))

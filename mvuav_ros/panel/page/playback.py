@@ -23,14 +23,17 @@ _LIVE = 'live values'
 
 
 class Frames:
-    """The frame on the screen follows the sliders; ``recording`` is the one chosen, if any."""
+    """The frame on the screen follows the sliders; ``recording`` gives the one chosen, if any.
+
+    ``topic`` is that of the images on the screen; empty where there are none.
+    """
 
     def __init__(self, page: Page, recording: Callable[[], Path | None]) -> None:
         self._page, self._recording = page, recording
         self._process = ReelProcess()
         self._visible = self._busy = self._due = False
         self._index, self._count = 0, 1
-        self._wanted = self._shown = ''
+        self._wanted = self.topic = ''
         with el.box('form'):
             with el.box('line'):
                 el.icon_button('skip_previous', 'One frame back', lambda: self.step(-1))
@@ -49,12 +52,8 @@ class Frames:
         with el.box('lanes'):
             self._lanes = [_ResultView(), _ResultView()]
         self._timer = ui.timer(_PLAYING_INTERVAL, self._next, active=False)
+        ui.context.client.on_delete(self._process.end)
         self.reload_sets()
-
-    @property
-    def topic(self) -> str:
-        """Of the images on the screen; empty where there are none."""
-        return self._shown
 
     def follow_node(self) -> None:
         """After another node was selected: its sets, and the images that it listens to."""
@@ -72,32 +71,25 @@ class Frames:
     def appear(self, visible: bool) -> None:
         """Only what is on the screen is processed."""
         self._visible = visible
-        self._timer.active = False
-        self._show_playing()
+        self._set_playing(False)
         self.show()
 
     def rewind(self) -> None:
         """After another recording was chosen."""
-        self._index, self._wanted, self._shown = 0, '', ''
+        self._wanted = self.topic = ''
         # Until it is opened nothing of the one before stands under its name.
-        self._count = 1
+        self._index, self._count = 0, 1
         self._clear('')
         self.show()
 
     def step(self, frames: int) -> None:
         """Go so many frames on."""
-        self._timer.active = False
-        self._show_playing()
+        self._set_playing(False)
         self._go(self._index + frames)
 
     def play(self) -> None:
         """Play, or pause."""
-        self._timer.active = not self._timer.active
-        self._show_playing()
-
-    def end(self) -> None:
-        """The page is closed."""
-        self._process.end()
+        self._set_playing(not self._timer.active)
 
     def show(self) -> None:
         """Process the frame again: values, set, recording or place have changed."""
@@ -105,16 +97,17 @@ class Frames:
         if self._visible and not self._busy:
             background_tasks.create(self._work())
 
-    def _show_playing(self) -> None:
-        self._play.set_icon('pause' if self._timer.active else 'play_arrow')
-        el.set_props(self._play, aria_label='Pause playing' if self._timer.active else 'Play')
+    def _set_playing(self, on: bool) -> None:
+        self._timer.active = on
+        self._play.set_icon('pause' if on else 'play_arrow')
+        el.set_props(self._play, aria_label='Pause playing' if on else 'Play')
 
     def _next(self) -> None:
         if not self._busy:
             self._go((self._index + 1) % self._count)
 
     def _choose_images(self, event: Any) -> None:
-        if event.value != self._shown:
+        if event.value != self.topic:
             self._wanted = event.value
             self.show()
 
@@ -157,13 +150,12 @@ class Frames:
             # Of what was chosen before; another is due.
             return
         if shown is None:
-            self._timer.active = False
-            self._show_playing()
+            self._set_playing(False)
             self._clear(failure)
             return
         self._fill(shown, name)
         found = differences(values[0], values[-1])
-        said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
+        said = (f'{n} {value_text(own)} | {value_text(its)}' for n, (own, its) in found.items())
         words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
         self._differing.set_text(
             sanitized.words(words if name else reason, sanitized.LONGEST_DESCRIPTION)
@@ -178,8 +170,8 @@ class Frames:
     def _fill(self, shown: Shown, name: str) -> None:
         self._count = shown.count
         self._index = min(self._index, shown.count - 1)
-        if self._shown != shown.topic:
-            self._shown, topics = shown.topic, {t: sanitized.words(t) for t in shown.topics}
+        if self.topic != shown.topic:
+            self.topic, topics = shown.topic, {t: sanitized.words(t) for t in shown.topics}
             self._images.set_options(topics, value=shown.topic)
             self._images.set_visibility(len(topics) > 1)
         el.set_props(self._slider, max=shown.count - 1, data_index=str(shown.index))

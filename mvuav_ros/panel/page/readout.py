@@ -9,7 +9,6 @@ from nicegui import ui
 from nicegui.elements.scene.scene_object3d import Object3D
 
 from mvuav_ros.panel import sanitized
-from mvuav_ros.panel.image_feed import RESULT_OF_KIND
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
@@ -46,24 +45,18 @@ _MEANS = {
 }
 
 
-class Readout:
+def make_readout() -> ui.element:
     """Large figures with the state of trust, which ``static/live.js`` fills.
 
-    On a telephone the node's result image stands beside them.
+    Returns the canvas of the node's result image, which stands beside them on a telephone.
     """
-
-    def __init__(self) -> None:
-        with el.box('readout card', 'section').props('aria-label=Result'):
-            with el.box('preview well').props('data-fresh=never'):
-                self._canvas = el.box('image', 'canvas').props('role=img aria-label="Result"')
-            with el.box('grow'):
-                el.text('no results yet', 'trust').props('data-trust=stale')
-                el.box('figures', 'dl')
-
-    def show(self, node: LiveNode | None) -> None:
-        """Stand for this node."""
-        key = f'{node.name} {RESULT_OF_KIND[node.kind]}' if node else ''
-        el.set_props(self._canvas, data_key=key)
+    with el.box('readout card', 'section').props('aria-label=Result'):
+        with el.box('preview well').props('data-fresh=never'):
+            canvas = el.box('image', 'canvas').props('role=img aria-label="Result"')
+        with el.box('grow'):
+            el.text('no results yet', 'trust').props('data-trust=stale')
+            el.box('figures', 'dl')
+    return canvas
 
 
 class PoseScene:
@@ -124,8 +117,8 @@ class PoseScene:
             else:
                 self._scene.move_camera(-230, 75, 70, -30, 0, 8, duration=0)
             moved, still = (self._tanker.id, self._own.id) if tracks else (self._own.id, '-')
-            el.set_props(self._scene, data_objects=f'{moved} {still} {self._cone.id}')
-            el.set_props(self._scene, aria_label=f'Pose: {words}, in space')
+            objects = f'{moved} {still} {self._cone.id}'
+            el.set_props(self._scene, data_objects=objects, aria_label=f'Pose: {words}, in space')
         width = node.values.get('runway_width')
         wide = width if isinstance(width, float) and 0 < width < 1e3 else _DEFAULT_WIDTH
         if not tracks and self._strip.sy != wide:
@@ -171,8 +164,8 @@ class Results:
                 with el.box('card'):
                     made = ui.echart(el.axes(chart.title, chart.unit)).classes('chart')
                     # Until the first value there is nothing that the chart would say of itself.
-                    el.set_props(made, aria_label=f'Curve of {chart.title}')
-                    el.set_props(made, data_curves=name, data_node=node.name)
+                    words = f'Curve of {chart.title}'
+                    el.set_props(made, aria_label=words, data_curves=name, data_node=node.name)
         with el.box('card'):
             el.text('Diagnostics of the node', tag='h2')
             with el.box('charts'):

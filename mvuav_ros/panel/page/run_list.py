@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,8 +71,7 @@ class Trends:
 
     def _usual(self) -> list[str]:
         groups = metric_groups(run.metrics for run in self._runs)
-        first = [group for group in (*_FIRST, *groups) if group in groups]
-        return list(groups[first[0]]) if first else []
+        return next((list(groups[each]) for each in (*_FIRST, *groups) if each in groups), [])
 
     def _draw(self) -> None:
         columns, kind = list(self._numbers.value or []), self._arrangement.value
@@ -85,38 +84,41 @@ class Trends:
             elif kind == 'subplots':
                 with el.box('charts'):
                     for column in columns:
-                        self._chart(line_options, [column], 220)
+                        self._chart([column], 220)
             else:
-                self._chart(grouped_options if kind == 'grouped' else line_options, columns, 320)
+                self._chart(columns, 320, grouped=kind == 'grouped')
 
-    def _chart(self, options: Callable[..., Any], columns: list[str], height: int) -> None:
-        chart = ui.echart(options(self._runs, columns, self._over.value)).classes('chart')
+    def _chart(self, columns: list[str], height: int, *, grouped: bool = False) -> None:
+        options = chart_options(self._runs, columns, self._over.value, grouped=grouped)
+        chart = ui.echart(options).classes('chart')
         chart.style(f'height: {height}px')
         names = ', '.join(columns)
         el.set_props(chart, data_trend=names, aria_label=f'Trend of {names}')
 
 
-def line_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
-    """A chart with a line for each column, over the runs in order of the parameter's value."""
-    if over != _OVER_NAMES:
+def chart_options(
+    runs: Sequence[Run], columns: Sequence[str], over: str, *, grouped: bool = False
+) -> Any:
+    """A chart with a line for each column, over the runs in order of the parameter's value.
+
+    If ``grouped``, with a group of bars for each column instead.
+    """
+    if not grouped and over != _OVER_NAMES:
         runs = sorted(runs, key=lambda run: _order(run.parameters.get(over)))
-    options = el.axes(*_title(columns), [_place(run, over) for run in runs])
-    look = {'type': 'line', 'symbolSize': 7, 'symbol': 'circle'}
+    parts = [Column.parse(column) for column in columns]
+    names, places = [part.name for part in parts], [_place(run, over) for run in runs]
+    numbers = [_numbers(runs, column) for column in columns]
+    # The unit stands in the title where all columns have the same.
+    unit = parts[0].unit if len({part.unit for part in parts}) == 1 else ''
+    title = names[0].capitalize() if len(parts) == 1 else 'Trends'
+    options = el.axes(title, unit, names if grouped else places)
+    look: dict[str, Any] = {'type': 'line', 'symbolSize': 7, 'symbol': 'circle'}
+    if grouped:
+        look = {'type': 'bar', 'barMaxWidth': 36}
+        names, numbers = places, [list(each) for each in zip(*numbers, strict=True)]
+        options['yAxis']['scale'] = False
     options['series'] = [
-        {**look, 'name': Column.parse(each).name, 'data': _numbers(runs, each)} for each in columns
-    ]
-    return options
-
-
-def grouped_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
-    """A chart with a group of bars for each column."""
-    options = el.axes(*_title(columns), [Column.parse(column).name for column in columns])
-    options['yAxis']['scale'] = False
-    look = {'type': 'bar', 'barMaxWidth': 36}
-    values = zip(*(_numbers(runs, column) for column in columns), strict=True)
-    options['series'] = [
-        {**look, 'name': _place(run, over), 'data': list(data)}
-        for run, data in zip(runs, values, strict=True)
+        {**look, 'name': name, 'data': data} for name, data in zip(names, numbers, strict=True)
     ]
     return options
 
@@ -129,13 +131,6 @@ def _order(value: Any) -> tuple[bool, float, str]:
     """Numbers by size, then words."""
     is_number = isinstance(value, (int, float)) and math.isfinite(value)
     return not is_number, float(value) if is_number else 0.0, str(value)
-
-
-def _title(columns: Sequence[str]) -> tuple[str, str]:
-    """Of the chart, with the unit where all columns have the same."""
-    parts = [Column.parse(column) for column in columns]
-    title = parts[0].name.capitalize() if len(parts) == 1 else 'Trends'
-    return title, parts[0].unit if len({part.unit for part in parts}) == 1 else ''
 
 
 def _numbers(runs: Sequence[Run], column: str) -> list[float | None]:
@@ -169,10 +164,6 @@ class Runs:
         page.services.run_progressed.subscribe(self._show_run)
         self.refresh()
         self._show_run()
-
-    @property
-    def _ticked(self) -> list[str]:
-        return list(self._page.kept.setdefault('ticks', []))
 
     def _make_form(self) -> None:
         with el.box('form'):
@@ -221,7 +212,7 @@ class Runs:
         el.name_rejected(self._rejected, 'Not readable', services.runs.rejected)
         rows = [_row(run) for run in reversed(self._runs)]
         self._table.rows = rows
-        self._table.selected = [row for row in rows if row['run'] in self._ticked]
+        self._table.selected = [row for row in rows if row['run'] in self._page.kept['ticks']]
         self._show_ticked()
 
     def choose_recording(self) -> None:
@@ -230,17 +221,12 @@ class Runs:
         self.frames.follow_node()
 
     def _opened(self) -> None:
-        self._kept_names[self._page.selected] = self._bag.value
+        self._page.kept['recordings'][self._page.selected] = self._bag.value
         self.frames.rewind()
 
-    @property
-    def _kept_names(self) -> dict[str, str]:
-        """Of the recordings chosen last, by node."""
-        names: dict[str, str] = self._page.kept.setdefault('recordings', {})
-        return names
-
     def _likely(self) -> str | None:
-        if (kept := self._kept_names.get(self._page.selected)) in self._bags:
+        kept: str | None = self._page.kept['recordings'].get(self._page.selected)
+        if kept in self._bags:
             return kept
         node = self._page.node
         word = DETECTORS[node.kind].sample if node is not None else ''
@@ -251,7 +237,7 @@ class Runs:
         self._show_ticked()
 
     def _chosen(self) -> list[Run]:
-        return [run for run in self._runs if run.name in self._ticked]
+        return [run for run in self._runs if run.name in self._page.kept['ticks']]
 
     def _show_ticked(self) -> None:
         chosen = self._chosen()
@@ -312,7 +298,7 @@ class Runs:
                 image_topic=self.frames.topic or node.image_topic,
             )
             if await self._runner.replay(run, folder) and keep:
-                self._page.kept['ticks'] = [*self._ticked, run.name]
+                self._page.kept['ticks'] = [*self._page.kept['ticks'], run.name]
             services.runs_changed.emit()
 
     def _show_run(self) -> None:
@@ -328,7 +314,10 @@ class Runs:
             self._show_numbers(runner.last)
 
     def _show_numbers(self, run: Run) -> None:
-        rows = [[m.name, _number_text(m.value), m.unit] for m in run.metrics]
+        rows = [
+            (m.name, sanitized.fixed(m.value, 0 if m.value.is_integer() else 3), m.unit)
+            for m in run.metrics
+        ]
         half = -(-len(rows) // 2)
         self._result.clear()
         with self._result, el.box('card'):
@@ -355,7 +344,3 @@ def _row(run: Run) -> dict[str, str]:
         'other than default': ', '.join(changed) or 'nothing',
         'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),
     }
-
-
-def _number_text(value: float) -> str:
-    return sanitized.fixed(value, 0 if float(value).is_integer() else 3)

@@ -19,7 +19,8 @@ from mvuav_ros.parameters.declaration import Value
 class SetBar:
     """The bar above a node's parameters.
 
-    ``load`` gives values to the node, ``changed`` is called when another set was chosen.
+    ``values`` are the chosen set's. ``load`` gives values to the node, ``changed`` is called when
+    another set was chosen.
     """
 
     def __init__(self, page: Page, node: LiveNode, load: Load, changed: Callable[[], None]) -> None:
@@ -54,17 +55,17 @@ class SetBar:
 
     def _read(self) -> None:
         name = self._page.chosen_set
-        self._values: Mapping[str, Value] = {}
+        self.values: Mapping[str, Value] = {}
         if name:
             with el.errors_notified():
-                self._values = self._page.services.sets.load(name, self._node.kind)
+                self.values = self._page.services.sets.load(name, self._node.kind)
         self._download.set_enabled(bool(name))
         self._delete.set_enabled(bool(name) and not self._page.services.sets.is_built_in(name))
 
     def compare(self) -> dict[str, str]:
         """Say whether the live values are the chosen set's; returns the set's that differ."""
         name = self._page.chosen_set
-        differing = differences(self._values, self._node.own_values)
+        differing = differences(self.values, self._node.own_values)
         words = 'Choose a set to load it, or to see what differs from it.'
         if differing:
             differ = 'value differs' if len(differing) == 1 else 'values differ'
@@ -73,11 +74,7 @@ class SetBar:
             words = f'The live values are those of {name}.'
         self._match.set_text(words)
         el.set_class(self._match, 'differs', bool(differing))
-        return {each.name: f'{name}: {value_text(each.left)}' for each in differing}
-
-    def value_of(self, parameter: str) -> Value | None:
-        """The chosen set's value of a parameter; None where it has none."""
-        return self._values.get(parameter)
+        return {each: f'{name}: {value_text(own)}' for each, (own, _) in differing.items()}
 
     async def _load_chosen(self) -> None:
         name = self._page.chosen_set
@@ -85,7 +82,7 @@ class SetBar:
             el.notify('Choose a set first.', bad=True)
             return
         self._read()
-        await self._load(self._values, name)
+        await self._load(self.values, name)
 
     def _ask_name(self) -> None:
         sets, name = self._page.services.sets, self._page.chosen_set
@@ -108,7 +105,8 @@ class SetBar:
     async def _delete_chosen(self) -> None:
         name, services = self._page.chosen_set, self._page.services
         if await el.confirmed(f'Delete the set {name}?', 'Delete'):
-            services.sets.delete(name)
+            with el.errors_notified():
+                services.sets.delete(name)
             services.sets_changed.emit()
 
     def _send_file(self) -> None:

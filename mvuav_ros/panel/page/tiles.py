@@ -12,17 +12,11 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from mvuav_ros.panel.image_feed import (
-    INPUT,
-    MAX_STREAMS,
-    RESULT_OF_KIND,
-    ImageStream,
-    encode_png,
-    streams_of,
-)
+from mvuav_ros.panel.image_feed import INPUT, MAX_STREAMS, ImageStream, encode_png, streams_of
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.image import CHANNELS, Image
 
 _SIZES = ('s', 'm', 'l')
@@ -67,13 +61,15 @@ class Images:
         return {stream.key: stream for node in nodes for stream in streams_of(node)}
 
     def refresh(self) -> None:
-        """After nodes came or went, or another was selected."""
+        """After nodes came or went, another was selected, or values changed."""
         streams = self._streams()
         wishes = [wish for wish in self._wished if wish[0] in streams] or self._usual()
         if wishes != self._shown():
             self._grid.clear()
             with self._grid:
                 self._tiles = [Tile(streams[key], self, size) for key, size in wishes]
+        for tile in self._tiles:
+            tile.show_values()
         self._empty.set_visibility(not self._tiles)
 
     def _usual(self, *, pair: bool = False) -> list[Wish]:
@@ -81,7 +77,7 @@ class Images:
         node = self.page.node
         if node is None:
             return []
-        large = (INPUT, RESULT_OF_KIND[node.kind])
+        large = (INPUT, PROCESSORS[node.kind].panel.image)
         # Mode approach draws the result only.
         pair = pair or node.values.get('mode') == 'approach'
         streams = [stream for stream in streams_of(node) if stream.name in large or not pair]
@@ -124,11 +120,6 @@ class Images:
             return
         self._wish([*self._shown(), (key, 'm')])
 
-    def show_values(self) -> None:
-        """After a node's values changed."""
-        for tile in self._tiles:
-            tile.show_values()
-
 
 class Tile:
     """One image."""
@@ -164,7 +155,6 @@ class Tile:
                         self._action.props('dense unelevated toggle-color=primary size=sm no-caps')
                     self._words = el.text('Click a pixel to see its value.', 'small soft grow')
                     self._words.classes('pixel').props('role=status')
-        self.show_values()
 
     @property
     def _values(self) -> dict[str, Any]:

@@ -7,16 +7,16 @@ from typing import Any
 
 from nicegui import Client, ui
 
-from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
+from mvuav_ros.panel.page.head import Head, show_keys
 from mvuav_ros.panel.page.parameters import Parameters
-from mvuav_ros.panel.page.readout import PoseScene, Readout, Results
-from mvuav_ros.panel.page.recorder import RecordingButton
+from mvuav_ros.panel.page.readout import PoseScene, Results, make_readout
 from mvuav_ros.panel.page.run_list import Runs
 from mvuav_ros.panel.page.tiles import Images
 from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.processing.registry import PROCESSORS
 
 _PARTS = {
     'images': 'Images',
@@ -24,102 +24,6 @@ _PARTS = {
     'runs': 'Recordings',
     'parameters': 'Parameters',
 }
-_KEYS = {
-    '/': 'Find a parameter',
-    '1 to 4': 'Images, Results, Recordings, Parameters',
-    'space': 'Pause images and curves, or play the recording',
-    '← →': 'One frame of the recording back or on',
-    'Ctrl+Z': 'Undo a change',
-    'Ctrl+Shift+Z': 'Redo it',
-    '?': 'This list',
-}
-_FIGURES = {
-    'input_rate_hz': ('in', 'Hz'),
-    'output_rate_hz': ('out', 'Hz'),
-    'latency_p50_ms': ('latency p50', 'ms'),
-    'latency_p95_ms': ('p95', 'ms'),
-    'frames_rejected': ('rejected', ''),
-}
-
-
-class Head:
-    """Node buttons and the chosen node's diagnostics."""
-
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        self._dark = ui.dark_mode(value=None)
-        self._buttons: dict[str, ui.button] = {}
-        with el.box('head', 'header'):
-            el.text('Tuning panel', tag='h1')
-            self._nodes = el.box('nodes grow').props('role=group aria-label="Nodes"')
-            self._recording = RecordingButton(page)
-            self._pause = el.icon_button('pause', 'Pause', self.pause)
-            el.icon_button('keyboard', 'Keys', show_keys)
-            el.icon_button('contrast', 'Light or dark', self._toggle)
-        with el.box('health'):
-            self._figures = {}
-            for key, (words, unit) in _FIGURES.items():
-                with el.box():
-                    el.text(words, 'soft small')
-                    self._figures[key] = el.text('-', 'number')
-                    el.text(unit, 'soft small')
-            self._words = el.text('', 'words soft small')
-
-    def pause(self) -> None:
-        """Hold what is shown of the node, or go on; ``static/live.js`` follows the attribute."""
-        paused = self._pause.props.get('icon') == 'pause'
-        self._pause.set_icon('play_arrow' if paused else 'pause')
-        el.set_props(self._pause, aria_label='Go on' if paused else 'Pause', data_paused=paused)
-
-    async def _toggle(self) -> None:
-        dark = await ui.run_javascript('return document.body.classList.contains("body--dark")')
-        self._dark.value = not dark
-
-    def _node_button(self, name: str) -> ui.button:
-        made = ui.button(name, icon='circle', color=None)
-        return made.props('flat rounded no-caps').on_click(lambda: self._page.select(name))
-
-    def refresh(self) -> None:
-        """After nodes came or went, were selected, or said something."""
-        nodes = self._page.services.system.nodes
-        alive = [name for name, node in nodes.items() if node.alive]
-        # What was chosen before a reload may need a moment to be found again.
-        if self._page.node is None and nodes and (alive or not self._page.selected):
-            self._page.select((alive or list(nodes))[0])
-            return
-        if list(nodes) != list(self._buttons) or not nodes:
-            # Only then: a button that is made anew loses the keyboard's focus.
-            self._nodes.clear()
-            with self._nodes:
-                self._buttons = {name: self._node_button(name) for name in nodes}
-                if not nodes:
-                    el.text('looking for nodes …', 'soft')
-        for name, button in self._buttons.items():
-            each = nodes[name]
-            state = '' if each.alive else 'gone' if each.controls else 'starting'
-            recorded = 'recording' if self._recording.is_under_way(name) else ''
-            color = 'bad' if state == 'gone' else 'warn' if state or each.level else 'good'
-            button.set_text(' '.join(filter(None, (name, state, recorded))))
-            button.classes(replace=f'node {color}')
-            el.set_props(button, aria_pressed=str(name == self._page.selected).lower())
-        self._recording.show()
-        node = self._page.node
-        for key, label in self._figures.items():
-            value = node.status.get(key, '-') if node is not None and node.alive else '-'
-            label.set_text('-' if value == 'nan' else value[:12])
-        if node is None:
-            words = f'Start {" or ".join(DETECTORS)}; it appears here by itself.'
-        elif not node.alive and node.controls:
-            words = 'The node is gone. The panel uses it again as soon as it is back.'
-        else:
-            words = node.message
-        self._words.set_text(words)
-
-
-def show_keys() -> None:
-    """The list of keys."""
-    with el.dialog('Keys'):
-        el.fill(el.sheet('Keys', ('', '')), list(_KEYS.items()))
 
 
 class PanelView:
@@ -130,11 +34,10 @@ class PanelView:
         self._parameters: Parameters | None = None
         self._results: Results | None = None
         self._built: tuple[object, ...] = ('nothing yet',)
-        part = kept.get('part')
         with el.box('panel') as self._root:
             self._head = Head(self._page)
             with el.box('body'):
-                self._readout = Readout()
+                self._preview = make_readout()
                 with ui.tabs(on_change=self._show_part) as tabs:
                     for key, words in _PARTS.items():
                         ui.tab(key, words).classes(f'tab {key}')
@@ -151,14 +54,14 @@ class PanelView:
                 self._parameters_place = el.box('part parameters', 'section')
                 self._parameters_place.props('aria-label=Parameters')
         self._tabs = tabs
-        tabs.set_value(part if part in _PARTS else 'images')
+        tabs.set_value(self._page.kept['part'])
         # A button uses the space bar itself; the other keys are the panel's there, too.
         ui.keyboard(self._key, repeating=False, ignore=['input', 'select', 'textarea'])
         ui.skip_link('Skip to the images and results', target=panels)
         ui.skip_link('Skip to the parameters', target=self._parameters_place)
         client.on_connect(self._connected)
         client.on_disconnect(self._disconnected)
-        client.on_delete(self._closed)
+        client.on_delete(lambda: services.system.leave(self._node_changed))
         services.sets_changed.subscribe(self._sets_changed)
         self._connected()
 
@@ -173,8 +76,7 @@ class PanelView:
         if not event.action.keydown or event.modifiers.alt:
             return
         if control and key.lower() in ('z', 'y') and self._parameters:
-            again = event.modifiers.shift or key.lower() == 'y'
-            await (self._parameters.redo() if again else self._parameters.undo())
+            await self._parameters.step(back=key.lower() == 'z' and not event.modifiers.shift)
         elif control:
             return
         elif key == '/' and self._parameters:
@@ -196,29 +98,20 @@ class PanelView:
         if not self._client.has_socket_connection:
             self._page.services.system.leave(self._node_changed)
 
-    def _closed(self) -> None:
-        self._page.services.system.leave(self._node_changed)
-        self._runs.frames.end()
-
     def _node_changed(self, what: str, node: LiveNode) -> None:
         ours = node.name == self._page.selected
         with self._root:
-            if what == 'nodes':
-                self._refresh()
-            elif what == 'values':
-                self.images.show_values()
-                self._scene.show(self._page.node)
-                self.images.refresh()
-                if ours:
-                    self._runs.frames.show()
-                if ours and self._parameters:
-                    self._parameters.show()
-            elif what == 'status':
+            if what == 'status':
                 self._head.refresh()
                 if ours and self._parameters:
                     self._parameters.show_status()
                 if ours and self._results:
                     self._results.show()
+            elif what == 'nodes' or ours:
+                self._refresh()
+                self._runs.frames.show()
+            else:
+                self.images.refresh()
 
     def _refresh(self) -> None:
         # The head first: it selects a node where none is.
@@ -226,7 +119,8 @@ class PanelView:
         self.images.refresh()
         el.set_props(self._root, data_node=self._page.selected)
         node = self._page.node
-        self._readout.show(node)
+        key = f'{node.name} {PROCESSORS[node.kind].panel.image}' if node else ''
+        el.set_props(self._preview, data_key=key)
         self._scene.show(node)
         built = (node, *node.controls) if node else ()
         if built != self._built:

@@ -622,6 +622,7 @@ def runs_of_the_tracker(panel):
     page = panel.new_page()
     panel.choose(TRACKER, page)
     panel.part('runs', page)
+    page.locator('.panel[data-part="runs"]').wait_for()
     return page, page.locator('.part.runs')
 
 

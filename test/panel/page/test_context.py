@@ -10,8 +10,10 @@ pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.panel import live_nodes, node_recorder
+from mvuav_ros.panel.page import elements
 from mvuav_ros.panel.page.context import History, Page
 from mvuav_ros.panel.page.parameters import Parameters
+from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.panel.page.tiles import value_at
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.vision.image import Image
@@ -20,14 +22,18 @@ from mvuav_ros.vision.image import Image
 def test_the_last_change_is_taken_back_and_done_again():
     now = [0.0]
     history = History(lambda: now[0])
-    assert history.undo() == {} and history.redo() == {}
+    assert history.step(back=True) == {} and history.step(back=False) == {}
     history.record({'a': 1}, {'a': 2})
     now[0] = 5.0
     history.record({'b': 1}, {'b': 9})
-    assert history.undo() == {'b': 1} and history.undo() == {'a': 1} and history.undo() == {}
-    assert history.redo() == {'a': 2} and history.undone
+    assert (
+        history.step(back=True) == {'b': 1}
+        and history.step(back=True) == {'a': 1}
+        and history.step(back=True) == {}
+    )
+    assert history.step(back=False) == {'a': 2} and history.undone
     history.record({'c': 0}, {'c': 1})
-    assert not history.undone and history.undo() == {'c': 0}
+    assert not history.undone and history.step(back=True) == {'c': 0}
 
 
 def test_one_movement_of_a_slider_is_one_step():
@@ -38,7 +44,11 @@ def test_one_movement_of_a_slider_is_one_step():
         history.record({'a': value}, {'a': value + 1})
     now[0] += 3.0
     history.record({'a': 10}, {'a': 50})
-    assert history.undo() == {'a': 10} and history.undo() == {'a': 0} and not history.done
+    assert (
+        history.step(back=True) == {'a': 10}
+        and history.step(back=True) == {'a': 0}
+        and not history.done
+    )
 
 
 def test_a_movement_there_and_back_is_no_step():
@@ -49,7 +59,11 @@ def test_a_movement_there_and_back_is_no_step():
     for before in (True, False, True):
         now[0] += 0.2
         history.record({'a': before}, {'a': not before})
-    assert history.undo() == {'a': True} and history.undo() == {'a': False} and not history.done
+    assert (
+        history.step(back=True) == {'a': True}
+        and history.step(back=True) == {'a': False}
+        and not history.done
+    )
 
 
 def test_a_change_to_the_same_is_none():
@@ -67,8 +81,8 @@ def test_what_the_node_refuses_to_take_back_can_be_tried_again():
 
     page = SimpleNamespace(_history=History(), _set=answer, _count_edits=lambda: None)
     page._history.record({'a': 1}, {'a': 2})
-    for step in (Parameters.undo, Parameters.undo, Parameters.redo, Parameters.redo):
-        asyncio.run(step(page))
+    for back in (True, True, False, False):
+        asyncio.run(Parameters.step(page, back=back))
     assert asked == [{'a': 1}, {'a': 1}, {'a': 2}, {'a': 2}]
     assert page._history.done == [({'a': 1}, {'a': 2})] and not page._history.undone
 
@@ -85,6 +99,25 @@ def test_a_set_is_in_use_where_the_node_has_all_of_its_values(tmp_path):
     assert page.set_in_use(node) == ''
     page.chosen_set = 'gone'
     assert page.set_in_use(node) == ''
+
+
+def test_a_set_that_cannot_be_deleted_is_named_with_the_reason(tmp_path, monkeypatch):
+    said, listed = [], []
+
+    async def confirmed(question, yes):
+        return True
+
+    monkeypatch.setattr(elements, 'confirmed', confirmed)
+    monkeypatch.setattr(elements, 'notify', lambda words, bad: said.append(words))
+    (tmp_path / 'night.yaml').mkdir()
+    bar = SetBar.__new__(SetBar)
+    services = SimpleNamespace(
+        sets=SetStore(tmp_path), sets_changed=SimpleNamespace(emit=lambda: listed.append(1))
+    )
+    bar._page = SimpleNamespace(chosen_set='night', services=services)
+    asyncio.run(bar._delete_chosen())
+    (words,) = said
+    assert 'night.yaml' in words and listed
 
 
 def test_a_pixel_is_seen_in_the_nodes_channel():

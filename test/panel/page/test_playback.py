@@ -54,7 +54,7 @@ def test_each_node_keeps_the_recording_that_was_chosen_for_it():
         runs.choose_recording()
         return runs
 
-    kept = {}
+    kept = {'recordings': {}}
     here = page(kept, '/tracker')
     assert here._bag.value == 'tanker.mcap'
     here._bag.value = 'landing.mcap'
