@@ -21,7 +21,7 @@ from mvuav_ros.offline.report_figures import (
 )
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.source import FrameSource, SourceError
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 from mvuav_ros.vision.markers.marker_results import named_places
 from mvuav_ros.vision.markers.tracker import MarkerTracker
@@ -144,10 +144,8 @@ def name_lights(
                 camera = camera.rectified()
             tracker.set_camera(camera)
         assert camera is not None
-        try:
-            camera.check(width, height)
-        except CalibrationError as error:
-            raise SourceError(f'{source.name}: {error}') from error
+        if objection := camera.objection(width, height):
+            raise SourceError(f'{source.name}: {objection}')
         advance(count)
         try:
             result = tracker.process(frame.image, frame.stamp_ns)

@@ -37,7 +37,7 @@ from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
 from mvuav_ros.sources.bag import BagImages, EncodedFrame
 from mvuav_ros.sources.opening import looks_like_bag, open_source
 from mvuav_ros.sources.source import EVERYTHING, Selection, SourceError
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 
 DESCRIPTION = 'mvuav_replay'
@@ -165,12 +165,10 @@ class ReplayInput:
             if source.is_rectified:
                 self._camera = self._camera.rectified()
             first = next((each for each in source.frames() if isinstance(each, Frame)), None)
-            try:
-                if first is not None:
-                    self._camera.check(first.image.width, first.image.height)
-            except CalibrationError as error:
+            image = None if first is None else first.image
+            if image is not None and (said := self._camera.objection(image.width, image.height)):
                 self.close()
-                raise SourceError(f'{self.name}: {error}') from error
+                raise SourceError(f'{self.name}: {said}')
 
     @property
     def count(self) -> int | None:

@@ -27,7 +27,7 @@ from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame
 from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tuning import DETECTOR, GUIDANCE, SEARCH
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
@@ -250,11 +250,8 @@ class ApproachDetector:
         """The calibration, if it is of frames of this size."""
         if self._camera is None or self._size is None:
             return None
-        try:
-            self._camera.check(self._size[1], self._size[0])
-        except CalibrationError:
-            return None
-        return self._camera
+        height, width = self._size
+        return None if self._camera.objection(width, height) else self._camera
 
     def _guidance(self, found: Found | None) -> Guidance | None:
         """From what was found; None where nobody asked for it or the camera is not known."""

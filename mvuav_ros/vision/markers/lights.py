@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection
 from mvuav_ros.vision.markers.marker_results import NO_WINDOW
@@ -28,11 +28,8 @@ class Lens:
 
     def __init__(self, size: tuple[int, int], camera: CameraModel | None = None) -> None:
         """For images of a size (px); a camera that is not calibrated for them is not used."""
-        if camera is not None:
-            try:
-                camera.check(*size)
-            except CalibrationError:
-                camera = None
+        if camera is not None and camera.objection(*size):
+            camera = None
         self._camera = camera
         # px, of that camera; None where the pixels are taken as they are.
         self.focal: float | None = None
