@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.bundle_adjustment import farthest_first
 from mvuav_ros.vision.point_operations import Pixels
 
 Array = NDArray[np.float64]
@@ -220,9 +221,5 @@ def different_views(
         return []
     outlines = np.array([view.outline.ravel() for view in views])
     outlines /= np.hypot(*size) * np.sqrt(4.0)
-    chosen = [int(np.linalg.norm(outlines - outlines.mean(axis=0), axis=1).argmax())]
-    distance = np.linalg.norm(outlines - outlines[chosen[0]], axis=1)
-    while len(chosen) < most and distance.max() >= apart:
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(outlines - outlines[chosen[-1]], axis=1))
-    return chosen
+    first = int(np.linalg.norm(outlines - outlines.mean(axis=0), axis=1).argmax())
+    return farthest_first(outlines, first, most, apart)

@@ -225,16 +225,23 @@ class CameraModel:
 
     def project_with_jacobian(
         self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
-    ) -> tuple[Array, Array]:
-        """`project`, and its derivative (2n, 6) by ``rvec`` and ``tvec``."""
+    ) -> tuple[Array, Array, Array]:
+        """`project`, and its derivatives by ``rvec`` and ``tvec``, (2n, 6), and by the camera.
+
+        The latter are by fx, fy, cx, cy and the coefficients, (2n, 4 + k).
+        """
         given = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 3)
+        camera = 4 + len(self.distortion)
         if not len(given):
-            return np.empty((0, 2)), np.empty((0, 6))
-        first = 8 if self.is_fisheye else 0
-        project: Any = cv2.fisheye.projectPoints if self.is_fisheye else cv2.projectPoints
+            return np.empty((0, 2)), np.empty((0, 6)), np.empty((0, camera))
         turn, place = np.asarray(rvec, np.float64), np.asarray(tvec, np.float64)
+        if self.is_fisheye:
+            project: Any = cv2.fisheye.projectPoints
+            seen, slopes = project(given, turn, place, self.matrix, self.distortion)
+            return seen.reshape(-1, 2), slopes[:, 8:14], slopes[:, :camera]
+        project = cv2.projectPoints
         seen, slopes = project(given, turn, place, self.matrix, self.distortion)
-        return seen.reshape(-1, 2), slopes[:, first : first + 6]
+        return seen.reshape(-1, 2), slopes[:, :6], slopes[:, 6 : 6 + camera]
 
     @cached_property
     def widest(self) -> float:
