@@ -34,29 +34,20 @@ Face = tuple[Sequence[Corner], float]
 
 @dataclass(frozen=True)
 class Mesh:
-    """Flat faces of four corners.
+    """Flat faces of four corners."""
 
-    Attributes:
-        corners: (n, 4, 3), m, in the body's frame.
-        normals: (n, 3) of unit length, either side.
-        albedo: (n,), 0 to 1.
-    """
-
-    corners: Array
-    normals: Array
-    albedo: Array
+    corners: Array  # (n, 4, 3), m, in the body's frame
+    normals: Array  # (n, 3) of unit length, either side
+    albedo: Array  # (n,), 0 to 1
 
 
 @dataclass(frozen=True)
 class Lighting:
-    """Light from one side and from all around, as grey levels of a white face.
-
-    ``towards`` is the direction of the light (unit length).
-    """
+    """Light from one side and from all around, as grey levels of a white face."""
 
     ambient: float
     direct: float
-    towards: tuple[float, float, float]
+    towards: tuple[float, float, float]  # the direction of the light, of unit length
 
 
 def paint_mesh(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -21,33 +21,19 @@ TEXEL = 40
 
 @dataclass(frozen=True)
 class BoardVideo:
-    """How a checkerboard is moved and seen.
+    """How a checkerboard is moved and seen."""
 
-    Attributes:
-        seed: of the lens, the motion and all noise.
-        model: of the lens.
-        places: at which the board is held still, each tilted by 15 to 45 degrees.
-        pause: frames for which it is held.
-        steps: frames from one place to the next, in which motion blurs.
-        corner_noise: by which each corner is beside its place in each frame, px (1 sigma).
-        columns: inner corners along a row.
-        rows: inner corners along a column.
-        square: side of a square, m.
-        size: of the images, px.
-        lens: that is looked through instead of one from the seed.
-    """
-
-    seed: int
-    model: str = 'plumb_bob'
-    places: int = 40
-    pause: int = 4
-    steps: int = 5
-    corner_noise: float = 0.2
-    columns: int = 9
-    rows: int = 6
-    square: float = 0.03
-    size: tuple[int, int] = (640, 480)
-    lens: CameraModel | None = None
+    seed: int  # of the lens, the motion and all noise
+    model: str = 'plumb_bob'  # of the lens
+    places: int = 40  # at which the board is held still, each tilted by 15 to 45 degrees
+    pause: int = 4  # frames for which it is held
+    steps: int = 5  # frames from one place to the next, in which motion blurs
+    corner_noise: float = 0.2  # by which a corner is beside its place in a frame, px (1 sigma)
+    columns: int = 9  # inner corners along a row
+    rows: int = 6  # inner corners along a column
+    square: float = 0.03  # side of a square, m
+    size: tuple[int, int] = (640, 480)  # of the images, px
+    lens: CameraModel | None = None  # that is looked through instead of one from the seed
 
     @property
     def camera(self) -> CameraModel:
@@ -92,17 +78,31 @@ class BoardVideo:
     def images(self) -> Iterator[Pixels]:
         """Grey images, with corners beside their places, motion blur and a sensor's noise."""
         rng = np.random.default_rng((self.seed, 3))
-        lens, ground = _BentPinhole(self.camera), rng.uniform(60, 160)
+        ground = float(rng.uniform(60, 160))
+        camera = self.camera
+        # Seen by a pinhole camera twice as fine, at the centres of quarters of pixels, then bent.
+        axes = (np.arange(2 * side) / 2 - 0.25 for side in self.size)
+        pixels = np.stack(np.meshgrid(*axes), axis=-1)
+        rays = camera.undistort(pixels.reshape(-1, 2)).reshape(pixels.shape)
+        focal = 2.0 * camera.k[0]
+        shift = focal * float(np.abs(rays).max())
+        bend = np.ascontiguousarray(np.moveaxis((rays * focal + shift).astype(np.float32), 2, 0))
+        pinhole = np.array([(focal, 0, shift), (0, focal, shift), (0, 0, 1)])
+        whole = (int(2 * shift) + 2,) * 2
         for pose, step in self.poses():
-            squares = pose[5] / self.camera.k[0] / self.square  # per pixel
-            noise = rng.normal(0, self.corner_noise * squares, (self.rows, self.columns, 2))
+            squares = pose[5] / camera.k[0] / self.square  # per pixel
+            picture = self._moved(
+                rng.normal(0, self.corner_noise * squares, (self.rows, self.columns, 2))
+            )
             # Over four tenths of the time between two frames.
             parts = np.linspace(-0.2, 0.2, 5) if step.any() else np.zeros(1)
-            picture = self._moved(noise)
-            fine = lens.see(
-                picture, [self._texels(pose + part * step) for part in parts], float(ground)
-            )
-            image = cv2.GaussianBlur(fine, (0, 0), 0.6)
+            mean = np.zeros(bend.shape[1:], np.float32)
+            for part in parts:
+                plane = pinhole @ self._texels(pose + part * step)
+                flat = cv2.warpPerspective(picture, plane, whole, borderValue=(ground,))
+                mean += cv2.remap(flat, bend[0], bend[1], cv2.INTER_LINEAR)
+            image = cv2.resize(mean / len(parts), self.size, interpolation=cv2.INTER_AREA)
+            image = cv2.GaussianBlur(image, (0, 0), 0.6)
             yield np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8)
 
     def picture(self) -> Pixels:
@@ -119,13 +119,8 @@ class BoardVideo:
         x, y = np.meshgrid(*sides)
         nodes = np.pad(noise, ((2, 2), (2, 2), (0, 0)), mode='edge').astype(np.float32) * TEXEL
         moved = cv2.remap(nodes, (x + 0.5) / TEXEL, (y + 0.5) / TEXEL, cv2.INTER_LINEAR)
-        return cv2.remap(
-            picture,
-            x - moved[..., 0],
-            y - moved[..., 1],
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
+        x, y = x - moved[..., 0], y - moved[..., 1]
+        return cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def _texels(self, pose: Array) -> Array:
         """(3, 3), from the picture's pixels to the camera's frame."""
@@ -135,31 +130,3 @@ class BoardVideo:
         first = 0.5 - 2 * TEXEL
         scale = TEXEL / self.square
         return np.asarray(plane @ np.array([(1, 0, first), (0, 1, first), (0, 0, scale)]))
-
-
-class _BentPinhole:
-    """A pinhole camera, twice as fine as the image, whose picture is then bent."""
-
-    def __init__(self, camera: CameraModel) -> None:
-        self._size = camera.width, camera.height
-        # The centres of a quarter of each pixel.
-        axes = (np.arange(2 * side) / 2 - 0.25 for side in self._size)
-        pixels = np.stack(np.meshgrid(*axes), axis=-1)
-        rays = camera.undistort(pixels.reshape(-1, 2)).reshape(pixels.shape)
-        focal = 2.0 * camera.k[0]
-        shift = focal * float(np.abs(rays).max())
-        bend = (rays * focal + shift).astype(np.float32)
-        self._bend = np.ascontiguousarray(bend[..., 0]), np.ascontiguousarray(bend[..., 1])
-        self._side = int(2 * shift) + 2
-        self._pinhole = np.array([(focal, 0, shift), (0, focal, shift), (0, 0, 1)])
-
-    def see(self, picture: Pixels, moments: Sequence[Array], ground: float) -> NDArray[np.float32]:
-        """The mean of a plane's picture in some poses, each from its pixels to the camera."""
-        image = np.zeros(self._bend[0].shape, np.float32)
-        for moment in moments:
-            whole = cv2.warpPerspective(
-                picture, self._pinhole @ moment, (self._side, self._side), borderValue=(ground,)
-            )
-            image += cv2.remap(whole, *self._bend, cv2.INTER_LINEAR)
-        fine = cv2.resize(image / len(moments), self._size, interpolation=cv2.INTER_AREA)
-        return np.asarray(fine, np.float32)

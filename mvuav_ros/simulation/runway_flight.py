@@ -10,12 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.flight import (
-    Flight,
-    RandomStream,
-    apply_gain,
-    motion_blur,
-)
+from mvuav_ros.simulation.flight import Flight, RandomStream, apply_gain, motion_blur
 from mvuav_ros.simulation.ground import GroundPainter, load_ground
 from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera
 from mvuav_ros.simulation.settings import RunwaySettings
@@ -31,50 +26,29 @@ MIN_DEPTH = 0.1
 
 
 class LineTruth(NamedTuple):
-    """A straight line in the image: x cos theta + y sin theta = rho.
+    """A straight line in the image: x cos theta + y sin theta = rho; NaN where none is visible."""
 
-    Attributes:
-        role: which line of the runway; the edges are the pavement's.
-        visible: whether any of it is on the frame; all numbers are NaN otherwise.
-        rho: px.
-        theta: rad, in (-pi/2, pi/2].
-        x1: px; the end that is nearer, or left for the runway's ends, cut at the frame.
-        y1: px.
-        x2: px; the other end.
-        y2: px.
-    """
-
-    role: LineRole
-    visible: bool
-    rho: float
-    theta: float
-    x1: float
+    role: LineRole  # which line of the runway; the edges are the pavement's
+    visible: bool  # whether any of it is on the frame
+    rho: float  # px
+    theta: float  # rad, in (-pi/2, pi/2]
+    x1: float  # px; the end that is nearer, or left for the runway's ends, cut at the frame
     y1: float
-    x2: float
+    x2: float  # the other end
     y2: float
 
 
 @dataclass(frozen=True, eq=False)
 class RunwayTruth:
-    """What an image of the runway shows.
+    """What an image of the runway shows."""
 
-    Attributes:
-        time: s since the start of the flight.
-        lines: in the order of `LineRole`.
-        vanishing_point: px, where the runway's lines meet; NaN when it is behind the camera.
-        horizon: rho (px) and theta (rad) of the ground's horizon.
-        pose: the camera in the runway's frame, shake included.
-        gain: by which the camera's image is brighter than usual.
-        camera: with its matrix K.
-    """
-
-    time: float
-    lines: tuple[LineTruth, ...]
-    vanishing_point: tuple[float, float]
-    horizon: tuple[float, float]
-    pose: CameraPose
-    gain: float
-    camera: PinholeCamera
+    time: float  # s since the start of the flight
+    lines: tuple[LineTruth, ...]  # in the order of `LineRole`
+    vanishing_point: tuple[float, float]  # px, where the lines meet; NaN behind the camera
+    horizon: tuple[float, float]  # rho (px) and theta (rad) of the ground's horizon
+    pose: CameraPose  # in the runway's frame, shake included
+    gain: float  # by which the camera's image is brighter than usual
+    camera: PinholeCamera  # with its matrix K
 
     def line(self, role: LineRole) -> LineTruth:
         """The line of that role."""

@@ -38,17 +38,11 @@ frequencies."""
 
 @dataclass(frozen=True)
 class Vibration:
-    """How the camera's attitude swings about the steady one.
+    """How the camera's attitude swings about the steady one."""
 
-    Attributes:
-        primary_hz: the strongest frequency.
-        magnitude: of the primary, in the unit of Table 5.4.
-        harmonics_hz: further frequencies, above and below the primary.
-    """
-
-    primary_hz: float
-    magnitude: float
-    harmonics_hz: tuple[float, ...]
+    primary_hz: float  # the strongest frequency
+    magnitude: float  # of the primary, in the unit of Table 5.4
+    harmonics_hz: tuple[float, ...]  # further frequencies, above and below the primary
 
     @property
     def terms(self) -> tuple[tuple[float, float], ...]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera, horizon_anchor
+from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera
 from mvuav_ros.simulation.texture import smooth_noise, smoothstep, to_bytes
 from mvuav_ros.vision.frames import Matrix
 from mvuav_ros.vision.point_operations import Pixels
@@ -49,13 +48,7 @@ def draw_sky(
 ) -> NDArray[np.uint8]:
     """Draw the sky around the horizon, below which its haze goes on.
 
-    Args:
-        size: width and height, px.
-        horizon_row: of the image, px.
-        focal: focal length, px, which says how high above the horizon a row is.
-        rng: the source of randomness.
-        brightness: factor of all colours.
-        cloudiness: 0 is a clear sky.
+    The focal length (px) says how high above the horizon a row is; 0 is no clouds.
 
     Returns:
         (height, width, 3) uint8, blue first.
@@ -71,17 +64,12 @@ def draw_sky(
         # Clouds grow with their height above the horizon and are flatter than wide.
         near = elevation + 0.10
         map_x = (0.5 * _TILE + 240.0 * columns / focal / near).astype(np.float32)
-        map_y = np.broadcast_to((-400.0 * np.log(near)).astype(np.float32), map_x.shape)
+        map_y = np.repeat((-400.0 * np.log(near)).astype(np.float32), width, axis=1)
         layer = smooth_noise((_TILE, _TILE), 150.0, rng, octaves=6, gain=0.55)
         light = smooth_noise((_TILE, _TILE), 60.0, rng, octaves=4)
+        border = cv2.BORDER_REFLECT_101
         seen, lit = (
-            cv2.remap(
-                tile,
-                map_x,
-                np.ascontiguousarray(map_y),
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REFLECT_101,
-            )
+            cv2.remap(tile, map_x, map_y, cv2.INTER_LINEAR, borderMode=border)
             for tile in (layer, light)
         )
         cover = 0.85 * cloudiness * smoothstep(0.1, 1.5, seen) * (1.0 - 0.75 * haze)
@@ -103,13 +91,8 @@ class Panorama:
         rise = min(RISE * camera.fx, _FRAMES * camera.height)
         self._horizon_row = round(camera.height + rise)
         self._middle = 0.5 * (width - 1)
-        sky = draw_sky(
-            (width, self._horizon_row + _BELOW),
-            self._horizon_row,
-            camera.fx,
-            rng,
-            cloudiness=detail,
-        )
+        size = width, self._horizon_row + _BELOW
+        sky = draw_sky(size, self._horizon_row, camera.fx, rng, cloudiness=detail)
         ridge = smooth_noise((2, width), 0.12 * camera.fx, rng, octaves=5)[0]
         top = self._horizon_row - HILLS * camera.fx * np.clip(0.5 + 0.3 * ridge, 0.05, 1.0)
         highest = math.floor(top.min())
@@ -123,7 +106,10 @@ class Panorama:
 
     def view(self, pose: CameraPose) -> NDArray[np.uint8]:
         """A new sky, (height, width, 3), of the sky; below the horizon there is haze."""
-        x, y, slope = horizon_anchor(self._camera, pose)
+        # Where the horizon is straight ahead, and its slope in the image.
+        ahead = pose.rotation.T @ (pose.rotation[:, 2] * (1.0, 1.0, 0.0))
+        ((x, y),) = self._camera.project(ahead[None]).tolist()
+        slope = math.atan2(pose.rotation[2, 0], -pose.rotation[2, 1])
         c, s = math.cos(slope), math.sin(slope)
         centre = self._middle - self._camera.fx * pose.yaw
         level = np.array(
@@ -152,17 +138,13 @@ class Background:
     ) -> None:
         self._camera = camera
         size = camera.width + 2 * MARGIN, camera.height + 2 * MARGIN
-        image = _DRAWERS[kind](size, camera, detail, rng)
+        image = _draw(kind, size, camera, detail, rng)
         self._wide: Pixels = image if color else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         inside = slice(MARGIN, -MARGIN)
         self._middle: Pixels = np.ascontiguousarray(self._wide[inside, inside])
 
     def view(self, turned: Matrix | None) -> Pixels:
-        """A new image of the background.
-
-        Args:
-            turned: the camera's rotation from its steady attitude; None for none.
-        """
+        """A new image, by the camera's rotation from its steady attitude; None for none."""
         if turned is None:
             return self._middle.copy()
         k = self._camera.matrix
@@ -177,19 +159,28 @@ class Background:
         )
 
 
-def _sky(
-    size: tuple[int, int], camera: PinholeCamera, detail: float, rng: np.random.Generator
+def _draw(
+    kind: str,
+    size: tuple[int, int],
+    camera: PinholeCamera,
+    detail: float,
+    rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    given = {'brightness': SKY_BRIGHTNESS, 'cloudiness': CLOUDINESS * detail}
-    return draw_sky(size, 1.25 * size[1], camera.fx, rng, **given)
+    if kind == 'sky':
+        clouds = CLOUDINESS * detail
+        return draw_sky(
+            size, 1.25 * size[1], camera.fx, rng, brightness=SKY_BRIGHTNESS, cloudiness=clouds
+        )
+    if kind == 'plain':
+        return np.full((*size[::-1], 3), round(PLAIN), np.uint8)
+    return _draw_foam(size, camera.width / 640.0, detail, rng)
 
 
-def _foam(
-    size: tuple[int, int], camera: PinholeCamera, detail: float, rng: np.random.Generator
+def _draw_foam(
+    size: tuple[int, int], unit: float, detail: float, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Boards of extruded foam: a fine grain, faint flow marks, seams, uneven lamplight."""
     width, height = size
-    unit = camera.width / 640.0
     grain = smooth_noise((height, width), 5.0 * unit, rng, octaves=2)
     flow = smooth_noise((height, width), 12.0 * unit, rng, octaves=3, stretch=14.0)
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
@@ -199,14 +190,3 @@ def _foam(
         seam = np.abs(x - part * width - 0.01 * y)
         shade -= 0.16 * np.exp(-((seam / (1.6 * unit)) ** 2))
     return to_bytes(FOAM * shade[:, :, None])
-
-
-def _plain(size: tuple[int, int], *_: object) -> NDArray[np.uint8]:
-    return np.full((*size[::-1], 3), round(PLAIN), np.uint8)
-
-
-_DRAWERS: dict[str, Callable[..., NDArray[np.uint8]]] = {
-    'sky': _sky,
-    'foam': _foam,
-    'plain': _plain,
-}

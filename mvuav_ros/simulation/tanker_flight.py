@@ -13,12 +13,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, Boom, paint_mesh, place_boom, tanker_mesh
-from mvuav_ros.simulation.flight import (
-    Flight,
-    RandomStream,
-    apply_gain,
-    motion_blur,
-)
+from mvuav_ros.simulation.flight import Flight, RandomStream, apply_gain, motion_blur
 from mvuav_ros.simulation.light_drawing import (
     LARGEST_RADIUS,
     Glares,
@@ -42,51 +37,31 @@ from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 
 
 class MarkerTruth(NamedTuple):
-    """One light.
-
-    Attributes:
-        name: of the light.
-        x: px, where its centre is projected, in the frame or not; NaN where no lens would show it.
-        y: px.
-        vx: px/s, the camera's shake included.
-        vy: px/s.
-        visible: it is lit, its centre is on the frame and not behind the boom.
-        whole: all of its disc is visible, so that a centroid can be right.
-    """
+    """One light."""
 
     name: str
-    x: float
+    x: float  # px, where its centre is projected, in the frame or not; NaN where no lens shows it
     y: float
-    vx: float
+    vx: float  # px/s, the camera's shake included
     vy: float
-    visible: bool
-    whole: bool
+    visible: bool  # it is lit, its centre is on the frame and not behind the boom
+    whole: bool  # all of its disc is visible, so that a centroid can be right
 
 
 @dataclass(frozen=True, eq=False)
 class TankerTruth:
-    """What an image of the tanker shows.
+    """What an image of the tanker shows."""
 
-    Attributes:
-        time: s since the start of the flight.
-        markers: in the rig's order.
-        roll: rad, right wing down positive: atan2 of right wing minus left wing as projected; for
-            a body without lights of these names, of its rotation.
-        rotation: (3, 3), of the body (x forward, y left, z up) in the camera's optical frame.
-        translation: (3,), m, of the body's origin in the optical frame.
-        distance: from the camera to the body's dock point, m.
-        gain: by which the camera's image is brighter than usual.
-        camera: with its matrix K and distortion.
-    """
-
-    time: float
-    markers: tuple[MarkerTruth, ...]
+    time: float  # s since the start of the flight
+    markers: tuple[MarkerTruth, ...]  # in the rig's order
+    # Rad, right wing down positive: atan2 of right wing minus left wing as projected; for a body
+    # without lights of these names, of its rotation.
     roll: float
-    rotation: Matrix
-    translation: Vector
-    distance: float
-    gain: float
-    camera: PinholeCamera
+    rotation: Matrix  # of the body (x forward, y left, z up) in the camera's optical frame
+    translation: Vector  # m, of the body's origin in the optical frame
+    distance: float  # from the camera to the body's dock point, m
+    gain: float  # by which the camera's image is brighter than usual
+    camera: PinholeCamera  # with its matrix K and distortion
 
     def marker(self, name: str) -> MarkerTruth:
         """The light of that name.
@@ -132,17 +107,16 @@ class BodyPose(NamedTuple):
 class BodyOffset:
     """Where a motion puts the body, relative to flying straight ahead of the camera.
 
-    Angles are rad, as `from_rpy` takes them; the offset is x ahead, y left, z up, in reaches;
-    ``closeness`` runs from 0 to 1 during a docking approach.
+    Angles are rad, as `from_rpy` takes them; the offset is in reaches.
     """
 
     roll: float = 0.0
     pitch: float = 0.0
     yaw: float = 0.0
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    closeness: float = 0.0
+    x: float = 0.0  # ahead
+    y: float = 0.0  # left
+    z: float = 0.0  # up
+    closeness: float = 0.0  # from 0 to 1 during a docking approach
 
 
 OffsetByTime = Callable[[float], BodyOffset]
