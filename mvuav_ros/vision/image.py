@@ -9,7 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Pixels, gamma_correct
+from mvuav_ros.vision.point_operations import (
+    BLUE_FIRST,
+    RED_FIRST,
+    Pixels,
+    gamma_correct,
+    select_channel,
+)
 
 CHANNELS = ('brightest', 'intensity', 'red', 'green', 'blue')
 """What a colour image can be looked at in: its intensity (eq. 3.3), one of its colours, or in each
@@ -43,20 +49,19 @@ class Encoding:
         return self.channels * np.dtype(self.dtype).itemsize
 
 
-_BLUE_FIRST, _RED_FIRST = (0, 1, 2), (2, 1, 0)
 _GRAY8 = Encoding(np.uint8, 1, to_bgr=cv2.COLOR_GRAY2BGR)
 _GRAY16 = Encoding(np.uint16, 1, to_bgr=cv2.COLOR_GRAY2BGR)
 _UYVY = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_UYVY, luma=1)
 _YUYV = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_YUY2, luma=0)
 
 
-_BGR: tuple[Any, ...] = (3, cv2.COLOR_BGR2GRAY, None, None, _BLUE_FIRST)
-_BGRA: tuple[Any, ...] = (4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR, None, _BLUE_FIRST)
+_BGR: tuple[Any, ...] = (3, cv2.COLOR_BGR2GRAY, None, None, BLUE_FIRST)
+_BGRA: tuple[Any, ...] = (4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR, None, BLUE_FIRST)
 _COLORS: dict[str, tuple[Any, ...]] = {
     'bgr': _BGR,
-    'rgb': (3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR, None, _RED_FIRST),
+    'rgb': (3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR, None, RED_FIRST),
     'bgra': _BGRA,
-    'rgba': (4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR, None, _RED_FIRST),
+    'rgba': (4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR, None, RED_FIRST),
     # OpenCV names a pattern by its second row and column, ROS by its first.
     'bayer_rggb': (1, cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2BGR),
     'bayer_bggr': (1, cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2BGR),
@@ -176,7 +181,7 @@ class Image:
             return self._gray(self.pixels)
         if self.channel == 'intensity':
             return self.pixels[: self.height]
-        return _channel(self.bgr(), _BLUE_FIRST, self.channel)
+        return select_channel(self.bgr(), self.channel)
 
     def gray_window(self, rows: slice, columns: slice) -> Pixels:
         """The channel in a part of the frame at the cost of that part alone.
@@ -223,9 +228,9 @@ class Image:
         layout = ENCODINGS[self.encoding]
         if self.channel != 'intensity' and not self.is_gray and pixels.size:
             if layout.colors is not None:
-                return _channel(pixels, layout.colors, self.channel)
+                return select_channel(pixels, self.channel, layout.colors)
             assert layout.to_bgr is not None
-            return _channel(self._convert(pixels, layout.to_bgr), _BLUE_FIRST, self.channel)
+            return select_channel(self._convert(pixels, layout.to_bgr), self.channel)
         if layout.luma is not None:
             return pixels[:, :, layout.luma]
         if layout.to_gray is None or pixels.size == 0:
@@ -296,11 +301,3 @@ def _plain(pixels: Pixels) -> Pixels:
         raise ImageError('an image with a mask is not taken: fill what is masked, as with 0')
     plain = np.asarray(pixels)
     return plain[:, :, 0] if plain.ndim == 3 and plain.shape[2] == 1 else plain
-
-
-def _channel(pixels: Pixels, colors: tuple[int, int, int], channel: str) -> Pixels:
-    """One colour of (height, width, 3 or 4) pixels, or the strongest of the three."""
-    if channel == 'brightest':
-        blue, green, red = (cv2.extractChannel(pixels, place) for place in colors)
-        return cv2.max(cv2.max(blue, green), red)
-    return cv2.extractChannel(pixels, colors[('blue', 'green', 'red').index(channel)])

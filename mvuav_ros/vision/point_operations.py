@@ -51,6 +51,30 @@ def intensity(bgr: Pixels) -> Pixels:
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
 
 
+BLUE_FIRST, RED_FIRST = (0, 1, 2), (2, 1, 0)
+"""Places of blue, green and red."""
+
+
+def select_channel(
+    image: Pixels, channel: str, colors: tuple[int, int, int] = BLUE_FIRST
+) -> Pixels:
+    """Take ``blue``, ``green`` or ``red``, the ``brightest`` of them, or the ``intensity``.
+
+    Args:
+        image: (height, width, 3), or (height, width), which is returned as it is.
+        channel: one of these; the intensity is that of an image with blue first.
+        colors: places of blue, green and red; there may be a fourth channel beside them.
+    """
+    if image.ndim == 2:
+        return image
+    if channel == 'intensity':
+        return intensity(image)
+    if channel == 'brightest':
+        blue, green, red = (cv2.extractChannel(image, place) for place in colors)
+        return cv2.max(cv2.max(blue, green), red)
+    return cv2.extractChannel(image, colors[('blue', 'green', 'red').index(channel)])
+
+
 def threshold(gray: Pixels, level: float) -> Mask:
     """Separate bright pixels (255) from the rest (0).
 

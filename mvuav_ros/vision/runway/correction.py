@@ -25,15 +25,6 @@ _MAX_TRIED = 4
 """Lines of which every assignment is tried: importing SciPy takes longer than all of the rest."""
 
 
-def by_index(rows: int, measured: int) -> list[int | None]:
-    """Compare by the order of the peaks, as the thesis does: row i with peak i.
-
-    Returns:
-        For each row the index of its measured line, or None.
-    """
-    return [row if row < measured else None for row in range(rows)]
-
-
 def by_distance(
     known: Sequence[NormalForm | None],
     measured: Sequence[NormalForm],
@@ -184,7 +175,8 @@ class RhoThetaCorrection:
     def _associate(self, measured: Sequence[NormalForm]) -> list[int | None]:
         parameters = self._parameters
         if parameters.association == 'index':
-            return by_index(len(self._known), len(measured))
+            # By the order of the peaks, as the thesis does.
+            return [row if row < len(measured) else None for row in range(len(self._known))]
         # With limits of zero, a cell of the Hough transform is still the same line.
         theta = max(parameters.theta_error_threshold_deg, parameters.theta_resolution_deg)
         return by_distance(

@@ -151,19 +151,17 @@ def _stroke(canvas: Canvas, strokes: list[Ends], color: Color, scale: float) -> 
 def dashes(ends: Ends, scale: float) -> list[Ends]:
     """The parts of a line that are drawn where it is dashed."""
     x, y, x2, y2 = ends
-    length = math.hypot(x2 - x, y2 - y)
+    step_x, step_y = x2 - x, y2 - y
+    length = math.hypot(step_x, step_y)
     if not length > 0:
         return []
     period = (_DASH + _GAP) * scale / length
-    step_x, step_y = x2 - x, y2 - y
-    dashes = []
+    parts = []
     for number in range(math.ceil(1 / period)):
         first = number * period
         last = min(1.0, first + _DASH * scale / length)
-        dashes.append(
-            (x + first * step_x, y + first * step_y, x + last * step_x, y + last * step_y)
-        )
-    return dashes
+        parts.append((x + first * step_x, y + first * step_y, x + last * step_x, y + last * step_y))
+    return parts
 
 
 def _draw_number(canvas: Canvas, number: int, line: RunwayLine, scale: float) -> None:

@@ -7,12 +7,9 @@ import operator
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.image import Image, as_pixels
-from mvuav_ros.vision.point_operations import Pixels
-from mvuav_ros.vision.runway.correction import (
-    CorrectedLine,
-    RhoThetaCorrection,
-)
-from mvuav_ros.vision.runway.edges import detect_edges, open_edges, select_channel
+from mvuav_ros.vision.point_operations import Pixels, select_channel
+from mvuav_ros.vision.runway.correction import CorrectedLine, RhoThetaCorrection
+from mvuav_ros.vision.runway.edges import detect_edges, open_edges
 from mvuav_ros.vision.runway.hough import HoughGrid, HoughVideo
 from mvuav_ros.vision.runway.normal_form import NormalForm, segment_ends
 from mvuav_ros.vision.runway.peaks import find_peaks

@@ -38,13 +38,7 @@ class HoughGrid:
     def __init__(
         self, height: int, width: int, rho_resolution: float, theta_resolution_deg: float
     ) -> None:
-        """Lay the cells out.
-
-        Args:
-            height: rows of the edge images.
-            width: columns of the edge images.
-            rho_resolution: px, above 0.
-            theta_resolution_deg: degrees, above 0, at most 90.
+        """Lay the cells out, for edge images of so many rows and columns.
 
         Raises:
             ValueError: there would be more than `MAX_CELLS` cells.
