@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations, product
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -125,12 +126,9 @@ def _frame(first: Array, second: Array) -> Array:
 
 
 def _symmetry(names: tuple[str, ...], order: tuple[int, ...], rotation: Array) -> Symmetry:
-    angle = math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(rotation)) - 1.0))))
-    # The axis is what the rotation leaves where it is.
-    axis = np.linalg.svd(rotation - np.eye(3))[2][-1]
-    turn = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0]])
-    turn = np.append(turn, rotation[1, 0] - rotation[0, 1])
-    x, y, z = (np.round(axis if axis @ turn >= 0.0 else -axis, 3) + 0.0).tolist()
+    rvec = cv2.Rodrigues(rotation)[0].ravel()
+    angle = float(np.linalg.norm(rvec))
+    x, y, z = (np.round(rvec / angle, 3) + 0.0).tolist()
     return Symmetry(tuple(cycles_of(names, order)), (x, y, z), math.degrees(angle))
 
 
