@@ -31,30 +31,16 @@ class BoardError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """A board in one image.
+    """A board in one image."""
 
-    Attributes:
-        points: (n, 3), of the corners on the board, m.
-        pixels: (n, 2), where they are seen, px.
-        outline: (4, 2), where the board's four outer corners of squares' corners are, px.
-    """
-
-    points: Array
-    pixels: Array
-    outline: Array
+    points: Array  # (n, 3), of the corners on the board, m
+    pixels: Array  # (n, 2), where they are seen, px
+    outline: Array  # (4, 2), where the board's four outer corners of squares' corners are, px
 
 
 @dataclass(frozen=True)
 class Board:
     """A checkerboard, or a ChArUco board.
-
-    Attributes:
-        columns: inner corners along a row: one less than squares.
-        rows: inner corners along a column.
-        square: side of a square, m.
-        dictionary: OpenCV's name of the ArUco dictionary, such as ``DICT_5X5_100``, of a ChArUco
-            board; empty for a checkerboard.
-        marker: side of a ChArUco board's markers over that of its squares.
 
     Raises:
         BoardError: there is no such board.
@@ -64,11 +50,12 @@ class Board:
         (54, 3)
     """
 
-    columns: int
-    rows: int
-    square: float
+    columns: int  # inner corners along a row: one less than squares
+    rows: int  # inner corners along a column
+    square: float  # side of a square, m
+    # OpenCV's name of a ChArUco board's dictionary, as DICT_5X5_100; empty for a checkerboard.
     dictionary: str = ''
-    marker: float = 0.75
+    marker: float = 0.75  # side of a ChArUco board's markers over that of its squares
 
     def __post_init__(self) -> None:
         # OpenCV looks for no smaller checkerboard, and `find` takes no smaller ChArUco board.
@@ -208,14 +195,10 @@ def sharpness(gray: Pixels) -> float:
 def different_views(
     views: Sequence[BoardView], size: tuple[int, int], most: int, apart: float
 ) -> list[int]:
-    """Which views differ from each other, those that differ most first.
+    """Which of a board's views differ from each other, those that differ most first.
 
-    Args:
-        views: of one board.
-        size: of the images, px.
-        most: how many at most.
-        apart: the least difference of two of them: the board's outer corners, root mean square,
-            as a part of the image's diagonal.
+    Any two differ by ``apart`` at least: the board's outer corners, root mean square, as a part
+    of the diagonal of images of that size (px).
     """
     if not views:
         return []

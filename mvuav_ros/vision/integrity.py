@@ -82,27 +82,22 @@ class IntegrityState(IntEnum):
 
 @dataclass(frozen=True)
 class IntegrityBudget:
-    """What is assumed of faults, and what may remain.
-
-    Attributes:
-        risk: probability per frame that the error of any coordinate exceeds its level; 1e-7 is of
-            the order that the ICAO asks for a precision approach (2e-7 in any approach, Annex 10,
-            table 3.7.2.4-1).
-        light_prior: probability per frame that a light is not where its marker is, or is another
-            light; 1e-4 is of the order of the share of wrong names in docs/concepts/limits.md.
-        focal_error: standard deviation of the calibrated focal length, as a part of it.
-        center_error: standard deviation of the calibrated principal point, px per axis.
-        min_noise: standard deviation of a light's place, px per axis, below which that of the
-            residuals is not believed.
+    """What is assumed of faults, and what may remain; errors are standard deviations.
 
     Raises:
         ValueError: a number is no probability or no deviation.
     """
 
+    # Probability per frame that the error of any coordinate exceeds its level; 1e-7 is of the
+    # order that the ICAO asks for a precision approach (2e-7 in any approach, Annex 10, table
+    # 3.7.2.4-1).
     risk: float = 1e-7
+    # Probability per frame that a light is not where its marker is, or is another light; 1e-4 is
+    # of the order of the share of wrong names in docs/concepts/limits.md.
     light_prior: float = 1e-4
-    focal_error: float = 0.001
-    center_error: float = 0.2
+    focal_error: float = 0.001  # of the calibrated focal length, as a part of it
+    center_error: float = 0.2  # of the calibrated principal point, px per axis
+    # Of a light's place, px per axis: below it that of the residuals is not believed.
     min_noise: float = 0.05
 
     def __post_init__(self) -> None:
@@ -115,25 +110,15 @@ class IntegrityBudget:
 
 @dataclass(frozen=True, slots=True)
 class ProtectionLevels:
-    """Bounds of one pose's errors; NaN where there are none, with the reason.
+    """Bounds of one pose's errors; NaN where there are none, with the reason."""
 
-    Attributes:
-        along: along the line of sight (optical z), m; of the rig's dock, as are the next two.
-        across: to the right or left (optical x), m.
-        up: up or down (optical y), m.
-        roll: about the line of sight, rad; a turn that could be large has no level, NaN.
-        pitch: about optical x, rad.
-        yaw: about optical y, rad.
-        reason: why there are no levels; empty if there are.
-    """
-
-    along: float = math.nan
-    across: float = math.nan
-    up: float = math.nan
-    roll: float = math.nan
-    pitch: float = math.nan
-    yaw: float = math.nan
-    reason: str = ''
+    along: float = math.nan  # along the line of sight (optical z), m; of the rig's dock, as are
+    across: float = math.nan  # to the right or left (optical x), m
+    up: float = math.nan  # and up or down (optical y), m
+    roll: float = math.nan  # about the line of sight, rad; NaN where a turn could be large
+    pitch: float = math.nan  # about optical x, rad
+    yaw: float = math.nan  # about optical y, rad
+    reason: str = ''  # why there are no levels; empty if there are
 
     @property
     def horizontal(self) -> float:
@@ -147,30 +132,26 @@ class ProtectionLevels:
 
     def beyond(self, alert_limits: Sequence[float]) -> list[str]:
         """Which of along, across and up are beyond their limits (m); a limit of zero is none."""
-        levels = zip(('along', 'across', 'up'), alert_limits, strict=True)
-        return [axis for axis, limit in levels if limit and getattr(self, axis) > limit]
+        return _beyond(self, ('along', 'across', 'up'), alert_limits)
 
 
 @dataclass(frozen=True, slots=True)
 class RunwayLevels:
-    """Bounds of the errors of a runway's guidance; NaN where there are none, with the reason.
+    """Bounds of the errors of a runway's guidance; NaN where there are none, with the reason."""
 
-    Attributes:
-        offset: lateral, m.
-        height: m.
-        heading: rad.
-        reason: why there are no levels; empty if there are.
-    """
-
-    offset: float = math.nan
-    height: float = math.nan
-    heading: float = math.nan
-    reason: str = ''
+    offset: float = math.nan  # lateral, m
+    height: float = math.nan  # m
+    heading: float = math.nan  # rad
+    reason: str = ''  # why there are no levels; empty if there are
 
     def beyond(self, alert_limits: Sequence[float]) -> list[str]:
         """Which of offset and height are beyond their limits (m); a limit of zero is none."""
-        levels = zip(('offset', 'height'), alert_limits, strict=True)
-        return [axis for axis, limit in levels if limit and getattr(self, axis) > limit]
+        return _beyond(self, ('offset', 'height'), alert_limits)
+
+
+def _beyond(levels: object, axes: Sequence[str], alert_limits: Sequence[float]) -> list[str]:
+    limited = zip(axes, alert_limits, strict=True)
+    return [axis for axis, limit in limited if limit and getattr(levels, axis) > limit]
 
 
 def integrity_state(

@@ -95,19 +95,12 @@ class _Equations(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What lights say of the focal length.
+    """What lights say of the focal length."""
 
-    Attributes:
-        shift: logarithm of the focal length over that of the calibration.
-        deviation: of it (1 sigma).
-        offsets: (n, 3), of the markers from where the rig's file puts them, m.
-        misfit: squared residuals over their variances per degree of freedom: about 1.
-    """
-
-    shift: float
-    deviation: float
-    offsets: Array
-    misfit: float
+    shift: float  # logarithm of the focal length over that of the calibration
+    deviation: float  # of it (1 sigma)
+    offsets: Array  # (n, 3), of the markers from where the rig's file puts them, m
+    misfit: float  # squared residuals over their variances per degree of freedom: about 1
 
     @property
     def fits(self) -> bool:
@@ -126,11 +119,8 @@ class Estimate:
 
     def of_rig(self, rig: MarkerRig) -> MarkerRig:
         """The rig with its markers where the lights show them."""
-        places = (rig.positions + self.offsets).tolist()
-        markers = tuple(
-            (name, (x, y, z)) for name, (x, y, z) in zip(rig.names, places, strict=True)
-        )
-        return replace(rig, markers=markers)
+        places = (tuple(place) for place in (rig.positions + self.offsets).tolist())
+        return replace(rig, markers=tuple(zip(rig.names, places, strict=True)))
 
 
 def _with_focal(camera: CameraModel, shift: float) -> CameraModel:
