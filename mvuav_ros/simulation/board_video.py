@@ -9,14 +9,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.camera import EQUIDISTANT, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.reprojection import rotation_of
 
 Array = NDArray[np.float64]
 
-TEXEL = 40
-"""px of the board's picture along a square."""
+TEXEL = 40  # px of the board's picture along a square
+COLUMNS, ROWS = 9, 6  # inner corners of the board
+SQUARE = 0.03  # side of a square, m
+WIDTH, HEIGHT = 640, 480  # of the images through a lens from the seed, px
 
 
 @dataclass(frozen=True)
@@ -24,15 +26,10 @@ class BoardVideo:
     """How a checkerboard is moved and seen."""
 
     seed: int  # of the lens, the motion and all noise
-    model: str = 'plumb_bob'  # of the lens
     places: int = 40  # at which the board is held still, each tilted by 15 to 45 degrees
     pause: int = 4  # frames for which it is held
     steps: int = 5  # frames from one place to the next, in which motion blurs
     corner_noise: float = 0.2  # by which a corner is beside its place in a frame, px (1 sigma)
-    columns: int = 9  # inner corners along a row
-    rows: int = 6  # inner corners along a column
-    square: float = 0.03  # side of a square, m
-    size: tuple[int, int] = (640, 480)  # of the images, px
     lens: CameraModel | None = None  # that is looked through instead of one from the seed
 
     @property
@@ -41,34 +38,31 @@ class BoardVideo:
         if self.lens is not None:
             return self.lens
         rng = np.random.default_rng((self.seed, 1))
-        fisheye = self.model == EQUIDISTANT
-        focal = self.size[0] * rng.uniform(*((0.45, 0.6) if fisheye else (0.7, 1.4)))
-        x, y = 0.5 * np.array(self.size) - 0.5 + rng.uniform(-12, 12, 2)
+        focal = WIDTH * rng.uniform(0.7, 1.4)
+        x, y = 0.5 * np.array((WIDTH, HEIGHT)) - 0.5 + rng.uniform(-12, 12, 2)
         k = (focal, 0.0, x, 0.0, focal * rng.uniform(0.995, 1.005), y, 0.0, 0.0, 1.0)
-        if fisheye:
-            d = rng.uniform((-0.03, -0.01, -0.003, -0.001), (0.03, 0.01, 0.003, 0.001))
-        else:
-            edge = 0.5 * self.size[0] / focal
-            radial = rng.uniform(-0.16, 0.05) / edge**2
-            d = np.array((radial, -0.25 * radial / edge**2, *rng.uniform(-5e-4, 5e-4, 2), 0.0))
-        return CameraModel(*self.size, k=k, d=tuple(d), distortion_model=self.model)
+        edge = 0.5 * WIDTH / focal
+        radial = rng.uniform(-0.16, 0.05) / edge**2
+        d = (radial, -0.25 * radial / edge**2, *rng.uniform(-5e-4, 5e-4, 2), 0.0)
+        return CameraModel(WIDTH, HEIGHT, k, d)
 
     @property
     def corners(self) -> Array:
         """(n, 3), of the inner corners from the board's middle, m; row after row."""
-        y, x = np.indices((self.rows, self.columns), np.float64).reshape(2, -1)
-        x, y = x - 0.5 * (self.columns - 1), y - 0.5 * (self.rows - 1)
-        return self.square * np.column_stack((x, y, np.zeros(len(x))))
+        y, x = np.indices((ROWS, COLUMNS), np.float64).reshape(2, -1)
+        x, y = x - 0.5 * (COLUMNS - 1), y - 0.5 * (ROWS - 1)
+        return SQUARE * np.column_stack((x, y, np.zeros(len(x))))
 
     def poses(self) -> Iterator[tuple[Array, Array]]:
         """Rotation vector and place (m) of the board's middle, (6,), and its step to the next."""
         rng = np.random.default_rng((self.seed, 2))
-        k, stops = self.camera.matrix, []
+        camera, stops = self.camera, []
+        size, focal = (camera.width, camera.height), camera.k[0]
         for _ in range(self.places):
             direction, tilt = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(15, 45))
             turn = (tilt * np.cos(direction), tilt * np.sin(direction), rng.uniform(-0.4, 0.4))
-            depth = k[0, 0] / self.size[0] * rng.uniform(0.35, 0.6)
-            beside = rng.uniform(-0.25, 0.25, 2) * self.size / k[0, 0] * depth
+            depth = focal / camera.width * rng.uniform(0.35, 0.6)
+            beside = rng.uniform(-0.25, 0.25, 2) * size / focal * depth
             stops.append(np.array((*turn, *beside, depth)))
         for here, there in zip(stops, stops[1:] + stops[:1], strict=True):
             yield from [(here, np.zeros(6))] * self.pause
@@ -80,8 +74,9 @@ class BoardVideo:
         rng = np.random.default_rng((self.seed, 3))
         ground = float(rng.uniform(60, 160))
         camera = self.camera
+        size = camera.width, camera.height
         # Seen by a pinhole camera twice as fine, at the centres of quarters of pixels, then bent.
-        axes = (np.arange(2 * side) / 2 - 0.25 for side in self.size)
+        axes = (np.arange(2 * side) / 2 - 0.25 for side in size)
         pixels = np.stack(np.meshgrid(*axes), axis=-1)
         rays = camera.undistort(pixels.reshape(-1, 2)).reshape(pixels.shape)
         focal = 2.0 * camera.k[0]
@@ -90,10 +85,9 @@ class BoardVideo:
         pinhole = np.array([(focal, 0, shift), (0, focal, shift), (0, 0, 1)])
         whole = (int(2 * shift) + 2,) * 2
         for pose, step in self.poses():
-            squares = pose[5] / camera.k[0] / self.square  # per pixel
-            picture = self._moved(
-                rng.normal(0, self.corner_noise * squares, (self.rows, self.columns, 2))
-            )
+            squares = pose[5] / camera.k[0] / SQUARE  # per pixel
+            noise = rng.normal(0, self.corner_noise * squares, (ROWS, COLUMNS, 2))
+            picture = self._moved(noise)
             # Over four tenths of the time between two frames.
             parts = np.linspace(-0.2, 0.2, 5) if step.any() else np.zeros(1)
             mean = np.zeros(bend.shape[1:], np.float32)
@@ -101,13 +95,13 @@ class BoardVideo:
                 plane = pinhole @ self._texels(pose + part * step)
                 flat = cv2.warpPerspective(picture, plane, whole, borderValue=(ground,))
                 mean += cv2.remap(flat, bend[0], bend[1], cv2.INTER_LINEAR)
-            image = cv2.resize(mean / len(parts), self.size, interpolation=cv2.INTER_AREA)
+            image = cv2.resize(mean / len(parts), size, interpolation=cv2.INTER_AREA)
             image = cv2.GaussianBlur(image, (0, 0), 0.6)
             yield np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8)
 
     def picture(self) -> Pixels:
         """The printed board with a white margin of one square."""
-        squares = np.add.outer(np.arange(self.rows + 3), np.arange(self.columns + 3)) % 2
+        squares = np.add.outer(np.arange(ROWS + 3), np.arange(COLUMNS + 3)) % 2
         colors = squares * 215 + 20
         colors[[0, -1]], colors[:, [0, -1]] = 235, 235
         return np.kron(colors, np.ones((TEXEL, TEXEL))).astype(np.uint8)
@@ -128,5 +122,5 @@ class BoardVideo:
         place = pose[3:] + rotation @ self.corners[0]
         plane = np.column_stack((rotation[:, 0], rotation[:, 1], place))
         first = 0.5 - 2 * TEXEL
-        scale = TEXEL / self.square
+        scale = TEXEL / SQUARE
         return np.asarray(plane @ np.array([(1, 0, first), (0, 1, first), (0, 0, scale)]))

@@ -33,11 +33,6 @@ class _Axis:
     sizes: list[int]
 
     @property
-    def period(self) -> float:
-        """Length of the texture, m."""
-        return self.sizes[0] * self.step
-
-    @property
     def offsets(self) -> list[int]:
         """Where each reduction begins, texels."""
         return [*accumulate((size + 2 * _PAD for size in self.sizes[:-1]), initial=_PAD)]
@@ -75,11 +70,8 @@ class Ripmap:
         self._wrap = wrap
         self._x = _Axis(origin[0], step[0], _halvings(nx))
         self._y = _Axis(origin[1], step[1], _halvings(ny))
-        width, height = self._x.total, self._y.total
-        if max(width, height) > 32766:
-            raise ValueError(f'a texture of {nx} x {ny} is too large for OpenCV to sample')
         border = cv2.BORDER_WRAP if wrap else cv2.BORDER_REPLICATE
-        atlas = np.zeros((height, width, texture.shape[2]), np.uint8)
+        atlas = np.zeros((self._y.total, self._x.total, texture.shape[2]), np.uint8)
         across = texture
         for rows, y0 in zip(self._y.sizes, self._y.offsets, strict=True):
             if rows != ny:
@@ -100,19 +92,14 @@ class Ripmap:
         along: NDArray[np.float64],
         across: NDArray[np.float64],
     ) -> Pixels:
-        """Sample the texture at places on the ground, (rows, columns), m.
+        """The texture, (rows, columns, channels), at places on the ground, (rows, columns), m.
 
-        Of every pixel ``bins`` says which entries of ``along`` and ``across`` hold: what it covers
-        along x and y, m.
-
-        Returns:
-            (rows, columns, channels).
+        ``bins`` says which entries of ``along`` and ``across`` a pixel covers along x and y, m.
         """
         map_x = self._to_atlas(x, bins, along, self._x)
         map_y = self._to_atlas(y, bins, across, self._y)
-        return cv2.remap(
-            self._atlas, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+        border = cv2.BORDER_REPLICATE
+        return cv2.remap(self._atlas, map_x, map_y, cv2.INTER_LINEAR, borderMode=border)
 
     def _to_atlas(
         self, metres: Floats, bins: NDArray[np.int32], footprint: NDArray[np.float64], axis: _Axis
@@ -120,7 +107,8 @@ class Ripmap:
         """Texels of the image along one axis."""
         scale, start = axis.place(footprint)
         # In periods: what is left of the decimal point is how often the texture was repeated.
-        place = metres * np.float32(1.0 / axis.period) - np.float32(axis.origin / axis.period)
+        period = axis.sizes[0] * axis.step
+        place = metres * np.float32(1.0 / period) - np.float32(axis.origin / period)
         if self._wrap:
             place -= np.floor(place)
         place *= scale.take(bins, mode='clip')
@@ -155,8 +143,7 @@ class Ground(NamedTuple):
     land: Ripmap
     runway: Ripmap
     grain: Ripmap | None
-    corners: NDArray[np.float64]
-    """(4, 3), m: the rectangle that the runway's texture covers."""
+    corners: NDArray[np.float64]  # (4, 3), m: the rectangle that the runway's texture covers
 
 
 @lru_cache(maxsize=2)
@@ -245,9 +232,8 @@ class GroundPainter:
         left, top, columns, height = cv2.boundingRect(strip)
         if columns and height:
             part = (slice(top, top + height), slice(left, left + columns))
-            runway = self._ground.runway.sample(
-                x[part], y[part], bins[part], table.along, table.across
-            )
+            where = x[part], y[part], bins[part]
+            runway = self._ground.runway.sample(*where, table.along, table.across)
             cv2.copyTo(runway, strip[part], band[part])
         # The nearest pixels of a band lie at its bottom, or at a side of it when banking.
         nearest = float(max(fall[-1, 0], fall[-1, -1], fall[0, 0], fall[0, -1]))

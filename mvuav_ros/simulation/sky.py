@@ -35,6 +35,7 @@ PLAIN = 64.0
 SKY_BRIGHTNESS = 0.62
 """Exposed for the lights: a cloud stays well below the thesis's threshold of 179."""
 CLOUDINESS = 0.6
+_WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 
 
 def draw_sky(
@@ -112,20 +113,14 @@ class Panorama:
         slope = math.atan2(pose.rotation[2, 0], -pose.rotation[2, 1])
         c, s = math.cos(slope), math.sin(slope)
         centre = self._middle - self._camera.fx * pose.yaw
-        level = np.array(
-            [(c, s, centre - c * x - s * y), (-s, c, self._horizon_row + s * x - c * y)]
-        )
+        row = self._horizon_row + s * x - c * y
+        level = np.array([(c, s, centre - c * x - s * y), (-s, c, row)])
         image = np.empty((self._camera.height, self._camera.width, 3), np.uint8)
         lowest = max(y + math.tan(slope) * (column - x) for column in (0, self._camera.width))
         rows = min(max(math.ceil(lowest) + 2, 0), self._camera.height)
         if rows:
-            image[:rows] = cv2.warpAffine(
-                self._sky,
-                level,
-                (self._camera.width, rows),
-                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                borderMode=cv2.BORDER_REFLECT_101,
-            )
+            size, border = (self._camera.width, rows), cv2.BORDER_REFLECT_101
+            image[:rows] = cv2.warpAffine(self._sky, level, size, flags=_WARP, borderMode=border)
         image[rows:] = np.rint(HORIZON).astype(np.uint8)
         return image
 
@@ -150,12 +145,9 @@ class Background:
         k = self._camera.matrix
         shift = np.array([(1.0, 0.0, MARGIN), (0.0, 1.0, MARGIN), (0.0, 0.0, 1.0)])
         wide_from_frame = shift @ k @ turned.T @ np.linalg.inv(k)
+        size, border = (self._camera.width, self._camera.height), cv2.BORDER_REPLICATE
         return cv2.warpPerspective(
-            self._wide,
-            wide_from_frame,
-            (self._camera.width, self._camera.height),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
+            self._wide, wide_from_frame, size, flags=_WARP, borderMode=border
         )
 
 
