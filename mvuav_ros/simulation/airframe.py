@@ -33,44 +33,39 @@ Face = tuple[Sequence[Corner], float]
 
 
 @dataclass(frozen=True)
-class Mesh:
-    """Flat faces of four corners."""
-
-    corners: Array  # (n, 4, 3), m, in the body's frame
-    normals: Array  # (n, 3) of unit length, either side
-    albedo: Array  # (n,), 0 to 1
-
-
-@dataclass(frozen=True)
 class Lighting:
     """Light from one side and from all around, as grey levels of a white face."""
 
     ambient: float
     direct: float
-    towards: tuple[float, float, float]  # the direction of the light, of unit length
+    towards: tuple[float, float, float]  # of unit length, in axes x ahead, y left, z up
 
 
-def paint_mesh(
+def paint_tanker(
     image: Pixels,
-    mesh: Mesh,
     camera: PinholeCamera,
     pose: tuple[Matrix, Vector],
     lighting: Lighting,
+    level: Matrix,
 ) -> None:
-    """Paint a mesh into an 8-bit image, grey or blue first, in place.
+    """Paint the aircraft into an 8-bit image, grey or blue first, in place.
 
-    The pose is the body's rotation in the optical frame and its place there, m; the light comes
-    from a direction in the optical frame.
+    The pose is the body's rotation in the optical frame and its place there, m; ``level`` turns
+    the light's axes into that frame.
     """
     rotation, translation = pose
-    corners = mesh.corners @ rotation.T + translation
+    corners, normals, albedo = _tanker_mesh()
+    corners = corners @ rotation.T + translation
     pixels = camera.project(corners.reshape(-1, 3)).reshape(-1, 4, 2)
     keep = (corners[:, :, 2].min(axis=1) > MIN_DEPTH) & np.isfinite(pixels).all(axis=(1, 2))
     if not keep.any():
         return
-    corners, pixels, albedo = corners[keep], pixels[keep], mesh.albedo[keep]
-    middle = corners.mean(axis=1)
-    shade = albedo * _lit(mesh.normals[keep] @ rotation.T, middle, lighting)
+    pixels, middle = pixels[keep], corners[keep].mean(axis=1)
+    normals = normals[keep] @ rotation.T
+    # Each face shows the camera the side that looks towards it.
+    facing = np.where((normals * middle).sum(axis=1) > 0.0, -1.0, 1.0)
+    lit = np.maximum(facing * (normals @ (level @ np.array(lighting.towards))), 0.0)
+    shade = albedo[keep] * (lighting.ambient + lighting.direct * lit)
     lowest = np.maximum(np.floor(pixels.min(axis=(0, 1))) - 1, 0)
     highest = np.minimum(np.ceil(pixels.max(axis=(0, 1))) + 2, (camera.width, camera.height))
     (x0, y0), (x1, y1) = lowest.astype(int), highest.astype(int)
@@ -86,13 +81,6 @@ def paint_mesh(
     if part.ndim == 3:
         behind = cv2.merge([behind] * 3)
     part[...] = cv2.add(cv2.multiply(part, behind, scale=1.0 / 255.0), faces)
-
-
-def _lit(normals: Array, middle: Array, lighting: Lighting) -> Array:
-    """Grey levels of white faces; each shows the camera the side that looks towards it."""
-    facing = np.where((normals * middle).sum(axis=1) > 0.0, -1.0, 1.0)
-    lit = np.maximum(facing * (normals @ np.asarray(lighting.towards)), 0.0)
-    return np.asarray(lighting.ambient + lighting.direct * lit)
 
 
 def _fill(
@@ -166,14 +154,14 @@ _ENGINES = ((6.6, 11.7, -3.4), (-2.2, 20.9, -2.0))
 
 
 @lru_cache(maxsize=1)
-def tanker_mesh() -> Mesh:
-    """The whole aircraft."""
+def _tanker_mesh() -> tuple[Array, Array, Array]:
+    """Faces: corners (n, 4, 3), m, in the body's frame; unit normals, either side; albedo (n,)."""
     faces, albedo = zip(*_faces(), strict=True)
     corners = np.array(faces, np.float64)
     # By the diagonals, since a face that ends in a tip has two corners in one place.
     normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return Mesh(read_only(corners), read_only(normals), read_only(np.array(albedo)))
+    return read_only(corners), read_only(normals), read_only(np.array(albedo))
 
 
 def _faces() -> Iterator[Face]:

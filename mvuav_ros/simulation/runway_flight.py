@@ -103,7 +103,7 @@ def _project_line(
     cut = _cut_near(points)
     if cut is None:
         return nothing
-    (x1, y1), (x2, y2) = camera.project(cut)
+    (x1, y1), (x2, y2) = camera.project(cut).tolist()
     segment = clip_segment(x1, y1, x2, y2, camera.width - 1.0, camera.height - 1.0)
     if segment is None:
         return nothing
@@ -140,12 +140,7 @@ def clip_segment(
             leave = min(leave, room / step)
     if enter > leave:
         return None
-    return (
-        float(x1 + enter * dx),
-        float(y1 + enter * dy),
-        float(x1 + leave * dx),
-        float(y1 + leave * dy),
-    )
+    return x1 + enter * dx, y1 + enter * dy, x1 + leave * dx, y1 + leave * dy
 
 
 BIAS_DEG, NOISE_DEG = 0.4, 0.1
@@ -191,9 +186,10 @@ class RunwayPath:
     def pose(self, time: float, shaken: Matrix | None = None) -> CameraPose:
         """Where the camera is at a time (s); ``shaken`` from its steady optical frame if it is."""
         settings = self._settings
-        position = np.array((self._x(time), self._y(time), self._z(time)))
-        drift = (self._y(time + _STEP) - self._y(time - _STEP)) / (2 * _STEP)
-        turn = (self._y(time + _STEP) - 2 * self._y(time) + self._y(time - _STEP)) / _STEP**2
+        before, y, after = (self._y(time + step) for step in (-_STEP, 0.0, _STEP))
+        position = np.array((self._x(time), y, self._z(time)))
+        drift = (after - before) / (2 * _STEP)
+        turn = (after - 2 * y + before) / _STEP**2
         roll, pitch, yaw = (wave(time) for wave in self._wobble)
         # To the left means y grows, which a left bank does: negative roll.
         roll -= math.atan(turn / _GRAVITY)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, Boom, paint_mesh, place_boom, tanker_mesh
+from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, Boom, paint_tanker, place_boom
 from mvuav_ros.simulation.flight import Flight, RandomStream, apply_gain, motion_blur
 from mvuav_ros.simulation.light_drawing import (
     LARGEST_RADIUS,
@@ -233,10 +233,7 @@ _LONG_PATH = 0.25
 class TankerFlight(Flight[TankerTruth]):
     """Images of a tanker's lights, with truth.
 
-    The airframe never hides a light: all of them are drawn on top of it.
-
-    Attributes:
-        rig: the body's lights.
+    The airframe never hides a light of the rig: all of them are drawn on top of it.
     """
 
     settings: TankerSettings
@@ -249,12 +246,14 @@ class TankerFlight(Flight[TankerTruth]):
         """
         settings = settings or TankerSettings()
         super().__init__(settings, settings.camera(), settings.encoding)
-        self.rig = _open_rig(self.settings)
+        try:
+            self.rig = load_rig(settings.layout) if settings.layout else TANKER_747
+        except RigError as error:
+            raise ParameterError('layout', str(error)) from error
         self._failures = self._schedule('failures')
         self._occlusions = self._schedule('occlusions')
-        self._motion = TankerMotion(
-            self.settings, self.rig, self.duration, self._rng(RandomStream.MOTION)
-        )
+        rng = self._rng(RandomStream.MOTION)
+        self._motion = TankerMotion(self.settings, self.rig, self.duration, rng)
 
     def _schedule(self, setting: str) -> tuple[ScheduleEntry, ...]:
         schedule = parse_schedule(setting, getattr(self.settings, setting))
@@ -269,9 +268,8 @@ class TankerFlight(Flight[TankerTruth]):
         """What is true at any time (s)."""
         pose = self.pose(time)
         places = self._project(pose)
-        velocities = (
-            self._project(self.pose(time + _STEP)) - self._project(self.pose(time - _STEP))
-        ) / (2 * _STEP)
+        before, after = (self._project(self.pose(time + step)) for step in (-_STEP, _STEP))
+        velocities = (after - before) / (2 * _STEP)
         boom = self._boom(pose, places, time)
         markers = []
         for name, place, velocity, profile in zip(
@@ -307,11 +305,9 @@ class TankerFlight(Flight[TankerTruth]):
         image = self._background.view(None if self._shake.still else self._shake.rotation(time))
         lab = self.settings.actual_background != 'sky'
         if self.settings.airframe and self.rig.name == TANKER_747.name:
-            lighting = IN_LAB if lab else IN_SKY
             # The light stands still while the body turns under it.
-            light = self._motion.steady_frame @ np.array(lighting.towards)
-            lighting = replace(lighting, towards=tuple(light.tolist()))
-            paint_mesh(image, tanker_mesh(), self.camera, pose, lighting)
+            lighting, level = IN_LAB if lab else IN_SKY, self._motion.steady_frame
+            paint_tanker(image, self.camera, pose, lighting, level)
         moved = [(m.vx, m.vy) for m in truth.markers if math.isfinite(m.vx)]
         mean_x, mean_y = np.mean(moved or [(0.0, 0.0)], axis=0)
         exposure = self.settings.exposure
@@ -390,25 +386,12 @@ class TankerFlight(Flight[TankerTruth]):
 
     @cached_property
     def _background(self) -> Background:
-        return Background(
-            self.settings.actual_background,
-            self.camera,
-            self.settings.encoding == 'bgr8',
-            self.settings.detail,
-            self._rng(RandomStream.BACKGROUND),
-        )
+        settings, rng = self.settings, self._rng(RandomStream.BACKGROUND)
+        in_colour = settings.encoding == 'bgr8'
+        return Background(settings.actual_background, self.camera, in_colour, settings.detail, rng)
 
     @cached_property
     def _glares(self) -> Glares:
         times = np.linspace(0.0, self.duration, 60 if self.settings.glares else 1)
         paths = np.concatenate([self._project(self.pose(float(t))) for t in times])
         return Glares(self.settings.glares, self.camera, paths, self._rng(RandomStream.GLARES))
-
-
-def _open_rig(settings: TankerSettings) -> MarkerRig:
-    if not settings.layout:
-        return TANKER_747
-    try:
-        return load_rig(settings.layout)
-    except RigError as error:
-        raise ParameterError('layout', str(error)) from error
