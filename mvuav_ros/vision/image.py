@@ -120,18 +120,16 @@ class Image:
         if self.channel not in CHANNELS:
             raise ImageError(f'channel is one of {", ".join(CHANNELS)}, not {self.channel!r}')
         object.__setattr__(self, 'pixels', _plain(self.pixels))
-        channels = self.pixels.shape[2] if self.pixels.ndim == 3 else 1
+        plane = () if layout.channels == 1 else (layout.channels,)
         if (
-            self.pixels.ndim not in (2, 3)
-            or channels != layout.channels
+            self.pixels.ndim < 2
+            or self.pixels.shape[2:] != plane
             or self.pixels.dtype != layout.dtype
         ):
             raise ImageError(
                 f'{self.encoding} pixels cannot have shape {self.pixels.shape} '
                 f'and type {self.pixels.dtype}'
             )
-        if channels == 1 and self.pixels.ndim == 3:
-            object.__setattr__(self, 'pixels', self.pixels[:, :, 0])
         if self.pixels.size == 0:
             raise ImageError(f'the image is empty ({self.width} x {self.height})')
         if layout.chroma_below and (self.pixels.shape[0] % 3 or self.width % 2):
@@ -184,18 +182,11 @@ class Image:
         return select_channel(self.bgr(), self.channel)
 
     def gray_window(self, rows: slice, columns: slice) -> Pixels:
-        """The channel in a part of the frame at the cost of that part alone.
-
-        Args:
-            rows: with a start and an end within the frame.
-            columns: with a start and an end within the frame.
-        """
+        """The channel in a part of the frame, given by its ends, at the cost of that part alone."""
         layout, pixels = ENCODINGS[self.encoding], self.pixels
         is_mosaic = layout.to_gray is not None and layout.channels == 1
-        has_chroma = (layout.luma is not None or layout.chroma_below) and (
-            self.channel != 'intensity'
-        )
-        if not (is_mosaic or has_chroma):
+        is_yuv = layout.luma is not None or layout.chroma_below
+        if not (is_mosaic or (is_yuv and self.channel != 'intensity')):
             return self._gray(pixels[rows, columns])
         # Pixels have their colour from neighbours, or share it in pairs: some of these as well.
         top, bottom = _around(rows, self.height)
@@ -254,9 +245,7 @@ def _around(part: slice, size: int) -> tuple[int, int]:
 def as_image(given: Image | Pixels) -> Image:
     """An image of what a caller has: an `Image`, or an array as OpenCV has it.
 
-    Args:
-        given: an `Image`; or (height, width) grey or (height, width, 3) colour, blue first, uint8
-            or uint16.
+    That is (height, width) grey or (height, width, 3) colour, blue first, uint8 or uint16.
 
     Raises:
         ImageError: it is something else, or has no pixels.

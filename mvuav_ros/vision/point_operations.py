@@ -21,11 +21,9 @@ def full_scale(image: Pixels) -> int:
 
 
 def gamma_correct(image: Pixels, gamma: float) -> Pixels:
-    """Apply out = in ** gamma on the range 0 to 1 (eq. 3.2); gamma above 1 darkens.
+    """Apply out = in ** gamma on the range 0 to 1 (eq. 3.2) to uint8 or uint16 of any shape.
 
-    Args:
-        image: uint8 or uint16, any shape.
-        gamma: greater than 0; 1 returns the image itself.
+    Gamma above 1 darkens; 1 returns the image itself.
 
     Raises:
         ValueError: gamma is not a positive number.
@@ -76,17 +74,10 @@ def select_channel(
 
 
 def threshold(gray: Pixels, level: float) -> Mask:
-    """Separate bright pixels (255) from the rest (0).
+    """Separate pixels (uint8 or uint16) above a fraction of full scale, 255, from the rest, 0.
 
     It compares ``>`` as the thesis's programs do (im2bw); eq. 3.4 is written with ``>=``, which
     differs only where level x full scale is a whole number.
-
-    Args:
-        gray: (height, width), uint8 or uint16.
-        level: fraction of full scale, 0 to 1.
-
-    Returns:
-        (height, width) uint8 mask.
     """
     limit = level * full_scale(gray)
     if gray.size == 0:

@@ -190,16 +190,12 @@ class _Bundle:
         """Pose and squared residuals, px²; thorough: from tilted starts as well."""
         points = np.ascontiguousarray(self.points[self._all.markers[rows]])
         view = Reprojection(self._camera, points, np.ascontiguousarray(self._all.pixels[rows]))
-        solutions = []
         last = self._poses.get(frame)
-        if last is not None:
-            again = view.refine(rotation_of(last[:3]), last[3:])
-            solutions = [] if again is None else [again]
+        solutions = [] if last is None else view.refined([(rotation_of(last[:3]), last[3:])])
         if thorough and not solutions:
             solutions = view.solve()
         elif not solutions or solutions[0].squares > 2 * len(rows) * _FITS**2:
-            starts = view.closed_forms()
-            solutions += [found for start in starts if (found := view.refine(*start)) is not None]
+            solutions += view.refined(view.closed_forms())
         if not solutions:
             return None
         best = min(solutions, key=lambda solution: solution.squares)

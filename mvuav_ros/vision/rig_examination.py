@@ -243,10 +243,6 @@ def _exchanges(count: int) -> Iterator[tuple[int, ...]]:
 def _least_residual(points: Array, seen: Array, camera: CameraModel) -> float:
     """Root mean square of the best pose that is seen from behind, px; infinite for none."""
     view = Reprojection(camera, points, np.ascontiguousarray(seen))
-    least = math.inf
-    for start in view.closed_forms():
-        solution = view.refine(*start)
-        # The body's x axis is to point away from the camera.
-        if solution is not None and solution.rotation[2, 0] >= _MIN_AHEAD:
-            least = min(least, math.sqrt(solution.squares / len(points)))
-    return least
+    # The body's x axis is to point away from the camera.
+    ahead = [s for s in view.refined(view.closed_forms()) if s.rotation[2, 0] >= _MIN_AHEAD]
+    return math.sqrt(min((s.squares for s in ahead), default=math.inf) / len(points))
