@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import NamedTuple
 
 import cv2
@@ -110,7 +111,7 @@ def calibrate_camera(
         raise CalibrationError(f'there is no model {model!r}: {", ".join(MODELS)}')
     # Blurred views are found with a model that fits most lenses.
     used = _clean(views, size, _LENSES[names[-1] if len(names) < 3 else 'plumb_bob'])
-    chosen = [view for view, use in zip(views, used, strict=True) if use]
+    chosen = list(compress(views, used))
     kept_back = _kept_back(chosen, size, names) if len(names) > 1 else {}
     name = names[0]
     for other in names[1:]:
@@ -120,8 +121,8 @@ def calibrate_camera(
     deviations = fit.deviations(chosen)
     _refuse_untold(fit, deviations)
     poses = [fit.pose(view) for view in views]
-    residuals = tuple(fit.residuals(view, pose) for view, pose in zip(views, poses, strict=True))
-    inliers = np.concatenate([each for each, use in zip(residuals, used, strict=True) if use])
+    residuals = tuple(map(fit.residuals, views, poses))
+    inliers = np.concatenate(list(compress(residuals, used)))
     return CameraCalibration(
         fit.camera,
         tuple(deviations.tolist()),
@@ -171,7 +172,7 @@ class _Fit:
 
     def deviations(self, views: Sequence[BoardView]) -> Array:
         """Standard deviations of the matrix and the coefficients, (4 + all coefficients,)."""
-        equations = [self.equations(*pair) for pair in zip(views, self.poses, strict=True)]
+        equations = list(map(self.equations, views, self.poses))
         information = eliminate_poses(equations)[0]
         left = sum(view.pixels.size - 6 for view in views) - len(information)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -245,7 +246,7 @@ def _clean(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> ND
     """Which views are not blurred or wrong, by their residuals."""
     used = np.ones(len(views), np.bool_)
     for _ in range(2):
-        fit = _fit([v for v, use in zip(views, used, strict=True) if use], size, lens)
+        fit = _fit(list(compress(views, used)), size, lens)
         rms = np.array([_rms(fit.residuals(view, fit.pose(view))) for view in views])
         rms[~np.isfinite(rms)] = np.inf
         worst = max(

@@ -1,21 +1,6 @@
 """Protection levels: bounds that the error of a pose exceeds with a stated probability only.
 
-The method is multiple-hypothesis solution separation, as receiver autonomous integrity monitoring
-of satellite navigation uses it (Pervan, Pullen and Christie, "A multiple hypothesis approach to
-satellite navigation integrity", Navigation 45, 1998; Blanch et al., "Baseline advanced RAIM user
-algorithm and possible improvements", IEEE Trans. AES 51, 2015), with lights for satellites.
-
-A hypothesis k says which lights are wrong; its prior probability is p_k. The others make a
-least-squares solution x_k of their own, whose error is Gaussian with deviation s_k per coordinate,
-whatever the wrong ones do. Seen from the published pose x, that is
-
-    |x - truth| <= |x - x_k| + |x_k - truth| ,
-
-so that |x - x_k| + K_k s_k bounds the error unless a Gaussian exceeds K_k deviations: probability
-q_k = 2 Q(K_k). With p_k q_k summed over all hypotheses below the integrity risk, the largest of
-these bounds over k is the protection level. How x was made does not matter: a filter's pose is
-bounded as well as one frame's. Hypotheses that the remaining lights cannot bear out are not
-monitored; their priors are taken off the risk, and where nothing is left, there is no level.
+Multiple-hypothesis solution separation (Blanch et al., 2015); docs/integrity.md derives it.
 """
 
 from __future__ import annotations
@@ -84,16 +69,14 @@ class IntegrityState(IntEnum):
 class IntegrityBudget:
     """What is assumed of faults, and what may remain; errors are standard deviations.
 
+    Why they are what they are is in docs/integrity.md.
+
     Raises:
         ValueError: a number is no probability or no deviation.
     """
 
-    # Probability per frame that the error of any coordinate exceeds its level; 1e-7 is of the
-    # order that the ICAO asks for a precision approach (2e-7 in any approach, Annex 10, table
-    # 3.7.2.4-1).
-    risk: float = 1e-7
-    # Probability per frame that a light is not where its marker is, or is another light; 1e-4 is
-    # of the order of the share of wrong names in docs/concepts/limits.md.
+    risk: float = 1e-7  # probability per frame that the error of any coordinate exceeds its level
+    # Probability per frame that a light is not where its marker is, or is another light.
     light_prior: float = 1e-4
     focal_error: float = 0.001  # of the calibrated focal length, as a part of it
     center_error: float = 0.2  # of the calibrated principal point, px per axis
@@ -217,8 +200,8 @@ def protection_levels(
 
     Args:
         camera: calibrated.
-        rig: as the pose's.
-        labels: of the lights that were seen, by their place in the rig.
+        rig: whose lights were seen.
+        labels: of these lights, by their place in the rig.
         pixels: (n, 2), where, px.
         rotation: (3, 3), optical frame from the body's, of the pose that is published.
         translation: (3,), of the body's origin, m.

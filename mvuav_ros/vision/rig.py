@@ -182,14 +182,11 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     if not isinstance(markers, Mapping) or not markers:
         raise RigError('"markers" must map at least one name to [x, y, z] in metres')
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
-    if len({name for name, _ in lights}) < len(lights):
+    if len(dict(lights)) < len(lights):
         raise RigError('two markers have the same name')
     _refuse_same_place(lights)
-    mean = np.mean([position for _, position in lights], axis=0)
-    middle = (float(mean[0]), float(mean[1]), float(mean[2]))
-    dock = _point('dock', content['dock']) if 'dock' in content else middle
-    boom = _point('boom', content['boom']) if 'boom' in content else dock
-    rig = MarkerRig(str(content.get('name', name)), lights, dock, boom)
+    dock = content.get('dock', np.mean([position for _, position in lights], axis=0))
+    rig = MarkerRig(str(content.get('name', name)), lights, dock, content.get('boom', dock))
     if rig.reach == 0.0:
         raise RigError('all markers lie on the x axis, so roll cannot be measured')
     return rig

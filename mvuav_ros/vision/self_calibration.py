@@ -1,8 +1,6 @@
-"""The focal length that a rig's lights show, beside what the calibration says.
+"""The focal length that a rig's lights show: a bundle adjustment of a few frames.
 
-A bundle adjustment of a few frames: each has a pose of its own, all share the focal length and how
-far the rig's markers are from where its file puts them. Without the latter a rig measured badly
-would pass for a wrong calibration.
+They share the markers' offsets as well: a badly measured rig is no wrong calibration.
 """
 
 from __future__ import annotations
@@ -169,24 +167,20 @@ class SelfCalibration:
     def add(self, labels: Sequence[int], pixels: Array) -> bool:
         """Take a frame's named lights: their places in the rig, and where they are seen, px.
 
-        Of many frames the newest are kept. Not taken are frames with too few lights, and such as do
-        not fit what the others say, unless they keep coming: a light may be another one.
-
-        Returns:
-            Whether it was taken.
+        Of many frames the newest are kept. Not taken (False) are frames with too few lights, and
+        such as do not fit the others, unless they keep coming: a light may be another one.
         """
         if len(labels) < TUNING.fewest:
             return False
-        found = np.array(labels, np.intp), np.array(pixels, np.float64).reshape(-1, 2)
-        frame = _Frame(*found, np.eye(3), np.zeros(3))
+        seen = np.array(pixels, np.float64).reshape(-1, 2)
+        frame = _Frame(np.array(labels, np.intp), seen, np.eye(3), np.zeros(3))
         model = self._model(self._value)
         poses = frame.view(*model).closed_forms()
         if not poses:
             return False
-        rotation, translation = poses[0]
-        if not rotation[2].dot(self._middle) + translation[2] > 0.0:
+        frame = frame._replace(rotation=poses[0][0], translation=poses[0][1])
+        if not frame.rotation[2].dot(self._middle) + frame.translation[2] > 0.0:
             return False
-        frame = _Frame(*found, rotation, translation)
         if self._is_odd(frame, model) and self._refused < TUNING.max_refused:
             self._refused += 1
             return False
@@ -198,8 +192,7 @@ class SelfCalibration:
     def misfits(self, shift: float, offsets: Array) -> Array:
         """Each frame's squared residuals over their variances per degree of freedom, (frames,).
 
-        For a focal length, as the logarithm of its ratio to the calibration's, and offsets of the
-        markers from the rig's file (n, 3), m.
+        The shift and the offsets (n, 3), m, are those of an `Estimate`.
         """
         model = self._model(np.concatenate(([shift], np.ravel(offsets))))
         found = []
@@ -284,10 +277,8 @@ class SelfCalibration:
     ) -> _Equations | None:
         """All frames at once; None where nothing follows from them."""
         count, markers = len(frames), np.arange(len(points))
-        pixels, is_seen = (
-            np.zeros((count, len(points), 2)),
-            np.zeros((count, len(points)), np.bool_),
-        )
+        pixels = np.zeros((count, len(points), 2))
+        is_seen = np.zeros((count, len(points)), np.bool_)
         for row, frame in enumerate(frames):
             pixels[row, frame.labels], is_seen[row, frame.labels] = frame.pixels, True
         rotations = np.array([frame.rotation for frame in frames])
@@ -296,10 +287,8 @@ class SelfCalibration:
         seen, slopes, _ = camera.project_with_jacobian(places.reshape(-1, 3), _NOWHERE, _NOWHERE)
         seen, by_place = seen.reshape(pixels.shape), slopes[:, 3:].reshape(*pixels.shape, 3)
         # By small turns about the optical axes, and by the translation.
-        (x, y, z), (dx, dy, dz) = (
-            arms[..., None].transpose(2, 0, 1, 3),
-            np.moveaxis(by_place, -1, 0),
-        )
+        x, y, z = arms[..., None].transpose(2, 0, 1, 3)
+        dx, dy, dz = np.moveaxis(by_place, -1, 0)
         own = np.stack((y * dz - z * dy, z * dx - x * dz, x * dy - y * dx, dx, dy, dz), axis=-1)
         common = np.zeros((*pixels.shape, 1 + points.size))
         # A pixel lies as far from the principal point as the focal length is long.
