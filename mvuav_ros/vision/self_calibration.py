@@ -206,12 +206,11 @@ class SelfCalibration:
         estimated = self.estimate()
         if len(self._frames) < TUNING.known or estimated is None or not estimated.fits:
             return False
-        first = self._linearize([frame], *model)
-        if first is None:
-            return False
-        moved = frame.moved(first.steps(np.zeros(len(self._value)))[0])
-        equations = self._linearize([moved], *model)
-        if equations is None:
+        try:
+            first = self._linearize([frame], *model)
+            moved = frame.moved(first.steps(np.zeros(len(self._value)))[0])
+            equations = self._linearize([moved], *model)
+        except np.linalg.LinAlgError:
             return False
         left, rest = equations.left[0], equations.rest[0]
         # What no pose explains, over what camera and rig may still turn out to be.
@@ -223,36 +222,33 @@ class SelfCalibration:
     def estimate(self) -> Estimate | None:
         """What the frames say; None where there are none, or nothing follows from them."""
         if self._estimate is None and self._frames:
-            for rig_error in TUNING.rig_errors:
-                self._estimate = self._adjust(rig_error)
-                if self._estimate is None or self._estimate.fits:
-                    break
+            try:
+                for rig_error in TUNING.rig_errors:
+                    self._estimate = self._adjust(rig_error)
+                    if self._estimate.fits:
+                        break
+            except np.linalg.LinAlgError:
+                self._estimate = None
         return self._estimate
 
     def _model(self, value: Array) -> tuple[CameraModel, Array]:
         """Camera and markers by what is shared."""
         return _with_focal(self._camera, float(value[0])), self._points + value[1:].reshape(-1, 3)
 
-    def _adjust(self, rig_error: float) -> Estimate | None:
-        """Gauss-Newton steps in which the poses are eliminated."""
+    def _adjust(self, rig_error: float) -> Estimate:
+        """Gauss-Newton steps in which the poses are eliminated; a LinAlgError where that fails."""
         deviations = np.full(len(self._value), rig_error * self._size)
         deviations[0] = TUNING.focal_error
         weight = deviations**-2
         value, frames = self._value, self._frames
         for _ in range(_MAX_ITERATIONS):
-            model = self._model(value)
-            equations = self._linearize(frames, *model)
-            if equations is None:
-                return None
+            equations = self._linearize(frames, *self._model(value))
             rest, left = equations.rest.reshape(-1, len(value)), equations.left.ravel()
             normal: Array = np.diag(weight) + rest.T @ rest
             towards = rest.T @ left - weight * value
             squares = float(np.square(equations.residual).sum())
             squares += float((weight * value**2)[1:].sum())
-            try:
-                covariance = np.asarray(np.linalg.inv(normal), np.float64)
-            except np.linalg.LinAlgError:
-                return None
+            covariance = np.asarray(np.linalg.inv(normal), np.float64)
             step = covariance @ towards
             step *= min(1.0, _MAX_STEP / max(abs(float(step[0])), 1e-9))
             value = value + step
@@ -261,7 +257,7 @@ class SelfCalibration:
             if abs(float(step[0])) < TUNING.step:
                 break
         if not covariance[0, 0] > 0:
-            return None
+            raise np.linalg.LinAlgError('nothing follows for the focal length')
         freedom = sum(2 * len(frame.labels) - 6 for frame in frames) - 1
         misfit = squares / max(freedom, 1)
         deviation = math.sqrt(float(covariance[0, 0])) * max(1.0, math.sqrt(misfit))
@@ -274,8 +270,8 @@ class SelfCalibration:
 
     def _linearize(
         self, frames: Sequence[_Frame], camera: CameraModel, points: Array
-    ) -> _Equations | None:
-        """All frames at once; None where nothing follows from them."""
+    ) -> _Equations:
+        """All frames at once; a LinAlgError where nothing follows from them."""
         count, markers = len(frames), np.arange(len(points))
         pixels = np.zeros((count, len(points), 2))
         is_seen = np.zeros((count, len(points)), np.bool_)
@@ -295,18 +291,15 @@ class SelfCalibration:
         common[..., 0] = seen - camera.matrix[:2, 2]
         by_points = common[..., 1:].reshape(*pixels.shape, len(points), 3)
         by_points[:, markers, :, markers] = (by_place @ rotations[:, None]).transpose(1, 0, 2, 3)
-        residual, own, common = (
-            np.where(
-                is_seen.reshape(count, -1, *[1] * (one.ndim - 2)), one / TUNING.noise, 0.0
-            ).reshape(count, 2 * len(points), *one.shape[3:])
-            for one in (pixels - seen, own, common)
-        )
+
+        def rows(one: Array) -> Array:
+            seen_ones = np.where(is_seen[(..., *[None] * (one.ndim - 2))], one / TUNING.noise, 0.0)
+            return seen_ones.reshape(count, 2 * len(points), *one.shape[3:])
+
+        residual, own, common = rows(pixels - seen), rows(own), rows(common)
         if not (np.isfinite(common).all() and np.isfinite(own).all()):
-            return None
+            raise np.linalg.LinAlgError('a light is seen nowhere')
         transposed = own.transpose(0, 2, 1)
-        try:
-            inverse = np.linalg.solve(transposed @ own, transposed)
-        except np.linalg.LinAlgError:
-            return None
+        inverse = np.asarray(np.linalg.solve(transposed @ own, transposed), np.float64)
         left = residual - (own @ (inverse @ residual[..., None]))[..., 0]
         return _Equations(residual, common, inverse, left, common - own @ (inverse @ common))

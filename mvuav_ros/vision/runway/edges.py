@@ -48,11 +48,7 @@ def detect_edges(gray: Pixels, threshold: float = 0.0, *, thinning: bool = False
 def automatic_threshold(gray: Pixels) -> float:
     """The threshold that MATLAB and Octave choose: twice the gradient's root mean square.
 
-    Args:
-        gray: (height, width), uint8 or uint16, not empty.
-
-    Returns:
-        Fraction of full scale, kernels divided by 8.
+    It is a fraction of full scale, as in `detect_edges`.
     """
     total = cv2.sumElems(_squared_gradient(gray))[0]
     return math.sqrt(4 * total / gray.size) / (_KERNEL_SUM * full_scale(gray))

@@ -27,10 +27,8 @@ class HoughGrid:
     rho and theta are those of `normal_form`, in coordinates of the edge image.
 
     Attributes:
-        theta: (columns,) rad, from -pi/2 up to below pi/2 in equal steps of at most the
-            resolution.
-        rho: (cells,) px, symmetric about 0; steps of the resolution, wide enough for the
-            image's diagonal.
+        theta: (columns,) rad, from -pi/2 up to below pi/2 in equal steps of at most the resolution.
+        rho: (cells,) px, symmetric about 0; steps of the resolution, as wide as the diagonal.
         first_reachable_cell: cells of rho before this one get no vote: cos(theta) and coordinates
             are not negative.
     """
@@ -67,15 +65,12 @@ class HoughGrid:
         self._table = self._pixel_table()
 
     def accumulate(self, edges: Mask) -> Accumulator:
-        """Count the edge pixels of every cell.
-
-        Args:
-            edges: (height, width) uint8, 0 or 1, contiguous.
+        """Count the edge pixels (height, width) uint8, 0 or 1, contiguous, of every cell.
 
         Returns:
             (theta, rho) votes, rho from `first_reachable_cell` on. This is the transpose of
-            MATLAB's matrix, so that its column-major order, which decides between equal peaks,
-            is the order in memory.
+            MATLAB's matrix: its column-major order, which decides between equal peaks, is the
+            order in memory.
         """
         return self.count(np.flatnonzero(edges.view(np.bool_)))
 
