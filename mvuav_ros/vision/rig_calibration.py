@@ -370,19 +370,17 @@ def _alignment(points: Array, onto: Array) -> tuple[Array, float]:
 def _refuse_untold(positions: Array, covariance: Array, names: Sequence[str]) -> None:
     """Say which light the motion leaves unknown."""
     span = float(np.linalg.norm(positions[:, None] - positions, axis=2).max())
-    worst = 0.0
-    for index, name in enumerate(names):
-        own = covariance[3 * index : 3 * index + 3, 3 * index : 3 * index + 3]
-        variances, axes = np.linalg.eigh(own)
-        deviation = math.sqrt(max(float(variances[-1]), 0.0))
-        if deviation > worst:
-            worst, light, axis = deviation, name, axes[:, -1]
-    if worst > TUNING.most_deviation * span:
-        where = ', '.join(f'{abs(part):.2f}' for part in axis)
+    count = range(len(names))
+    variances, axes = np.linalg.eigh(covariance.reshape(-1, 3, len(names), 3)[count, :, count])
+    worst = int(variances[:, -1].argmax())
+    deviation = math.sqrt(max(float(variances[worst, -1]), 0.0))
+    if deviation > TUNING.most_deviation * span:
+        where = ', '.join(f'{abs(part):.2f}' for part in axes[worst, :, -1])
         raise RigCalibrationError(
-            f'the motion does not determine the shape: {light} is known to {1000 * worst:.3g} mm '
-            f'({100 * worst / span:.2g} % of the span, 1 sigma) along [{where}]; the body has to '
-            'turn before the camera by 20 degrees and more, about two axes'
+            f'the motion does not determine the shape: {names[worst]} is known to '
+            f'{1000 * deviation:.3g} mm ({100 * deviation / span:.2g} % of the span, 1 sigma) '
+            f'along [{where}]; the body has to turn before the camera by 20 degrees and more, '
+            'about two axes'
         )
 
 

@@ -20,20 +20,13 @@ Array = NDArray[np.float64]
 Cycles = tuple[tuple[str, ...], ...]
 
 
-@dataclass(frozen=True)
-class ExaminationTuning:
-    """What counts as alike."""
-
-    # Part of the rig's size by which a turned marker may miss another one's place and still be
-    # taken for it; twice what the start allows a body among other lights.
-    alike: float = 0.02
-    # Part of the rig's length by which markers on one line may lie beside it.
-    straight: float = 0.01
-    # Between the camera's axis and the body's, when it is seen from behind.
-    farthest_tilt_deg: float = 40.0
-
-
-TUNING = ExaminationTuning()
+ALIKE = 0.02
+"""Part of the rig's size by which a turned marker may miss another one's place and still be taken
+for it; twice what the start allows a body among other lights."""
+STRAIGHT = 0.01
+"""Part of the rig's length by which markers on one line, or in one plane, may lie beside it."""
+FARTHEST_TILT = math.radians(40.0)
+"""Between the camera's axis and the body's, when it is seen from behind."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +57,13 @@ def examine(rig: MarkerRig) -> tuple[str, ...]:
 def is_straight(rig: MarkerRig) -> bool:
     """Whether all markers lie on one line."""
     lengths = np.linalg.svd(_centred(rig), compute_uv=False)
-    return bool(lengths[1] <= TUNING.straight * lengths[0])
+    return bool(lengths[1] <= STRAIGHT * lengths[0])
 
 
 def is_flat(rig: MarkerRig) -> bool:
     """Whether all markers lie in one plane, so that two tilts look nearly the same."""
     lengths = np.linalg.svd(_centred(rig), compute_uv=False)
-    return len(lengths) < 3 or bool(lengths[2] < TUNING.straight * lengths[0])
+    return len(lengths) < 3 or bool(lengths[2] < STRAIGHT * lengths[0])
 
 
 def symmetries(rig: MarkerRig) -> list[Symmetry]:
@@ -78,19 +71,16 @@ def symmetries(rig: MarkerRig) -> list[Symmetry]:
 
     A turn about the middle takes two markers that do not lie on one line with it to two others;
     every such pair is tried, and holds where all markers come to lie on markers.
-
-    Args:
-        rig: whose markers do not lie on one line.
     """
     points = _centred(rig)
     size = float(np.linalg.norm(points, axis=1).max())
     found: dict[tuple[int, ...], Symmetry] = {}
-    for rotation in _turns(points, TUNING.alike * size):
-        if rotation[0, 0] < math.cos(math.radians(2 * TUNING.farthest_tilt_deg)):
+    for rotation in _turns(points, ALIKE * size):
+        if rotation[0, 0] < math.cos(2 * FARTHEST_TILT):
             continue
         apart = np.linalg.norm((points @ rotation.T)[:, None] - points, axis=2)
         order = tuple(apart.argmin(axis=1).tolist())
-        if len(set(order)) < len(order) or apart.min(axis=1).max() > TUNING.alike * size:
+        if len(set(order)) < len(order) or apart.min(axis=1).max() > ALIKE * size:
             continue
         back = tuple(np.argsort(order).tolist())
         if order != tuple(range(len(order))) and not {order, back} & set(found):
@@ -174,13 +164,8 @@ class Confusion:
 def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: float) -> PoseError:
     """The pose's standard deviation: noise² (JᵀJ)⁻¹ of the reprojection's derivative J.
 
-    It is NaN, as the span is, where the camera does not see all markers.
-
-    Args:
-        rig: whose markers do not lie on one line.
-        camera: calibrated.
-        distance: to the middle of the markers, m.
-        noise: of a marker's place, px per axis (1 sigma).
+    It is NaN, as the span is, where the camera does not see all markers, which must not lie on one
+    line. The noise is that of a marker's place, px per axis (1 sigma).
     """
     points = rig.positions - rig.positions.mean(axis=0)
     seen, *slopes = projection_derivatives(
@@ -198,13 +183,7 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
 
 
 def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Confusion]:
-    """Every exchange of names with what it leaves unexplained, the worst (least) first.
-
-    Args:
-        rig: of three or more markers.
-        camera: calibrated.
-        distance: to the middle of the markers, m.
-    """
+    """Every exchange of names with what it leaves unexplained, the worst (least) first."""
     points = rig.positions - rig.positions.mean(axis=0)
     views = []
     for pitch, yaw in product(TILTS_DEG, TILTS_DEG):

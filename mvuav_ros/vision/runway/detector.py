@@ -151,15 +151,13 @@ class RunwayDetector:
             grid.first_reachable_cell,
         )
         reach = parameters.peak_neighborhood_rho // 2, parameters.peak_neighborhood_theta // 2
-        workings = RunwayWorkings(image, gray, edges, grid, tuple(peaks), reach)
-        if peaks:
-            return workings, ''
-        strongest = int(accumulator.max())
-        if strongest == 0:
-            return workings, f'no edge in rows {first} to {last}'
-        return workings, (
-            f'no peak has {parameters.peak_threshold} votes; the strongest has {strongest}'
-        )
+        trouble = ''
+        if not peaks and (strongest := int(accumulator.max())):
+            least = parameters.peak_threshold
+            trouble = f'no peak has {least} votes; the strongest has {strongest}'
+        elif not peaks:
+            trouble = f'no edge in rows {first} to {last}'
+        return RunwayWorkings(image, gray, edges, grid, tuple(peaks), reach), trouble
 
     def _hough_for(self, rows: int, width: int) -> HoughVideo:
         parameters = self._parameters
