@@ -162,8 +162,8 @@ class _Fit:
         return pose
 
     def equations(self, view: BoardView, pose: Array) -> Equations:
-        jacobian = self.camera.project_with_jacobian(view.points, pose[:3], pose[3:])
-        seen, by_pose, by_camera = jacobian
+        project = self.camera.project_with_jacobian
+        seen, by_pose, by_camera = project(view.points, pose[:3], pose[3:])
         residuals = (view.pixels - seen).ravel()
         return Equations(residuals, by_pose, by_camera[:, : 4 + self.coefficients])
 
@@ -248,7 +248,6 @@ def _clean(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> ND
     for _ in range(2):
         fit = _fit(list(compress(views, used)), size, lens)
         rms = np.array([_rms(fit.residuals(view, fit.pose(view))) for view in views])
-        rms[~np.isfinite(rms)] = np.inf
         worst = max(
             TUNING.outlying * float(np.median(rms)),
             float(np.quantile(rms, 1.0 - TUNING.most_outlying, method='lower')),

@@ -24,7 +24,7 @@ from mvuav_ros.vision.bundle_adjustment import (
     farthest_first,
 )
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.reprojection import Reprojection, rotation_of
+from mvuav_ros.vision.reprojection import Reprojection, Solution, rotation_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -171,23 +171,22 @@ class _Bundle:
     def locate(self) -> None:
         """The pose of every image, and which of its lights fit it."""
         solved = {frame: self._solve(rows, frame) for frame, rows in self._rows.items()}
-        usual = [found[1] / _usual(len(self._rows[f])) for f, found in solved.items() if found]
+        usual = [s.squares / _usual(len(self._rows[f])) for f, s in solved.items() if s]
         if not usual:
             raise RigCalibrationError('no pose fits the lights in any image: is it this rig?')
         variance = max(float(np.median(usual)), TUNING.least_noise**2)
         self._poses, self.used[:] = {}, False
         for frame, rows in self._rows.items():
             found, chosen = solved[frame], rows
-            if found is None or found[1] > variance * _most(len(rows)):
+            if found is None or found.squares > variance * _most(len(rows)):
                 found, chosen = self._without_wrong(rows, frame, variance)
             if found is not None:
-                self._poses[frame] = found[0]
+                rvec = cv2.Rodrigues(found.rotation)[0].ravel()
+                self._poses[frame] = np.concatenate((rvec, found.translation))
                 self.used[chosen] = True
 
-    def _solve(
-        self, rows: Indices, frame: int, thorough: bool = True
-    ) -> tuple[Array, float] | None:
-        """Pose and squared residuals, px²; thorough: from tilted starts as well."""
+    def _solve(self, rows: Indices, frame: int, thorough: bool = True) -> Solution | None:
+        """The best pose of an image; thorough: from tilted starts as well."""
         points = np.ascontiguousarray(self.points[self._all.markers[rows]])
         view = Reprojection(self._camera, points, np.ascontiguousarray(self._all.pixels[rows]))
         last = self._poses.get(frame)
@@ -196,15 +195,11 @@ class _Bundle:
             solutions = view.solve()
         elif not solutions or solutions[0].squares > 2 * len(rows) * _FITS**2:
             solutions += view.refined(view.closed_forms())
-        if not solutions:
-            return None
-        best = min(solutions, key=lambda solution: solution.squares)
-        rvec = cv2.Rodrigues(best.rotation)[0].ravel()
-        return np.concatenate((rvec, best.translation)), best.squares
+        return min(solutions, key=lambda solution: solution.squares, default=None)
 
     def _without_wrong(
         self, rows: Indices, frame: int, variance: float
-    ) -> tuple[tuple[Array, float] | None, Indices]:
+    ) -> tuple[Solution | None, Indices]:
         """The pose of an image without the one or two lights that the others contradict."""
         for out in (1, 2):
             if len(rows) - out <= MIN_LIGHTS - 1:
@@ -213,11 +208,10 @@ class _Bundle:
             for wrong in combinations(range(len(rows)), out):
                 rest = np.delete(rows, wrong)
                 found = self._solve(rest, frame, thorough=False)
-                if found is not None and found[1] <= variance * _most(len(rest)):
-                    tried.append((found[1], found, rest))
+                if found is not None and found.squares <= variance * _most(len(rest)):
+                    tried.append((found, rest))
             if tried:
-                _, best, rest = min(tried, key=lambda each: each[0])
-                return best, rest
+                return min(tried, key=lambda each: each[0].squares)
         return None, rows
 
     def choose_frames(self) -> None:
@@ -250,16 +244,14 @@ class _Bundle:
         rows = self._rows[frame]
         rows = rows[self.used[rows]]
         markers = self._all.markers[rows]
-        jacobian = self._camera.project_with_jacobian(
-            points.reshape(-1, 3)[markers], pose[:3], pose[3:]
-        )
-        seen, by_pose, _ = jacobian
-        by_points = np.zeros((2 * len(rows), points.size))
+        own = points.reshape(-1, 3)[markers]
+        seen, by_pose, _ = self._camera.project_with_jacobian(own, pose[:3], pose[3:])
+        by_points = np.zeros((len(rows), 2, len(self.points), 3))
         # A point moves before the camera as the body does, but for the body's turn.
         slopes = (by_pose[:, 3:] @ rotation_of(pose[:3])).reshape(-1, 2, 3)
-        for row, (marker, slope) in enumerate(zip(markers, slopes, strict=True)):
-            by_points[2 * row : 2 * row + 2, 3 * marker : 3 * marker + 3] = slope
-        return Equations((self._all.pixels[rows] - seen).ravel(), by_pose, by_points)
+        by_points[np.arange(len(rows)), :, markers] = slopes
+        residuals = (self._all.pixels[rows] - seen).ravel()
+        return Equations(residuals, by_pose, by_points.reshape(-1, points.size))
 
     def _views(self) -> list[Equations]:
         points = self.points.ravel()
@@ -328,15 +320,13 @@ class _Bundle:
             along[first], along[second] = between / length**2, -between / length**2
             held = np.eye(apart.size) - np.outer(apart.ravel(), along.ravel())
             covariance = held @ covariance @ held.T
-            covariance *= scale**2
         else:
             apart_rough = rough - rough.mean(axis=0)
             wrong = scale * apart - apart_rough
             spread = float((apart_rough**2).sum())
             # Of the rough positions' own errors, all of one size.
             deviation = math.sqrt(float((wrong**2).sum()) / (rough.size - 7) / spread)
-            covariance *= scale**2
-        return rough.mean(axis=0) + scale * apart, covariance, deviation
+        return rough.mean(axis=0) + scale * apart, scale**2 * covariance, deviation
 
 
 def _usual(lights: int) -> float:
