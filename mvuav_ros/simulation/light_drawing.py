@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -141,33 +142,32 @@ class _Window:
         self._part[...] = np.rint(255.0 - (255.0 - self._part) * dark).astype(np.uint8)
 
 
-class Glares:
-    """Reflections that look like markers and drift slowly, clear of the markers' paths."""
+def drifting_glares(
+    count: int, camera: PinholeCamera, paths: NDArray[np.float64], rng: np.random.Generator
+) -> Callable[[float], NDArray[np.float64]]:
+    """Reflections that look like markers and drift slowly, clear of the markers' paths.
 
-    def __init__(
-        self,
-        count: int,
-        camera: PinholeCamera,
-        paths: NDArray[np.float64],
-        rng: np.random.Generator,
-    ) -> None:
-        taken = paths[np.isfinite(paths).all(axis=1)]
-        chosen: list[NDArray[np.float64]] = []
-        low, high = np.array((20.0, 20.0)), np.array((camera.width, camera.height)) - 20.0
-        for _ in range(count):
-            best, best_room = low, -1.0
-            for place in rng.uniform(low, high, (_TRIES, 2)):
-                room = float(np.hypot(*(taken - place).T).min()) if len(taken) else math.inf
-                if room > best_room:
-                    best, best_room = place, room
-                if room >= CLEAR:
-                    break
-            chosen.append(best)
-            taken = np.vstack((taken, best))
-        self._middles = np.array(chosen).reshape(-1, 2)
-        self._phases = rng.uniform(0.0, 2 * math.pi, (count, 2))
+    Returns:
+        Their places, (n, 2) px, by the time (s).
+    """
+    taken = paths[np.isfinite(paths).all(axis=1)]
+    chosen: list[NDArray[np.float64]] = []
+    low, high = np.array((20.0, 20.0)), np.array((camera.width, camera.height)) - 20.0
+    for _ in range(count):
+        best, best_room = low, -1.0
+        for place in rng.uniform(low, high, (_TRIES, 2)):
+            room = float(np.hypot(*(taken - place).T).min()) if len(taken) else math.inf
+            if room > best_room:
+                best, best_room = place, room
+            if room >= CLEAR:
+                break
+        chosen.append(best)
+        taken = np.vstack((taken, best))
+    middles = np.array(chosen).reshape(-1, 2)
+    phases = rng.uniform(0.0, 2 * math.pi, (count, 2))
 
-    def places(self, time: float) -> NDArray[np.float64]:
-        """(n, 2), px, at a time (s)."""
+    def places(time: float) -> NDArray[np.float64]:
         turn = 2 * math.pi * time / np.array((7.0, 9.0))
-        return np.asarray(self._middles + DRIFT * np.sin(turn + self._phases), np.float64)
+        return np.asarray(middles + DRIFT * np.sin(turn + phases), np.float64)
+
+    return places

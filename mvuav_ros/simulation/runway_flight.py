@@ -249,7 +249,7 @@ class RunwayFlight(Flight[RunwayTruth]):
 
     def pose(self, time: float) -> CameraPose:
         """The camera, which may shake, in the runway's frame at a time (s)."""
-        return self._path.pose(time, None if self._shake.still else self._shake.rotation(time))
+        return self._path.pose(time, self._shake.rotation(time))
 
     def _draw(self, truth: RunwayTruth, time: float) -> Pixels:
         image = self._panorama.view(truth.pose)

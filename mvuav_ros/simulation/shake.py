@@ -69,14 +69,10 @@ camera is the noise of its inertial sensor, as the thesis says, and moves nothin
 
 
 class Shake:
-    """One vibration with phases from a seed, as a function of time.
-
-    Attributes:
-        still: it never moves.
-    """
+    """One vibration with phases from a seed, as a function of time."""
 
     def __init__(self, vibration: Vibration, gain: float, rng: np.random.Generator) -> None:
-        self.still = vibration == STEADY or gain == 0.0
+        self._still = vibration == STEADY or gain == 0.0
         self._waves = []
         for scale in (*[POINTING_DEG_PER_MAGNITUDE] * 2, ROLL_DEG_PER_MAGNITUDE):
             amplitude = math.radians(scale * vibration.magnitude) * gain
@@ -88,9 +84,9 @@ class Shake:
         pitch, yaw, roll = (wave(time) for wave in self._waves)
         return pitch, yaw, roll
 
-    def rotation(self, time: float) -> Matrix:
-        """Shaken from steady optical frame at a time (s)."""
-        if self.still:
-            return np.eye(3)
+    def rotation(self, time: float) -> Matrix | None:
+        """Shaken from steady optical frame at a time (s); None where it never moves."""
+        if self._still:
+            return None
         pitch, yaw, roll = self.angles(time)
         return about_z(roll) @ about_y(yaw) @ about_x(pitch)

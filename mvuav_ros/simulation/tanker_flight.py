@@ -16,10 +16,10 @@ from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, Boom, paint_tanker, pl
 from mvuav_ros.simulation.flight import Flight, RandomStream, apply_gain, motion_blur
 from mvuav_ros.simulation.light_drawing import (
     LARGEST_RADIUS,
-    Glares,
     Light,
     LightProfile,
     add_lights,
+    drifting_glares,
 )
 from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.simulation.settings import (
@@ -294,15 +294,15 @@ class TankerFlight(Flight[TankerTruth]):
     def pose(self, time: float) -> BodyPose:
         """The body in the optical frame of the camera, which may shake, at a time (s)."""
         pose = self._motion.pose(time)
-        if self._shake.still:
-            return pose
         turned = self._shake.rotation(time)
+        if turned is None:
+            return pose
         return BodyPose(turned @ pose.rotation, turned @ pose.translation)
 
     def _draw(self, truth: TankerTruth, time: float) -> Pixels:
         pose = BodyPose(truth.rotation, truth.translation)
         places = np.array([(m.x, m.y) for m in truth.markers])
-        image = self._background.view(None if self._shake.still else self._shake.rotation(time))
+        image = self._background.view(self._shake.rotation(time))
         lab = self.settings.actual_background != 'sky'
         if self.settings.airframe and self.rig.name == TANKER_747.name:
             # The light stands still while the body turns under it.
@@ -337,7 +337,7 @@ class TankerFlight(Flight[TankerTruth]):
             if not affected(self._failures, name, time)
         ]
         profile = LightProfile(self.settings.light_radius)
-        return lights + [Light(profile, place[None]) for place in self._glares.places(time)]
+        return lights + [Light(profile, place[None]) for place in self._glares(time)]
 
     def _profiles(self, pose: BodyPose) -> list[LightProfile]:
         """Larger when closer, though by the root only: the glow is the lens's."""
@@ -391,7 +391,9 @@ class TankerFlight(Flight[TankerTruth]):
         return Background(settings.actual_background, self.camera, in_colour, settings.detail, rng)
 
     @cached_property
-    def _glares(self) -> Glares:
+    def _glares(self) -> Callable[[float], NDArray[np.float64]]:
         times = np.linspace(0.0, self.duration, 60 if self.settings.glares else 1)
         paths = np.concatenate([self._project(self.pose(float(t))) for t in times])
-        return Glares(self.settings.glares, self.camera, paths, self._rng(RandomStream.GLARES))
+        return drifting_glares(
+            self.settings.glares, self.camera, paths, self._rng(RandomStream.GLARES)
+        )
