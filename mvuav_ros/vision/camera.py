@@ -223,11 +223,14 @@ class CameraModel:
 
     def project_with_jacobian(
         self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
-    ) -> tuple[Array, Array, Array]:
-        """`project`, and its derivatives by ``rvec`` and ``tvec``, (2n, 6), and by the camera.
+    ) -> tuple[Array, Array]:
+        """`project`, and its derivative (2n, 6) by ``rvec`` and ``tvec``."""
+        return self.project_with_jacobians(points, rvec, tvec)[:2]
 
-        The latter are by fx, fy, cx, cy and the coefficients, (2n, 4 + k).
-        """
+    def project_with_jacobians(
+        self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
+    ) -> tuple[Array, Array, Array]:
+        """As before, and the derivative (2n, 4 + k) by fx, fy, cx, cy and the k coefficients."""
         given = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 3)
         count = 4 + len(self.distortion)
         if not len(given):

@@ -162,7 +162,7 @@ class _Fit:
         return pose
 
     def equations(self, view: BoardView, pose: Array) -> Equations:
-        project = self.camera.project_with_jacobian
+        project = self.camera.project_with_jacobians
         seen, by_pose, by_camera = project(view.points, pose[:3], pose[3:])
         residuals = (view.pixels - seen).ravel()
         return Equations(residuals, by_pose, by_camera[:, : 4 + self.coefficients])

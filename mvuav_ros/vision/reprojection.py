@@ -98,7 +98,7 @@ class Reprojection:
     def look(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
         """Where the markers should be seen, and the slopes of that (see `Solution`)."""
         arms = self._points.dot(rotation.T)
-        return self._camera.project_with_jacobian(arms, _NO_TURN, translation)[:2]
+        return self._camera.project_with_jacobians(arms, _NO_TURN, translation)[:2]
 
     def solve(self) -> list[Solution]:
         """All solutions that OpenCV's solvers and a few tilted starts lead to."""
@@ -164,7 +164,7 @@ def projection_derivatives(
         about the optical axes (n, 2, 3, px/rad).
     """
     arms, place = (points - about).dot(rotation.T), translation + rotation.dot(about)
-    seen, slopes, _ = camera.project_with_jacobian(arms, _NO_TURN, place)
+    seen, slopes = camera.project_with_jacobian(arms, _NO_TURN, place)
     slopes = slopes.reshape(-1, 2, 6)
     return seen, slopes[:, :, 3:], slopes[:, :, :3]
 

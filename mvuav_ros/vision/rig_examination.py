@@ -56,13 +56,13 @@ def examine(rig: MarkerRig) -> tuple[str, ...]:
 
 def is_straight(rig: MarkerRig) -> bool:
     """Whether all markers lie on one line."""
-    lengths = np.linalg.svd(_centred(rig), compute_uv=False)
+    lengths = np.linalg.svd(rig.positions - rig.middle, compute_uv=False)
     return bool(lengths[1] <= STRAIGHT * lengths[0])
 
 
 def is_flat(rig: MarkerRig) -> bool:
     """Whether all markers lie in one plane, so that two tilts look nearly the same."""
-    lengths = np.linalg.svd(_centred(rig), compute_uv=False)
+    lengths = np.linalg.svd(rig.positions - rig.middle, compute_uv=False)
     return len(lengths) < 3 or bool(lengths[2] < STRAIGHT * lengths[0])
 
 
@@ -72,7 +72,7 @@ def symmetries(rig: MarkerRig) -> list[Symmetry]:
     A turn about the middle takes two markers that do not lie on one line with it to two others;
     every such pair is tried, and holds where all markers come to lie on markers.
     """
-    points = _centred(rig)
+    points = rig.positions - rig.middle
     size = float(np.linalg.norm(points, axis=1).max())
     found: dict[tuple[int, ...], Symmetry] = {}
     for rotation in _turns(points, ALIKE * size):
@@ -86,10 +86,6 @@ def symmetries(rig: MarkerRig) -> list[Symmetry]:
         if order != tuple(range(len(order))) and not {order, back} & set(found):
             found[order] = _symmetry(rig.names, order, rotation)
     return list(found.values())
-
-
-def _centred(rig: MarkerRig) -> Array:
-    return np.asarray(rig.positions - rig.positions.mean(axis=0))
 
 
 def _turns(points: Array, tolerance: float) -> Iterator[Array]:
@@ -167,7 +163,7 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
     It is NaN, as the span is, where the camera does not see all markers, which must not lie on one
     line. The noise is that of a marker's place, px per axis (1 sigma).
     """
-    points = rig.positions - rig.positions.mean(axis=0)
+    points = rig.positions - rig.middle
     seen, *slopes = projection_derivatives(
         camera, points, OPTICAL_FROM_BODY, np.array((0.0, 0.0, distance)), about=(0.0, 0.0, 0.0)
     )
@@ -184,7 +180,7 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
 
 def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Confusion]:
     """Every exchange of names with what it leaves unexplained, the worst (least) first."""
-    points = rig.positions - rig.positions.mean(axis=0)
+    points = rig.positions - rig.middle
     views = []
     for pitch, yaw in product(TILTS_DEG, TILTS_DEG):
         turned = rotation_of(np.radians((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
