@@ -31,6 +31,7 @@ class _Axis:
     origin: float
     step: float
     sizes: list[int]
+    wraps: bool
 
     @property
     def offsets(self) -> list[int]:
@@ -42,13 +43,22 @@ class _Axis:
         """Texels of all reductions together."""
         return sum(size + 2 * _PAD for size in self.sizes)
 
-    def place(self, footprint: NDArray[np.float64]) -> tuple[Floats, Floats]:
-        """For pixels that cover so much (m): the size of their reduction, and its beginning."""
+    def texels(
+        self, metres: Floats, bins: NDArray[np.int32], footprint: NDArray[np.float64]
+    ) -> Floats:
+        """In the row of reductions, at places whose bins say what a pixel covers there (m)."""
         level = np.log2(np.maximum(footprint / self.step, 1.0)).astype(int)
         level = np.minimum(level, len(self.sizes) - 1)
-        scale = np.array(self.sizes, np.float64)[level]
-        start = np.array(self.offsets, np.float64)[level] - 0.5
-        return scale.astype(np.float32), start.astype(np.float32)
+        scale = np.array(self.sizes, np.float32)[level]
+        start = np.array(self.offsets, np.float32)[level] - np.float32(0.5)
+        # In periods: what is left of the decimal point is how often the texture was repeated.
+        period = self.sizes[0] * self.step
+        place = metres * np.float32(1.0 / period) - np.float32(self.origin / period)
+        if self.wraps:
+            place -= np.floor(place)
+        place *= scale.take(bins, mode='clip')
+        place += start.take(bins, mode='clip')
+        return place
 
 
 class Ripmap:
@@ -67,9 +77,8 @@ class Ripmap:
         goes on forever by repeating itself.
         """
         ny, nx = texture.shape[:2]
-        self._wrap = wrap
-        self._x = _Axis(origin[0], step[0], _halvings(nx))
-        self._y = _Axis(origin[1], step[1], _halvings(ny))
+        self._x = _Axis(origin[0], step[0], _halvings(nx), wrap)
+        self._y = _Axis(origin[1], step[1], _halvings(ny), wrap)
         border = cv2.BORDER_WRAP if wrap else cv2.BORDER_REPLICATE
         atlas = np.zeros((self._y.total, self._x.total, texture.shape[2]), np.uint8)
         across = texture
@@ -96,24 +105,9 @@ class Ripmap:
 
         ``bins`` says which entries of ``along`` and ``across`` a pixel covers along x and y, m.
         """
-        map_x = self._to_atlas(x, bins, along, self._x)
-        map_y = self._to_atlas(y, bins, across, self._y)
+        map_x, map_y = self._x.texels(x, bins, along), self._y.texels(y, bins, across)
         border = cv2.BORDER_REPLICATE
         return cv2.remap(self._atlas, map_x, map_y, cv2.INTER_LINEAR, borderMode=border)
-
-    def _to_atlas(
-        self, metres: Floats, bins: NDArray[np.int32], footprint: NDArray[np.float64], axis: _Axis
-    ) -> Floats:
-        """Texels of the image along one axis."""
-        scale, start = axis.place(footprint)
-        # In periods: what is left of the decimal point is how often the texture was repeated.
-        period = axis.sizes[0] * axis.step
-        place = metres * np.float32(1.0 / period) - np.float32(axis.origin / period)
-        if self._wrap:
-            place -= np.floor(place)
-        place *= scale.take(bins, mode='clip')
-        place += start.take(bins, mode='clip')
-        return place
 
 
 def _halvings(size: int) -> list[int]:
@@ -237,7 +231,8 @@ class GroundPainter:
             cv2.copyTo(runway, strip[part], band[part])
         # The nearest pixels of a band lie at its bottom, or at a side of it when banking.
         nearest = float(max(fall[-1, 0], fall[-1, -1], fall[0, 0], fall[0, -1]))
-        if self._ground.grain is not None and table.covers(nearest) < _GRAIN_REACH:
+        covered = pose.position[2] / (self._camera.fx * nearest * min(nearest, 1.0))
+        if self._ground.grain is not None and covered < _GRAIN_REACH:
             grain = self._ground.grain.sample(x, y, bins, table.along, table.across)
             cv2.multiply(band, grain, dst=band, scale=1.0 / 128.0)
         return band
@@ -265,7 +260,6 @@ class _FootprintTable:
     """What a pixel covers on the ground, and how much haze is before it, by its depth."""
 
     def __init__(self, height: float, focal: float, visibility: float) -> None:
-        self.height, self.focal = height, focal
         self.first_bin, falls = _bins(_BIN_SHIFT)
         depth = np.minimum(height / falls, MAX_DEPTH)
         self.across = depth / focal
@@ -275,10 +269,6 @@ class _FootprintTable:
         self._first_haze, falls = _bins(_HAZE_SHIFT)
         clear = np.exp(-np.minimum(height / falls, MAX_DEPTH) / visibility)
         self._clear = np.rint(255.0 * clear).astype(np.uint8)
-
-    def covers(self, fall: float) -> float:
-        """What a pixel covers along the view, m."""
-        return self.height / (self.focal * fall * min(fall, 1.0))
 
     def add_haze(self, band: Pixels, fall: Floats) -> Pixels:
         """The band with haze before it."""

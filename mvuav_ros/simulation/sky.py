@@ -152,11 +152,7 @@ class Background:
 
 
 def _draw(
-    kind: str,
-    size: tuple[int, int],
-    camera: PinholeCamera,
-    detail: float,
-    rng: np.random.Generator,
+    kind: str, size: tuple[int, int], camera: PinholeCamera, detail: float, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     if kind == 'sky':
         clouds = CLOUDINESS * detail

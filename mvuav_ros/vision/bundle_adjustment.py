@@ -27,9 +27,7 @@ class Equations(NamedTuple):
     by_shared: Array  # (2n, s), by the unknowns that all views share
 
 
-def eliminate_poses(
-    views: Iterable[Equations],
-) -> tuple[Array, Array, list[tuple[Array, Array]]]:
+def eliminate_poses(views: Iterable[Equations]) -> tuple[Array, Array, list[tuple[Array, Array]]]:
     """Solve each view for its pose: the unknowns of one meet those of no other.
 
     Returns:

@@ -149,11 +149,7 @@ class Reprojection:
 
 
 def projection_derivatives(
-    camera: CameraModel,
-    points: Array,
-    rotation: Array,
-    translation: Array,
-    about: Sequence[float],
+    camera: CameraModel, points: Array, rotation: Array, translation: Array, about: Sequence[float]
 ) -> tuple[Array, Array, Array]:
     """Where points (n, 3) of a body are seen, and how that changes with its pose.
 

@@ -16,6 +16,7 @@ import yaml
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.yaml_text import Loader
+from mvuav_ros.vision.frames import read_only
 
 Point = tuple[float, float, float]
 _NUMBERS = (int, float, np.integer, np.floating)
@@ -84,9 +85,7 @@ class MarkerRig:
     @cached_property
     def positions(self) -> NDArray[np.float64]:
         """(n, 3), m."""
-        positions = np.array([position for _, position in self.markers])
-        positions.setflags(write=False)
-        return positions
+        return read_only(np.array([position for _, position in self.markers]))
 
     @cached_property
     def middle(self) -> NDArray[np.float64]:
@@ -140,8 +139,7 @@ class _Loader(Loader):
 def load_rig(path: str | Path) -> MarkerRig:
     """Read a rig file (see ``config/tanker_747.yaml``).
 
-    Args:
-        path: a YAML file: ``markers`` maps names to [x, y, z] in m, x forward, y left, z up.
+    It is YAML, in which ``markers`` maps names to [x, y, z] in m, x forward, y left, z up.
 
     Raises:
         RigError: there is no such file, or it says something else than a rig.

@@ -17,12 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri
 
-from mvuav_ros.vision.bundle_adjustment import (
-    Equations,
-    adjust,
-    eliminate_poses,
-    farthest_first,
-)
+from mvuav_ros.vision.bundle_adjustment import Equations, adjust, eliminate_poses, farthest_first
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.reprojection import Reprojection, Solution, rotation_of
 

@@ -63,12 +63,7 @@ def find_peaks(
 
 
 def _neighbourhood(
-    votes: Accumulator,
-    theta_index: int,
-    cell: int,
-    mirrored: int,
-    reach_rho: int,
-    reach_theta: int,
+    votes: Accumulator, theta_index: int, cell: int, mirrored: int, reach_rho: int, reach_theta: int
 ) -> Iterator[Accumulator]:
     """The parts around a cell; ``mirrored`` is the cell of -rho, which may be left out."""
     columns = votes.shape[0]
