@@ -239,13 +239,13 @@ def protection_levels(
     sigma = max(noise, budget.min_noise)
     terms = _normal_terms(camera, rig, used, pixels[:count], rotation, translation, sigma, budget)
     sums = kept @ terms
-    information, known = sums[:, :36], sums[:, 36:].reshape(-1, 6, 4)
-    scale = information[0, ::7]
+    scale = sums[0, :60:11]
     if not scale.min() > 0.0 or not math.isfinite(scale.max()):
         return ProtectionLevels(reason='the lights do not tell a pose')
-    information[:, ::7] += _RIDGE * scale
-    covariances = np.linalg.inv(information.reshape(-1, 6, 6))
-    shifts = covariances @ known
+    sums[:, :60:11] += _RIDGE * scale
+    information = sums.reshape(-1, 6, 10)
+    covariances = np.linalg.inv(information[:, :, :6])
+    shifts = covariances @ information[:, :, 6:]
     by_calibration = shifts[:, :, :3]
     variances = np.einsum('kii->ki', covariances)
     variances = variances + np.einsum('kij,kij->ki', by_calibration, by_calibration)
@@ -256,8 +256,7 @@ def protection_levels(
     factors = _factors(budget, count, monitored.tobytes(), tuple(doubts[:count]))
     if factors is None:
         return ProtectionLevels(reason=_unmonitored_reason(monitored, used, rig))
-    sigmas = np.sqrt(np.abs(variances))
-    bounds = np.abs(shifts[:, :, 3]) + factors * sigmas
+    bounds = np.abs(shifts[:, :, 3]) + factors * np.sqrt(np.abs(variances))
     levels = bounds[monitored].max(axis=0)
     # A turn is bounded under every hypothesis, or not at all.
     levels[3:] = bounds[:, 3:].max(axis=0)
@@ -320,10 +319,10 @@ def _normal_terms(
     sigma: float,
     budget: IntegrityBudget,
 ) -> Array:
-    """(n, 60), each light's part of the normal equations, in units of the noise.
+    """(n, 60), each light's part of the normal equations, in units of the noise: six rows.
 
-    36 numbers of the information about the dock's place and the turns, then (6, 4) of the products
-    with the three errors of the calibration, one deviation each, and with the residual.
+    Each has the information about the dock's place and the turns, then the products with the three
+    errors of the calibration, one deviation each, and with the residual.
     """
     seen, by_place, by_turn = projection_derivatives(
         camera, rig.positions[labels], rotation, translation, about=rig.dock
@@ -337,11 +336,7 @@ def _normal_terms(
     design[:, :, 7:9] = np.eye(2) * budget.center_error
     design[:, :, 9] = pixels - seen
     design /= sigma
-    terms = np.empty((count, 60))
-    of_pose = design[:, :, :6].transpose(0, 2, 1)
-    np.matmul(of_pose, design[:, :, :6], out=terms[:, :36].reshape(count, 6, 6))
-    np.matmul(of_pose, design[:, :, 6:], out=terms[:, 36:].reshape(count, 6, 4))
-    return terms
+    return (design[:, :, :6].transpose(0, 2, 1) @ design).reshape(count, 60)
 
 
 def _unmonitored_reason(monitored: NDArray[np.bool_], labels: list[int], rig: MarkerRig) -> str:
