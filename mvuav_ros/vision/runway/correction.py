@@ -147,7 +147,7 @@ class RhoThetaCorrection:
     def correct(self, measured: Sequence[NormalForm]) -> list[CorrectedLine]:
         """``num_peaks`` rows of the next frame, by lines measured, strongest first."""
         return [
-            self._hold(row) if index is None else self._compare(row, index, measured[index])
+            self._correct(row, index, None if index is None else measured[index])
             for row, index in enumerate(self._associate(measured))
         ]
 
@@ -165,31 +165,19 @@ class RhoThetaCorrection:
             math.radians(theta),
         )
 
-    def _compare(self, row: int, index: int, line: NormalForm) -> CorrectedLine:
-        known = self._known[row]
-        if known is None:
-            self._known[row] = _KnownLine(line)
+    def _correct(self, row: int, index: int | None, line: NormalForm | None) -> CorrectedLine:
+        known, rho_flag, theta_flag = self._known[row], False, False
+        if known is not None and line is not None:
+            if known.measurements < self._parameters.correction_warmup:
+                known.measurements += 1
+            else:
+                rho_flag, theta_flag = jumps(line, known.line, self._parameters)
+        is_held = line is None or rho_flag or theta_flag
+        if known is None or (is_held and 0 < self._parameters.max_hold <= known.held):
+            self._known[row] = None if line is None else _KnownLine(line)
             return CorrectedLine(index, line)
-        rho_flag, theta_flag = jumps(line, known.line, self._parameters)
-        in_warmup = known.measurements < self._parameters.correction_warmup
-        if in_warmup or not (rho_flag or theta_flag):
-            known.line = line
-            known.measurements += in_warmup
-            known.held = 0
-            return CorrectedLine(index, line)
-        if self._is_given_up(known):
-            self._known[row] = _KnownLine(line)
-            return CorrectedLine(index, line)
-        known.held += 1
-        return CorrectedLine(index, known.line, rho_flag, theta_flag)
-
-    def _hold(self, row: int) -> CorrectedLine:
-        known = self._known[row]
-        if known is not None and self._is_given_up(known):
-            self._known[row] = None
-        elif known is not None:
+        if line is None or is_held:
             known.held += 1
-        return CorrectedLine()
-
-    def _is_given_up(self, known: _KnownLine) -> bool:
-        return 0 < self._parameters.max_hold <= known.held
+        else:
+            known.line, known.held = line, 0
+        return CorrectedLine(index, None if line is None else known.line, rho_flag, theta_flag)

@@ -51,9 +51,7 @@ class HoughGrid:
             )
         degrees = np.linspace(-90, 90, 2 * quarter + 1)[:-1]
         self.theta: NDArray[np.float64] = degrees * (np.pi / 180)
-        self.rho: NDArray[np.float64] = (
-            np.arange(-half, half + 1, dtype=np.float64) * rho_resolution
-        )
+        self.rho: NDArray[np.float64] = np.arange(-half, half + 1.0) * rho_resolution
         self._width = width
         # The cell of pixel (x, y) is the whole part of the sum of two entries.
         self._x_part = np.outer(np.arange(width), np.cos(self.theta)) / rho_resolution
