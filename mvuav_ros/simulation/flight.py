@@ -82,8 +82,7 @@ def motion_blur(image: Pixels, dx: float, dy: float) -> Pixels:
         fx, fy = x - column, y - row
         for r, wy in ((row, 1.0 - fy), (row + 1, fy)):
             for c, wx in ((column, 1.0 - fx), (column + 1, fx)):
-                if wx * wy > 0.0:
-                    kernel[r, c] += wx * wy
+                kernel[r, c] += wx * wy
     kernel /= kernel.sum()
     return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE)
 

@@ -91,7 +91,7 @@ RECEIVER_DISTANCE = 1.5
 RECEIVER_ELEVATION = math.radians(30.0)
 ROLL_SWEEP = math.radians(60.0)
 ROLL_PERIOD = 10.0
-CROSSING_PITCH_DEG = -7.65
+CROSSING_PITCH = math.radians(-7.65)
 SETTLED = 0.1
 """Part of a docking approach that is flown at the final distance."""
 
@@ -182,9 +182,7 @@ def _crossing(time: float) -> BodyOffset:
     The pitch sets how close (about 5 px in the lab view of 640 px): the tail lies 25 m behind
     the wings, so nose up lowers it.
     """
-    return BodyOffset(
-        pitch=math.radians(CROSSING_PITCH_DEG), yaw=_sine(math.radians(42.0), 12.0, time)
-    )
+    return BodyOffset(pitch=CROSSING_PITCH, yaw=_sine(math.radians(42.0), 12.0, time))
 
 
 def _erratic(_duration: float, rng: np.random.Generator) -> OffsetByTime:
@@ -272,12 +270,11 @@ class TankerFlight(Flight[TankerTruth]):
         velocities = (after - before) / (2 * _STEP)
         boom = self._boom(pose, places, time)
         markers = []
-        for name, place, velocity, profile in zip(
-            self.rig.names, places, velocities, self._profiles(pose), strict=True
-        ):
-            (x, y), (vx, vy) = place.tolist(), velocity.tolist()
+        lights = zip(self.rig.names, places, velocities, self._profiles(pose), strict=True)
+        for name, place, velocity, profile in lights:
             visible = self._shows(name, place, 0.0, boom, time)
             whole = self._shows(name, place, profile.radius + 1.0, boom, time)
+            (x, y), (vx, vy) = place.tolist(), velocity.tolist()
             markers.append(MarkerTruth(name, x, y, vx, vy, visible, whole))
         dock = pose.rotation @ np.array(self.rig.dock) + pose.translation
         return TankerTruth(
@@ -303,11 +300,10 @@ class TankerFlight(Flight[TankerTruth]):
         pose = BodyPose(truth.rotation, truth.translation)
         places = np.array([(m.x, m.y) for m in truth.markers])
         image = self._background.view(self._shake.rotation(time))
-        lab = self.settings.actual_background != 'sky'
         if self.settings.airframe and self.rig.name == TANKER_747.name:
+            lighting = IN_SKY if self.settings.actual_background == 'sky' else IN_LAB
             # The light stands still while the body turns under it.
-            lighting, level = IN_LAB if lab else IN_SKY, self._motion.steady_frame
-            paint_tanker(image, self.camera, pose, lighting, level)
+            paint_tanker(image, self.camera, pose, lighting, self._motion.steady_frame)
         moved = [(m.vx, m.vy) for m in truth.markers if math.isfinite(m.vx)]
         mean_x, mean_y = np.mean(moved or [(0.0, 0.0)], axis=0)
         exposure = self.settings.exposure
@@ -329,20 +325,15 @@ class TankerFlight(Flight[TankerTruth]):
             count = min(2 * math.ceil(longest) + 1, 33)
             offsets = exposure * ((np.arange(count) + 0.5) / count - 0.5)
             paths = np.stack([self._project(self.pose(time + offset)) for offset in offsets])
-        lights = [
-            Light(profile, path)
-            for name, profile, path in zip(
-                self.rig.names, self._profiles(pose), np.moveaxis(paths, 1, 0), strict=True
-            )
-            if not affected(self._failures, name, time)
-        ]
-        profile = LightProfile(self.settings.light_radius)
-        return lights + [Light(profile, place[None]) for place in self._glares(time)]
+        lights = map(Light, self._profiles(pose), np.moveaxis(paths, 1, 0))
+        named = zip(self.rig.names, lights, strict=True)
+        lit = [light for name, light in named if not affected(self._failures, name, time)]
+        glare = LightProfile(self.settings.light_radius)
+        return lit + [Light(glare, place[None]) for place in self._glares(time)]
 
     def _profiles(self, pose: BodyPose) -> list[LightProfile]:
         """Larger when closer, though by the root only: the glow is the lens's."""
-        usual = self._usual_depth
-        radius = self.settings.light_radius
+        usual, radius = self._usual_depth, self.settings.light_radius
         largest = max(radius, LARGEST_RADIUS)
         depths = self._optical(pose)[:, 2]
         radii = (radius * math.sqrt(usual / max(depth, 0.1)) for depth in depths)

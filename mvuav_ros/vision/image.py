@@ -175,11 +175,8 @@ class Image:
 
     def gray(self) -> Pixels:
         """The channel, (height, width) uint8 or uint16; a view where it can be."""
-        if not ENCODINGS[self.encoding].chroma_below:
-            return self._gray(self.pixels)
-        if self.channel == 'intensity':
-            return self.pixels[: self.height]
-        return select_channel(self.bgr(), self.channel)
+        has_more = ENCODINGS[self.encoding].chroma_below and self.channel == 'intensity'
+        return self._gray(self.pixels[: self.height] if has_more else self.pixels)
 
     def gray_window(self, rows: slice, columns: slice) -> Pixels:
         """The channel in a part of the frame, given by its ends, at the cost of that part alone."""
