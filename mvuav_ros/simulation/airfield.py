@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation.texture import smooth_noise, smoothstep, to_bytes
 
-TERRAIN_STEP = 2.5
-"""Size of a texel, m."""
-TERRAIN_SHAPE = (1536, 2048)
-"""Rows and columns."""
-TERRAIN_ORIGIN = (-2200.0, -1920.0)
-"""x and y of the first corner, m."""
+TERRAIN_STEP = 2.5  # size of a texel, m
+TERRAIN_SHAPE = (1536, 2048)  # rows and columns
+TERRAIN_ORIGIN = (-2200.0, -1920.0)  # x and y of the first corner, m
 RIVER_X, RIVER_WIDTH = -380.0, 34.0
 ROAD_X, ROAD_SLOPE, ROAD_WIDTH = -260.0, 0.22, 9.0
 
@@ -155,17 +152,14 @@ def _draw_houses(land: Plane, rng: np.random.Generator, wood: Plane) -> None:
         land[row + half : row + height, column : column + width] = 0.78 * roof
 
 
-MARGIN_X, MARGIN_Y = 60.0, 6.0
-"""Grass around the pavement that belongs to the texture, m."""
-STRIPE = 0.9
-"""Width of the side stripes, whose outer sides are the pavement's edges, m."""
+MARGIN_X, MARGIN_Y = 60.0, 6.0  # grass around the pavement that belongs to the texture, m
+STRIPE = 0.9  # width of the side stripes, whose outer sides are the pavement's edges, m
 _STEP_Y = 0.0625
 _MAX_COLUMNS = 8192
 _ASPHALT = np.array((92.0, 90.0, 88.0), np.float32)
 _PAINT = np.array((236.0, 238.0, 238.0), np.float32)
 _SEGMENTS = {'0': 'abcdef', '2': 'abged', '7': 'abc', '9': 'abcdfg'}
-NUMBERS = ('27', '09')
-"""At the near and at the far end."""
+NUMBERS = ('27', '09')  # at the near and at the far end
 
 _Adder = Callable[[float, float, float, float], None]
 

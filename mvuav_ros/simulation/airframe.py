@@ -20,16 +20,13 @@ from mvuav_ros.vision.point_operations import Pixels
 
 SUPERSAMPLING = 2
 """Faces are painted at twice the size and reduced: OpenCV's own smooth edges show the seams."""
-MIN_DEPTH = 0.5
-"""Faces that come closer to the camera than this (m) are not painted."""
+MIN_DEPTH = 0.5  # faces that come closer to the camera than this (m) are not painted
 _SUBPIXEL_BITS = 4
-_TINT = (1.06, 1.0, 0.95)
-"""Blue, green and red of the light."""
+_TINT = (1.06, 1.0, 0.95)  # blue, green and red of the light
 
 Array = NDArray[np.float64]
 Corner = tuple[float, float, float]
-Face = tuple[Sequence[Corner], float]
-"""Four corners (m) and an albedo, 0 to 1."""
+Face = tuple[Sequence[Corner], float]  # four corners (m) and an albedo, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -149,8 +146,7 @@ _FIN = (
     WingSection(-28.0, 8.7, 0.0, 7.5, 0.6),
     WingSection(-33.0, 3.6, 0.0, 12.8, 0.3),
 )
-_ENGINES = ((6.6, 11.7, -3.4), (-2.2, 20.9, -2.0))
-"""Middle of the left nacelles."""
+_ENGINES = ((6.6, 11.7, -3.4), (-2.2, 20.9, -2.0))  # middle of the left nacelles
 
 
 @lru_cache(maxsize=1)
@@ -224,8 +220,7 @@ def _engine(x: float, y: float, z: float) -> Iterator[Face]:
     yield [(x + ahead, y, z + up) for ahead, up in pylon], 0.7
 
 
-BOOM_TRAVEL = 0.25
-"""Seconds in which the boom extends and retracts; it turns while it is short."""
+BOOM_TRAVEL = 0.25  # seconds in which the boom extends and retracts; it turns while it is short
 BOOM_TURN = 1.0
 BOOM_REST = 0.35
 """Length at rest, in distances from its pivot to the farthest light; no light is that close."""

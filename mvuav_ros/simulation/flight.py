@@ -21,8 +21,7 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
 
 _POOL_EXTRA = 1 << 17
-STEP_SECONDS = 2.5
-"""Mean time between two steps of the gain."""
+STEP_SECONDS = 2.5  # mean time between two steps of the gain
 
 
 class SensorNoise:

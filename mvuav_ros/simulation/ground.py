@@ -117,16 +117,13 @@ def _halvings(size: int) -> list[int]:
     return sizes
 
 
-MAX_DEPTH = 60_000.0
-"""Depth at which the ground ends in haze, m."""
+MAX_DEPTH = 60_000.0  # depth at which the ground ends in haze, m
 MIN_DEPTH = 1.0
-_BAND_ROWS = 48
-"""The image is drawn in bands whose arrays fit into the processor's cache."""
+_BAND_ROWS = 48  # the image is drawn in bands whose arrays fit into the processor's cache
 _BIN_SHIFT = 22
 """Depth goes into bins of half an octave: a float's exponent and the first bit after it."""
 _HAZE_SHIFT = 18
-_GRAIN_REACH = 4.0
-"""Grass grain is drawn where a pixel covers less than this along the view, m."""
+_GRAIN_REACH = 4.0  # grass grain is drawn where a pixel covers less than this along the view, m
 
 _GRAIN_STEP, _GRAIN_SIZE = 0.25, 512
 

@@ -18,16 +18,13 @@ LARGEST_RADIUS = 6.4
 """px; a wider light would fall apart under the thesis's grouping distance of 15 px."""
 TINT = (0.90, 0.97, 1.0)
 """Blue, green and red of the glow, which shows it only where it is not saturated."""
-SOFTNESS = 1.2
-"""Sigma of a disc's edge, px."""
+SOFTNESS = 1.2  # sigma of a disc's edge, px
 PEAK, GLOW = 850.0, 55.0
 """Grey levels of a disc, well above 255, as of a light that overexposes the camera, and of the
 bloom at its centre."""
-GLOW_LENGTH = 5.0
-"""Distance over which the bloom falls to 1/e, px."""
+GLOW_LENGTH = 5.0  # distance over which the bloom falls to 1/e, px
 _STEPS_PER_PIXEL = 16
-DRIFT = 6.0
-"""Greatest way of a reflection from its middle, px."""
+DRIFT = 6.0  # greatest way of a reflection from its middle, px
 CLEAR = 45.0
 """Distance that it keeps from every marker's path and other reflections where there is room, px."""
 _TRIES = 60

@@ -15,8 +15,7 @@ from mvuav_ros.vision.frames import Matrix, Vector, read_only
 
 Distortion = tuple[float, float, float, float, float]
 NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
-_MAX_COEFFICIENT = 1e6
-"""Of any distortion that a lens might have, and far below what overflows."""
+_MAX_COEFFICIENT = 1e6  # of any distortion that a lens might have, and far below what overflows
 
 
 @dataclass(frozen=True)

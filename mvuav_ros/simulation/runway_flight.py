@@ -21,8 +21,7 @@ from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.results import LineRole
 
-MIN_DEPTH = 0.1
-"""Lines are cut where they come closer than this to the camera's plane, m."""
+MIN_DEPTH = 0.1  # lines are cut where they come closer than this to the camera's plane, m
 
 
 class LineTruth(NamedTuple):
@@ -158,15 +157,13 @@ def measured_attitude(pose: CameraPose, seed: int, stamp_ns: int) -> tuple[float
 
 
 GLIDE = math.tan(math.radians(3.5))
-AIMING_POINT = 150.0
-"""Where the glide path meets the runway, m from the near end."""
+AIMING_POINT = 150.0  # where the glide path meets the runway, m from the near end
 FLARE_HEIGHT = 8.0
 LOW_PASS_HEIGHT = 22.0
 S_TURN_HEIGHT = 70.0
 S_TURN_AMPLITUDE = 18.0
 S_TURN_PERIOD = 14.0
-CAPTURE_SECONDS = 6.0
-"""Time in which an approach loses 63 % of its lateral offset."""
+CAPTURE_SECONDS = 6.0  # time in which an approach loses 63 % of its lateral offset
 _GRAVITY = 9.81
 _STEP = 1e-3
 

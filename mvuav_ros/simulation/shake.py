@@ -13,8 +13,7 @@ import numpy as np
 
 from mvuav_ros.vision.frames import Matrix, about_x, about_y, about_z
 
-Wave = Callable[[float], float]
-"""A value by the time (s)."""
+Wave = Callable[[float], float]  # a value by the time (s)
 
 
 def random_wave(rng: np.random.Generator, terms: Iterable[tuple[float, float]]) -> Wave:

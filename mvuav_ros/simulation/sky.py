@@ -23,13 +23,11 @@ TURN = math.radians(60.0)
 RISE = math.radians(40.0)
 _FRAMES = 3
 """It reaches no farther than this many frames: of a telephoto lens, 60 degrees are gigabytes."""
-HILLS = math.radians(0.5)
-"""Height of the hills."""
+HILLS = math.radians(0.5)  # height of the hills
 _BELOW = 8
 _HILL = np.array((196.0, 176.0, 150.0), np.float32)
 
-MARGIN = 48
-"""px around the frame, for a camera that shakes."""
+MARGIN = 48  # px around the frame, for a camera that shakes
 FOAM = np.array((150.0, 96.0, 58.0), np.float32)
 PLAIN = 64.0
 SKY_BRIGHTNESS = 0.62

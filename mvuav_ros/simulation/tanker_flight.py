@@ -92,8 +92,7 @@ RECEIVER_ELEVATION = math.radians(30.0)
 ROLL_SWEEP = math.radians(60.0)
 ROLL_PERIOD = 10.0
 CROSSING_PITCH = math.radians(-7.65)
-SETTLED = 0.1
-"""Part of a docking approach that is flown at the final distance."""
+SETTLED = 0.1  # part of a docking approach that is flown at the final distance
 
 
 class BodyPose(NamedTuple):
@@ -220,10 +219,8 @@ _RANDOM_MOTIONS = {'erratic': _erratic, 'docking': _docking}
 """Made for a duration (s) with a generator."""
 
 
-BOOM_WIDTH = 0.9
-"""m."""
-_STEP = 1e-4
-"""Half of the time over which velocities are taken, s."""
+BOOM_WIDTH = 0.9  # m
+_STEP = 1e-4  # half of the time over which velocities are taken, s
 _LONG_PATH = 0.25
 """A light that moves less than this during the exposure (px) is drawn standing still."""
 

@@ -25,10 +25,8 @@ Array = NDArray[np.float64]
 
 _GAUSSIAN = NormalDist()
 
-MIN_LIGHTS = 4
-"""Three lights fit a pose wherever they are, so they cannot check each other."""
-MAX_LIGHTS = 12
-"""The pairs of more would cost more than they gain; those seen first are used."""
+MIN_LIGHTS = 4  # three lights fit a pose wherever they are, so they cannot check each other
+MAX_LIGHTS = 12  # the pairs of more would cost more than they gain; those seen first are used
 MAX_TURN_SIGMA = 0.05
 """rad. A hypothesis whose remaining lights determine a turn less exactly is not monitored:
 the second, mirrored solution of three lights seen face on is then near, and no Gaussian."""
@@ -39,8 +37,7 @@ MAX_TURN_LEVEL = 0.15
 there, as flights with two faulty lights show."""
 MAX_DISTANCE_LEVEL = 0.1
 """Of the distance: the pose has no levels beyond this, as the projection is not linear there."""
-MAX_UNMONITORED = 0.9
-"""Part of the integrity risk that hypotheses without a check may take up."""
+MAX_UNMONITORED = 0.9  # part of the integrity risk that hypotheses without a check may take up
 MAX_TAIL = 1e-3
 """The largest probability that a bound is exceeded under its hypothesis, however improbable that
 is: a margin for priors that are too small."""

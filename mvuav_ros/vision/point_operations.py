@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Pixels = NDArray[Any]
-"""uint8 or uint16, (height, width) or (height, width, channels)."""
-Mask = NDArray[Any]
-"""uint8, (height, width), 255 or 0."""
+Pixels = NDArray[Any]  # uint8 or uint16, (height, width) or (height, width, channels)
+Mask = NDArray[Any]  # uint8, (height, width), 255 or 0
 
 
 def full_scale(image: Pixels) -> int:
@@ -49,8 +47,7 @@ def intensity(bgr: Pixels) -> Pixels:
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
 
 
-BLUE_FIRST, RED_FIRST = (0, 1, 2), (2, 1, 0)
-"""Places of blue, green and red."""
+BLUE_FIRST, RED_FIRST = (0, 1, 2), (2, 1, 0)  # places of blue, green and red
 
 
 def select_channel(
