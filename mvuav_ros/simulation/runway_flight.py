@@ -58,18 +58,15 @@ def true_lines(
     camera: PinholeCamera, pose: CameraPose, width: float, length: float
 ) -> tuple[LineTruth, ...]:
     """The runway's lines as seen by a camera without distortion."""
-    half = 0.5 * width
+    left, right = 0.5 * width, -0.5 * width
     ends = {
-        LineRole.LEFT_EDGE: ((0.0, half), (length, half)),
-        LineRole.RIGHT_EDGE: ((0.0, -half), (length, -half)),
-        LineRole.CENTRELINE: ((0.0, 0.0), (length, 0.0)),
-        LineRole.FAR_END: ((length, half), (length, -half)),
-        LineRole.NEAR_END: ((0.0, half), (0.0, -half)),
+        LineRole.LEFT_EDGE: ((0.0, left, 0.0), (length, left, 0.0)),
+        LineRole.RIGHT_EDGE: ((0.0, right, 0.0), (length, right, 0.0)),
+        LineRole.CENTRELINE: ((0.0, 0.0, 0.0), (length, 0.0, 0.0)),
+        LineRole.FAR_END: ((length, left, 0.0), (length, right, 0.0)),
+        LineRole.NEAR_END: ((0.0, left, 0.0), (0.0, right, 0.0)),
     }
-    return tuple(
-        _project_line(camera, pose, role, np.array([(*a, 0.0), (*b, 0.0)]))
-        for role, (a, b) in ends.items()
-    )
+    return tuple(_project_line(camera, pose, role, np.array(line)) for role, line in ends.items())
 
 
 def normal_form(line: NDArray[np.floating[Any]]) -> tuple[float, float]:
@@ -96,31 +93,22 @@ def horizon(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
 def _project_line(
     camera: PinholeCamera, pose: CameraPose, role: LineRole, ends: Matrix
 ) -> LineTruth:
-    nothing = LineTruth(role, False, *[math.nan] * 6)
     points = (ends - pose.position) @ pose.rotation
-    plane = np.cross(points[0], points[1])
-    cut = _cut_near(points)
-    if cut is None:
-        return nothing
-    (x1, y1), (x2, y2) = camera.project(cut).tolist()
-    segment = clip_segment(x1, y1, x2, y2, camera.width - 1.0, camera.height - 1.0)
-    if segment is None:
-        return nothing
-    rho, theta = normal_form(np.linalg.inv(camera.matrix).T @ plane)
-    return LineTruth(role, True, rho, theta, *segment)
-
-
-def _cut_near(points: Matrix) -> Matrix | None:
-    """Two points moved along their line until both are in front of the camera."""
-    depth = points[:, 2] - MIN_DEPTH
-    if depth.max() <= 0.0:
-        return None
-    cut = points.copy()
+    depth, cut = points[:, 2] - MIN_DEPTH, points.copy()
+    # Moved along their line until both are in front of the camera.
     for end in (0, 1):
-        if depth[end] < 0.0:
+        if depth[end] < 0.0 < depth[1 - end]:
             part = depth[end] / (depth[end] - depth[1 - end])
             cut[end] = points[end] + part * (points[1 - end] - points[end])
-    return cut
+    (x1, y1), (x2, y2) = camera.project(cut).tolist()
+    segment = None
+    if depth.max() > 0.0:
+        segment = clip_segment(x1, y1, x2, y2, camera.width - 1.0, camera.height - 1.0)
+    if segment is None:
+        return LineTruth(role, False, *[math.nan] * 6)
+    plane = np.cross(points[0], points[1])
+    rho, theta = normal_form(np.linalg.inv(camera.matrix).T @ plane)
+    return LineTruth(role, True, rho, theta, *segment)
 
 
 def clip_segment(
