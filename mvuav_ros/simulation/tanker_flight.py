@@ -122,11 +122,7 @@ OffsetByTime = Callable[[float], BodyOffset]
 
 
 class TankerMotion:
-    """The body's pose as a function of time, for a camera that does not shake.
-
-    Attributes:
-        steady_frame: (3, 3), steady optical frame from level axes (x ahead, y left, z up).
-    """
+    """The body's pose as a function of time, for a camera that does not shake."""
 
     def __init__(
         self, settings: TankerSettings, rig: MarkerRig, duration: float, rng: np.random.Generator
@@ -137,6 +133,7 @@ class TankerMotion:
         self._reach = rig.reach
         lab = settings.actual_view == 'lab'
         elevation = LAB_ELEVATION if lab else RECEIVER_ELEVATION
+        # Steady optical frame from level axes (x ahead, y left, z up).
         self.steady_frame: Matrix = OPTICAL_FROM_BODY @ about_y(-elevation).T
         self._look = np.array((math.cos(elevation), 0.0, math.sin(elevation)))
         docking = settings.motion == 'docking'

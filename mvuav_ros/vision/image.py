@@ -28,20 +28,15 @@ class ImageError(ValueError):
 
 @dataclass(frozen=True)
 class Encoding:
-    """How pixels of one sensor_msgs encoding lie in memory, and OpenCV's conversions from it.
-
-    ``luma`` is the channel that already is the intensity (the Y of YUV 4:2:2); ``colors`` are the
-    places of blue, green and red where each pixel has all three. With ``chroma_below`` the rows of
-    intensity are followed by half as many of colour (YUV 4:2:0).
-    """
+    """How pixels of one sensor_msgs encoding lie in memory, and OpenCV's conversions from it."""
 
     dtype: type[np.uint8] | type[np.uint16]
     channels: int
     to_gray: int | None = None
     to_bgr: int | None = None
-    luma: int | None = None
-    colors: tuple[int, int, int] | None = None
-    chroma_below: bool = False
+    luma: int | None = None  # channel that already is the intensity (the Y of YUV 4:2:2)
+    colors: tuple[int, int, int] | None = None  # places of blue, green, red in a pixel of all three
+    chroma_below: bool = False  # half as many rows of colour follow those of intensity (YUV 4:2:0)
 
     @property
     def pixel_bytes(self) -> int:

@@ -144,24 +144,19 @@ def calibrate_rig(
 
 
 class _Bundle:
-    """The adjustment on its way.
-
-    Attributes:
-        points: (n, 3), the positions, m, in any frame and scale.
-        used: (m,), the sightings that count.
-    """
+    """The adjustment on its way."""
 
     def __init__(self, camera: CameraModel, points: Array, sightings: LightSightings) -> None:
         self._camera = camera
-        self.points = points
+        self.points = points  # (n, 3), the positions, m, in any frame and scale
         self._all = sightings
+        self.used = np.zeros(len(sightings.frames), np.bool_)  # (m,), the sightings that count
         order = np.argsort(sightings.frames, kind='stable')
         frames, starts = np.unique(sightings.frames[order], return_index=True)
         rows = zip(frames.tolist(), np.split(order, starts[1:]), strict=True)
         # Of each image the rows of its sightings.
         self._rows = {frame: seen for frame, seen in rows if len(seen) >= MIN_LIGHTS}
         self._poses: dict[int, Array] = {}
-        self.used = np.zeros(len(sightings.frames), np.bool_)
 
     def locate(self) -> None:
         """The pose of every image, and which of its lights fit it."""

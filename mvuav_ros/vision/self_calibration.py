@@ -75,16 +75,13 @@ class _Frame(NamedTuple):
 
 
 class _Equations(NamedTuple):
-    """Residuals of frames (f, 2 n), and their derivatives by what is shared (f, 2 n, s).
+    """Of frames, over the noise; zero for markers not seen."""
 
-    All over the noise, zero for markers not seen; and what the poses leave of both.
-    """
-
-    residual: Array
-    common: Array
+    residual: Array  # (f, 2 n)
+    common: Array  # (f, 2 n, s), derivatives by what is shared
     inverse: Array  # (f, 6, 2 n), of the derivatives by the poses
-    left: Array
-    rest: Array
+    left: Array  # what the poses leave of the residuals
+    rest: Array  # and of the derivatives
 
     def steps(self, step: Array) -> Array:
         """Of the poses, (f, 6), with a step of what is shared (s,)."""

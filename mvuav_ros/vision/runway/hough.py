@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.point_operations import Mask
 
-# Whole numbers: float32 as OpenCV counts, or intp as NumPy does.
-Accumulator = NDArray[Any]
+Accumulator = NDArray[Any]  # whole numbers: float32 as OpenCV counts, or intp as NumPy does
 
 # More would be hundreds of megabytes per frame, for cells far smaller than a pixel.
 MAX_CELLS = 2**24
