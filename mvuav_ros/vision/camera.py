@@ -230,7 +230,7 @@ class CameraModel:
     def project_with_jacobians(
         self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
     ) -> tuple[Array, Array, Array]:
-        """As before, and the derivative (2n, 4 + k) by fx, fy, cx, cy and the k coefficients."""
+        """`project_with_jacobian`, and (2n, 4 + k) by fx, fy, cx, cy and the k coefficients."""
         given = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 3)
         count = 4 + len(self.distortion)
         if not len(given):

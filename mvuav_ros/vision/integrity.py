@@ -90,11 +90,11 @@ class IntegrityBudget:
 
 @dataclass(frozen=True, slots=True)
 class ProtectionLevels:
-    """Bounds of one pose's errors; NaN where there are none, with the reason."""
+    """Bounds of one pose's errors, of the rig's dock; NaN where there are none, with the reason."""
 
-    along: float = math.nan  # along the line of sight (optical z), m; of the rig's dock, as are
+    along: float = math.nan  # along the line of sight (optical z), m
     across: float = math.nan  # to the right or left (optical x), m
-    up: float = math.nan  # and up or down (optical y), m
+    up: float = math.nan  # up or down (optical y), m
     roll: float = math.nan  # about the line of sight, rad; NaN where a turn could be large
     pitch: float = math.nan  # about optical x, rad
     yaw: float = math.nan  # about optical y, rad
