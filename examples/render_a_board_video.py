@@ -13,7 +13,7 @@ from mvuav_ros.sources.opening import open_source
 if len(sys.argv) != 3:
     sys.exit('usage: python examples/render_a_board_video.py FLIGHT OUT.mp4')
 lens = next(open_source(sys.argv[1]).frames()).camera
-video = BoardVideo(seed=1, places=20, size=(lens.width, lens.height), lens=lens)
+video = BoardVideo(seed=1, places=20, lens=lens)
 with av.open(sys.argv[2], 'w') as container:
     stream = container.add_stream('libx264', rate=15, options={'crf': '14', 'preset': 'veryfast'})
     stream.width, stream.height, stream.pix_fmt = lens.width, lens.height, 'yuv420p'

@@ -10,11 +10,11 @@ from tempfile import TemporaryDirectory
 
 from mvuav_ros.offline.report import Cell, Table
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.point_operations import Mask, Pixels
+from mvuav_ros.vision.point_operations import Mask, Pixels, select_channel
 from mvuav_ros.vision.runway.correction import RhoThetaCorrection
 from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector, lines_on_frame
-from mvuav_ros.vision.runway.edges import detect_edges, open_edges, select_channel
+from mvuav_ros.vision.runway.edges import detect_edges, open_edges
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.peaks import Peak, find_peaks
 from mvuav_ros.vision.runway.results import RunwayWorkings

@@ -32,7 +32,7 @@ RUNWAY = 'mvuav_ros/vision/runway'
 MUTATIONS = (
     Mutation(
         'sign of roll',
-        f'{MARKERS}/grouping.py',
+        f'{MARKERS}/marker_results.py',
         'math.atan2(right.y - left.y, right.x - left.x)',
         'math.atan2(left.y - right.y, right.x - left.x)',
         ('test/vision/markers/test_reference.py', 'test/vision/markers/test_thesis_tracker.py'),
@@ -40,8 +40,8 @@ MUTATIONS = (
     Mutation(
         'strict threshold',
         'mvuav_ros/vision/point_operations.py',
-        '    if not strict:',
-        '    if strict:',
+        'cv2.threshold(gray, limit, 255',
+        'cv2.threshold(gray, limit - 1, 255',
         ('test/vision/test_point_operations.py', 'test/vision/markers/test_reference.py'),
     ),
     Mutation(
@@ -54,13 +54,13 @@ MUTATIONS = (
     Mutation(
         "correction's OR",
         f'{RUNWAY}/correction.py',
-        'not (rho_flag or theta_flag)',
-        'not (rho_flag and theta_flag)',
+        'line is None or rho_flag or theta_flag',
+        'line is None or (rho_flag and theta_flag)',
         ('test/vision/runway/test_correction.py',),
     ),
     Mutation(
         'window clipping',
-        f'{MARKERS}/results.py',
+        f'{MARKERS}/marker_results.py',
         'x1 if x1 < right else right',
         'x1',
         ('test/vision/markers/test_thesis_tracker.py',),
@@ -88,7 +88,7 @@ MUTATIONS = (
     ),
     Mutation(
         'label order',
-        f'{MARKERS}/grouping.py',
+        f'{MARKERS}/detection.py',
         'return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing',
         'return left_wing, right_stabilizer, rudder, left_stabilizer, right_wing',
         ('test/vision/markers/test_reference.py',),

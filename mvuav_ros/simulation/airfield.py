@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation.texture import smooth_noise, smoothstep, to_bytes
 
-TERRAIN_STEP = 2.5
-"""Size of a texel, m."""
-TERRAIN_SHAPE = (1536, 2048)
-"""Rows and columns."""
-TERRAIN_ORIGIN = (-2200.0, -1920.0)
-"""x and y of the first corner, m."""
+TERRAIN_STEP = 2.5  # size of a texel, m
+TERRAIN_SHAPE = (1536, 2048)  # rows and columns
+TERRAIN_ORIGIN = (-2200.0, -1920.0)  # x and y of the first corner, m
 RIVER_X, RIVER_WIDTH = -380.0, 34.0
 ROAD_X, ROAD_SLOPE, ROAD_WIDTH = -260.0, 0.22, 9.0
 
@@ -155,28 +152,23 @@ def _draw_houses(land: Plane, rng: np.random.Generator, wood: Plane) -> None:
         land[row + half : row + height, column : column + width] = 0.78 * roof
 
 
-MARGIN_X, MARGIN_Y = 60.0, 6.0
-"""Grass around the pavement that belongs to the texture, m."""
-STRIPE = 0.9
-"""Width of the side stripes, whose outer sides are the pavement's edges, m."""
+MARGIN_X, MARGIN_Y = 60.0, 6.0  # grass around the pavement that belongs to the texture, m
+STRIPE = 0.9  # width of the side stripes, whose outer sides are the pavement's edges, m
 _STEP_Y = 0.0625
 _MAX_COLUMNS = 8192
 _ASPHALT = np.array((92.0, 90.0, 88.0), np.float32)
 _PAINT = np.array((236.0, 238.0, 238.0), np.float32)
 _SEGMENTS = {'0': 'abcdef', '2': 'abged', '7': 'abc', '9': 'abcdfg'}
-NUMBERS = ('27', '09')
-"""At the near and at the far end."""
+NUMBERS = ('27', '09')  # at the near and at the far end
 
 _Adder = Callable[[float, float, float, float], None]
 
 
 class Surface:
-    """The texture of the runway and where it lies.
+    """The texture (ny, nx, 3) uint8 of the runway, blue first; columns along x, rows along y.
 
-    Attributes:
-        texture: (ny, nx, 3) uint8, blue first; columns along x, rows along y.
-        origin: x and y of its first corner, m.
-        step: size of a texel along x and y, m.
+    Of its first corner ``origin`` is x and y, m; ``step`` is the size of a texel, ``size`` the
+    whole extent along both.
     """
 
     def __init__(
@@ -199,44 +191,29 @@ class Surface:
         self._cover(cover, 0.0, length, -0.5 * width, 0.5 * width)
         ground += cover[:, :, None] * (pavement - ground)
         self._mark(width, length)
+        self.size = nx * step_x, ny * _STEP_Y
         wear = 0.93 - 0.04 * detail * np.abs(smooth_noise((ny, nx), 40.0, rng, stretch=4.0))
         ground += (self._paint * wear)[:, :, None] * (_PAINT - ground)
         self.texture = to_bytes(ground)
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Extent along x and y, m."""
-        return self._shape[1] * self.step[0], self._shape[0] * self.step[1]
 
     def _grass(self, land: NDArray[np.uint8]) -> Plane:
         """The terrain at this finer step, so that no seam shows."""
         ny, nx = self._shape
         scale = np.array(self.step) / TERRAIN_STEP
         shift = (np.array(self.origin) - TERRAIN_ORIGIN) / TERRAIN_STEP
-        finer = np.array(
-            [
-                (scale[0], 0.0, shift[0] + 0.5 * scale[0] - 0.5),
-                (0.0, scale[1], shift[1] + 0.5 * scale[1] - 0.5),
-            ]
-        )
-        grass = cv2.warpAffine(
-            land,
-            finer,
-            (nx, ny),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_WRAP,
-        )
+        finer = np.column_stack((np.diag(scale), shift + 0.5 * scale - 0.5))
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        grass = cv2.warpAffine(land, finer, (nx, ny), flags=flags, borderMode=cv2.BORDER_WRAP)
         return grass.astype(np.float32)
 
     def _pavement(
         self, width: float, length: float, detail: float, rng: np.random.Generator
     ) -> Plane:
-        ny, nx = self._shape
         x = self._centres(0)[None, :]
         y = self._centres(1)[:, None]
         shade = 1.0 + detail * (
-            0.035 * smooth_noise((ny, nx), 32.0, rng, octaves=3)
-            + 0.05 * smooth_noise((ny, nx), 16.0, rng, octaves=3, stretch=20.0)
+            0.035 * smooth_noise(self._shape, 32.0, rng, octaves=3)
+            + 0.05 * smooth_noise(self._shape, 16.0, rng, octaves=3, stretch=20.0)
         )
         # Lanes of the paving machine, and rubber where the wheels touch down.
         shade += 0.025 * detail * np.sign(np.sin(2 * np.pi * y / 15.0))
@@ -307,23 +284,18 @@ class Surface:
 
 def draw_number(add: _Adder, number: str, x: float, unit: float) -> None:
     """Add the strokes of a number of two digits that begins at x, m; the unit is 1 on 30 m."""
+    width, bar_x = 4.0 * unit, 1.6
+    bar_y, middle, top = 0.22 * width, x + 7.0, x + 14.0
     for digit, left in zip(number, (5.0 * unit, -1.0 * unit), strict=True):
-        _draw_digit(add, digit, x, left, 4.0 * unit, 14.0)
-
-
-def _draw_digit(
-    add: _Adder, digit: str, x: float, left: float, width: float, height: float
-) -> None:
-    bar_x, bar_y = 1.6, 0.22 * width
-    right, middle, top = left - width, x + 0.5 * height, x + height
-    strokes = {
-        'a': (top - bar_x, top, left, right),
-        'b': (middle, top, right + bar_y, right),
-        'c': (x, middle, right + bar_y, right),
-        'd': (x, x + bar_x, left, right),
-        'e': (x, middle, left, left - bar_y),
-        'f': (middle, top, left, left - bar_y),
-        'g': (middle - 0.5 * bar_x, middle + 0.5 * bar_x, left, right),
-    }
-    for segment in _SEGMENTS[digit]:
-        add(*strokes[segment])
+        right = left - width
+        strokes = {
+            'a': (top - bar_x, top, left, right),
+            'b': (middle, top, right + bar_y, right),
+            'c': (x, middle, right + bar_y, right),
+            'd': (x, x + bar_x, left, right),
+            'e': (x, middle, left, left - bar_y),
+            'f': (middle, top, left, left - bar_y),
+            'g': (middle - 0.5 * bar_x, middle + 0.5 * bar_x, left, right),
+        }
+        for segment in _SEGMENTS[digit]:
+            add(*strokes[segment])

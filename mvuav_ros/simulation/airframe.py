@@ -20,66 +20,49 @@ from mvuav_ros.vision.point_operations import Pixels
 
 SUPERSAMPLING = 2
 """Faces are painted at twice the size and reduced: OpenCV's own smooth edges show the seams."""
-MIN_DEPTH = 0.5
-"""Faces that come closer to the camera than this (m) are not painted."""
+MIN_DEPTH = 0.5  # faces that come closer to the camera than this (m) are not painted
 _SUBPIXEL_BITS = 4
-_TINT = (1.06, 1.0, 0.95)
-"""Blue, green and red of the light."""
+_TINT = (1.06, 1.0, 0.95)  # blue, green and red of the light
 
 Array = NDArray[np.float64]
 Corner = tuple[float, float, float]
-Face = tuple[Sequence[Corner], float]
-"""Four corners (m) and an albedo, 0 to 1."""
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """Flat faces of four corners.
-
-    Attributes:
-        corners: (n, 4, 3), m, in the body's frame.
-        normals: (n, 3) of unit length, either side.
-        albedo: (n,), 0 to 1.
-    """
-
-    corners: Array
-    normals: Array
-    albedo: Array
+Face = tuple[Sequence[Corner], float]  # four corners (m) and an albedo, 0 to 1
 
 
 @dataclass(frozen=True)
 class Lighting:
-    """Light from one side and from all around, as grey levels of a white face.
-
-    ``towards`` is the direction of the light (unit length).
-    """
+    """Light from one side and from all around, as grey levels of a white face."""
 
     ambient: float
     direct: float
-    towards: tuple[float, float, float]
+    towards: tuple[float, float, float]  # of unit length, in axes x ahead, y left, z up
 
 
-def paint_mesh(
+def paint_tanker(
     image: Pixels,
-    mesh: Mesh,
     camera: PinholeCamera,
     pose: tuple[Matrix, Vector],
     lighting: Lighting,
+    level: Matrix,
 ) -> None:
-    """Paint a mesh into an 8-bit image, grey or blue first, in place.
+    """Paint the aircraft into an 8-bit image, grey or blue first, in place.
 
-    The pose is the body's rotation in the optical frame and its place there, m; the light comes
-    from a direction in the optical frame.
+    The pose is the body's rotation in the optical frame and its place there, m; ``level`` turns
+    the light's axes into that frame.
     """
     rotation, translation = pose
-    corners = mesh.corners @ rotation.T + translation
+    corners, normals, albedo = _tanker_mesh()
+    corners = corners @ rotation.T + translation
     pixels = camera.project(corners.reshape(-1, 3)).reshape(-1, 4, 2)
     keep = (corners[:, :, 2].min(axis=1) > MIN_DEPTH) & np.isfinite(pixels).all(axis=(1, 2))
     if not keep.any():
         return
-    corners, pixels, albedo = corners[keep], pixels[keep], mesh.albedo[keep]
-    middle = corners.mean(axis=1)
-    shade = albedo * _lit(mesh.normals[keep] @ rotation.T, middle, lighting)
+    pixels, middle = pixels[keep], corners[keep].mean(axis=1)
+    normals = normals[keep] @ rotation.T
+    # Each face shows the camera the side that looks towards it.
+    facing = np.where((normals * middle).sum(axis=1) > 0.0, -1.0, 1.0)
+    lit = np.maximum(facing * (normals @ (level @ np.array(lighting.towards))), 0.0)
+    shade = albedo[keep] * (lighting.ambient + lighting.direct * lit)
     lowest = np.maximum(np.floor(pixels.min(axis=(0, 1))) - 1, 0)
     highest = np.minimum(np.ceil(pixels.max(axis=(0, 1))) + 2, (camera.width, camera.height))
     (x0, y0), (x1, y1) = lowest.astype(int), highest.astype(int)
@@ -95,13 +78,6 @@ def paint_mesh(
     if part.ndim == 3:
         behind = cv2.merge([behind] * 3)
     part[...] = cv2.add(cv2.multiply(part, behind, scale=1.0 / 255.0), faces)
-
-
-def _lit(normals: Array, middle: Array, lighting: Lighting) -> Array:
-    """Grey levels of white faces; each shows the camera the side that looks towards it."""
-    facing = np.where((normals * middle).sum(axis=1) > 0.0, -1.0, 1.0)
-    lit = np.maximum(facing * (normals @ np.asarray(lighting.towards)), 0.0)
-    return np.asarray(lighting.ambient + lighting.direct * lit)
 
 
 def _fill(
@@ -170,19 +146,18 @@ _FIN = (
     WingSection(-28.0, 8.7, 0.0, 7.5, 0.6),
     WingSection(-33.0, 3.6, 0.0, 12.8, 0.3),
 )
-_ENGINES = ((6.6, 11.7, -3.4), (-2.2, 20.9, -2.0))
-"""Middle of the left nacelles."""
+_ENGINES = ((6.6, 11.7, -3.4), (-2.2, 20.9, -2.0))  # middle of the left nacelles
 
 
 @lru_cache(maxsize=1)
-def tanker_mesh() -> Mesh:
-    """The whole aircraft."""
+def _tanker_mesh() -> tuple[Array, Array, Array]:
+    """Faces: corners (n, 4, 3), m, in the body's frame; unit normals, either side; albedo (n,)."""
     faces, albedo = zip(*_faces(), strict=True)
     corners = np.array(faces, np.float64)
     # By the diagonals, since a face that ends in a tip has two corners in one place.
     normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return Mesh(read_only(corners), read_only(normals), read_only(np.array(albedo)))
+    return read_only(corners), read_only(normals), read_only(np.array(albedo))
 
 
 def _faces() -> Iterator[Face]:
@@ -245,8 +220,7 @@ def _engine(x: float, y: float, z: float) -> Iterator[Face]:
     yield [(x + ahead, y, z + up) for ahead, up in pylon], 0.7
 
 
-BOOM_TRAVEL = 0.25
-"""Seconds in which the boom extends and retracts; it turns while it is short."""
+BOOM_TRAVEL = 0.25  # seconds in which the boom extends and retracts; it turns while it is short
 BOOM_TURN = 1.0
 BOOM_REST = 0.35
 """Length at rest, in distances from its pivot to the farthest light; no light is that close."""

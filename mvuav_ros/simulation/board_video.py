@@ -2,52 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.camera import EQUIDISTANT, CameraModel
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.reprojection import rotation_of
 
 Array = NDArray[np.float64]
 
-TEXEL = 40
-"""px of the board's picture along a square."""
+TEXEL = 40  # px of the board's picture along a square
+COLUMNS, ROWS = 9, 6  # inner corners of the board
+SQUARE = 0.03  # side of a square, m
+WIDTH, HEIGHT = 640, 480  # of the images through a lens from the seed, px
 
 
 @dataclass(frozen=True)
 class BoardVideo:
-    """How a checkerboard is moved and seen.
+    """How a checkerboard is moved and seen."""
 
-    Attributes:
-        seed: of the lens, the motion and all noise.
-        model: of the lens.
-        places: at which the board is held still, each tilted by 15 to 45 degrees.
-        pause: frames for which it is held.
-        steps: frames from one place to the next, in which motion blurs.
-        corner_noise: by which each corner is beside its place in each frame, px (1 sigma).
-        columns: inner corners along a row.
-        rows: inner corners along a column.
-        square: side of a square, m.
-        size: of the images, px.
-        lens: that is looked through instead of one from the seed.
-    """
-
-    seed: int
-    model: str = 'plumb_bob'
-    places: int = 40
-    pause: int = 4
-    steps: int = 5
-    corner_noise: float = 0.2
-    columns: int = 9
-    rows: int = 6
-    square: float = 0.03
-    size: tuple[int, int] = (640, 480)
-    lens: CameraModel | None = None
+    seed: int  # of the lens, the motion and all noise
+    places: int = 40  # at which the board is held still, each tilted by 15 to 45 degrees
+    pause: int = 4  # frames for which it is held
+    steps: int = 5  # frames from one place to the next, in which motion blurs
+    corner_noise: float = 0.2  # by which a corner is beside its place in a frame, px (1 sigma)
+    lens: CameraModel | None = None  # that is looked through instead of one from the seed
 
     @property
     def camera(self) -> CameraModel:
@@ -55,34 +38,31 @@ class BoardVideo:
         if self.lens is not None:
             return self.lens
         rng = np.random.default_rng((self.seed, 1))
-        fisheye = self.model == EQUIDISTANT
-        focal = self.size[0] * rng.uniform(*((0.45, 0.6) if fisheye else (0.7, 1.4)))
-        x, y = 0.5 * np.array(self.size) - 0.5 + rng.uniform(-12, 12, 2)
+        focal = WIDTH * rng.uniform(0.7, 1.4)
+        x, y = 0.5 * np.array((WIDTH, HEIGHT)) - 0.5 + rng.uniform(-12, 12, 2)
         k = (focal, 0.0, x, 0.0, focal * rng.uniform(0.995, 1.005), y, 0.0, 0.0, 1.0)
-        if fisheye:
-            d = rng.uniform((-0.03, -0.01, -0.003, -0.001), (0.03, 0.01, 0.003, 0.001))
-        else:
-            edge = 0.5 * self.size[0] / focal
-            radial = rng.uniform(-0.16, 0.05) / edge**2
-            d = np.array((radial, -0.25 * radial / edge**2, *rng.uniform(-5e-4, 5e-4, 2), 0.0))
-        return CameraModel(*self.size, k=k, d=tuple(d), distortion_model=self.model)
+        edge = 0.5 * WIDTH / focal
+        radial = rng.uniform(-0.16, 0.05) / edge**2
+        d = (radial, -0.25 * radial / edge**2, *rng.uniform(-5e-4, 5e-4, 2), 0.0)
+        return CameraModel(WIDTH, HEIGHT, k, d)
 
     @property
     def corners(self) -> Array:
         """(n, 3), of the inner corners from the board's middle, m; row after row."""
-        y, x = np.indices((self.rows, self.columns), np.float64).reshape(2, -1)
-        x, y = x - 0.5 * (self.columns - 1), y - 0.5 * (self.rows - 1)
-        return self.square * np.column_stack((x, y, np.zeros(len(x))))
+        y, x = np.indices((ROWS, COLUMNS), np.float64).reshape(2, -1)
+        x, y = x - 0.5 * (COLUMNS - 1), y - 0.5 * (ROWS - 1)
+        return SQUARE * np.column_stack((x, y, np.zeros(len(x))))
 
     def poses(self) -> Iterator[tuple[Array, Array]]:
         """Rotation vector and place (m) of the board's middle, (6,), and its step to the next."""
         rng = np.random.default_rng((self.seed, 2))
-        k, stops = self.camera.matrix, []
+        camera, stops = self.camera, []
+        size, focal = (camera.width, camera.height), camera.k[0]
         for _ in range(self.places):
             direction, tilt = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(15, 45))
             turn = (tilt * np.cos(direction), tilt * np.sin(direction), rng.uniform(-0.4, 0.4))
-            depth = k[0, 0] / self.size[0] * rng.uniform(0.35, 0.6)
-            beside = rng.uniform(-0.25, 0.25, 2) * self.size / k[0, 0] * depth
+            depth = focal / camera.width * rng.uniform(0.35, 0.6)
+            beside = rng.uniform(-0.25, 0.25, 2) * size / focal * depth
             stops.append(np.array((*turn, *beside, depth)))
         for here, there in zip(stops, stops[1:] + stops[:1], strict=True):
             yield from [(here, np.zeros(6))] * self.pause
@@ -92,22 +72,36 @@ class BoardVideo:
     def images(self) -> Iterator[Pixels]:
         """Grey images, with corners beside their places, motion blur and a sensor's noise."""
         rng = np.random.default_rng((self.seed, 3))
-        lens, ground = _BentPinhole(self.camera), rng.uniform(60, 160)
+        ground = float(rng.uniform(60, 160))
+        camera = self.camera
+        size = camera.width, camera.height
+        # Seen by a pinhole camera twice as fine, at the centres of quarters of pixels, then bent.
+        axes = (np.arange(2 * side) / 2 - 0.25 for side in size)
+        pixels = np.stack(np.meshgrid(*axes), axis=-1)
+        rays = camera.undistort(pixels.reshape(-1, 2)).reshape(pixels.shape)
+        focal = 2.0 * camera.k[0]
+        shift = focal * float(np.abs(rays).max())
+        bend = np.ascontiguousarray(np.moveaxis((rays * focal + shift).astype(np.float32), 2, 0))
+        pinhole = np.array([(focal, 0, shift), (0, focal, shift), (0, 0, 1)])
+        whole = (int(2 * shift) + 2,) * 2
         for pose, step in self.poses():
-            squares = pose[5] / self.camera.k[0] / self.square  # per pixel
-            noise = rng.normal(0, self.corner_noise * squares, (self.rows, self.columns, 2))
+            squares = pose[5] / camera.k[0] / SQUARE  # per pixel
+            noise = rng.normal(0, self.corner_noise * squares, (ROWS, COLUMNS, 2))
+            picture = self._moved(noise)
             # Over four tenths of the time between two frames.
             parts = np.linspace(-0.2, 0.2, 5) if step.any() else np.zeros(1)
-            picture = self._moved(noise)
-            fine = lens.see(
-                picture, [self._texels(pose + part * step) for part in parts], float(ground)
-            )
-            image = cv2.GaussianBlur(fine, (0, 0), 0.6)
+            mean = np.zeros(bend.shape[1:], np.float32)
+            for part in parts:
+                plane = pinhole @ self._texels(pose + part * step)
+                flat = cv2.warpPerspective(picture, plane, whole, borderValue=(ground,))
+                mean += cv2.remap(flat, bend[0], bend[1], cv2.INTER_LINEAR)
+            image = cv2.resize(mean / len(parts), size, interpolation=cv2.INTER_AREA)
+            image = cv2.GaussianBlur(image, (0, 0), 0.6)
             yield np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8)
 
     def picture(self) -> Pixels:
         """The printed board with a white margin of one square."""
-        squares = np.add.outer(np.arange(self.rows + 3), np.arange(self.columns + 3)) % 2
+        squares = np.add.outer(np.arange(ROWS + 3), np.arange(COLUMNS + 3)) % 2
         colors = squares * 215 + 20
         colors[[0, -1]], colors[:, [0, -1]] = 235, 235
         return np.kron(colors, np.ones((TEXEL, TEXEL))).astype(np.uint8)
@@ -119,13 +113,8 @@ class BoardVideo:
         x, y = np.meshgrid(*sides)
         nodes = np.pad(noise, ((2, 2), (2, 2), (0, 0)), mode='edge').astype(np.float32) * TEXEL
         moved = cv2.remap(nodes, (x + 0.5) / TEXEL, (y + 0.5) / TEXEL, cv2.INTER_LINEAR)
-        return cv2.remap(
-            picture,
-            x - moved[..., 0],
-            y - moved[..., 1],
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
+        x, y = x - moved[..., 0], y - moved[..., 1]
+        return cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def _texels(self, pose: Array) -> Array:
         """(3, 3), from the picture's pixels to the camera's frame."""
@@ -133,33 +122,5 @@ class BoardVideo:
         place = pose[3:] + rotation @ self.corners[0]
         plane = np.column_stack((rotation[:, 0], rotation[:, 1], place))
         first = 0.5 - 2 * TEXEL
-        scale = TEXEL / self.square
+        scale = TEXEL / SQUARE
         return np.asarray(plane @ np.array([(1, 0, first), (0, 1, first), (0, 0, scale)]))
-
-
-class _BentPinhole:
-    """A pinhole camera, twice as fine as the image, whose picture is then bent."""
-
-    def __init__(self, camera: CameraModel) -> None:
-        self._size = camera.width, camera.height
-        # The centres of a quarter of each pixel.
-        axes = (np.arange(2 * side) / 2 - 0.25 for side in self._size)
-        pixels = np.stack(np.meshgrid(*axes), axis=-1)
-        rays = camera.undistort(pixels.reshape(-1, 2)).reshape(pixels.shape)
-        focal = 2.0 * camera.k[0]
-        shift = focal * float(np.abs(rays).max())
-        bend = (rays * focal + shift).astype(np.float32)
-        self._bend = np.ascontiguousarray(bend[..., 0]), np.ascontiguousarray(bend[..., 1])
-        self._side = int(2 * shift) + 2
-        self._pinhole = np.array([(focal, 0, shift), (0, focal, shift), (0, 0, 1)])
-
-    def see(self, picture: Pixels, moments: Sequence[Array], ground: float) -> NDArray[np.float32]:
-        """The mean of a plane's picture in some poses, each from its pixels to the camera."""
-        image = np.zeros(self._bend[0].shape, np.float32)
-        for moment in moments:
-            whole = cv2.warpPerspective(
-                picture, self._pinhole @ moment, (self._side, self._side), borderValue=(ground,)
-            )
-            image += cv2.remap(whole, *self._bend, cv2.INTER_LINEAR)
-        fine = cv2.resize(image / len(moments), self._size, interpolation=cv2.INTER_AREA)
-        return np.asarray(fine, np.float32)

@@ -21,8 +21,7 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
 
 _POOL_EXTRA = 1 << 17
-STEP_SECONDS = 2.5
-"""Mean time between two steps of the gain."""
+STEP_SECONDS = 2.5  # mean time between two steps of the gain
 
 
 class SensorNoise:
@@ -34,8 +33,8 @@ class SensorNoise:
     def __init__(self, size: int, sigma: float, rng: np.random.Generator) -> None:
         normal = rng.standard_normal(size + _POOL_EXTRA, np.float32)
         noise = np.clip(np.rint(sigma * normal), -255, 255).astype(np.int16)
-        self._up: NDArray[np.uint8] = np.maximum(noise, 0).astype(np.uint8)
-        self._down: NDArray[np.uint8] = np.maximum(-noise, 0).astype(np.uint8)
+        self._up = np.maximum(noise, 0).astype(np.uint8)
+        self._down = np.maximum(-noise, 0).astype(np.uint8)
 
     def add(self, image: Pixels, rng: np.random.Generator) -> None:
         """Add noise to a contiguous 8-bit image of the size given, in place."""
@@ -82,8 +81,7 @@ def motion_blur(image: Pixels, dx: float, dy: float) -> Pixels:
         fx, fy = x - column, y - row
         for r, wy in ((row, 1.0 - fy), (row + 1, fy)):
             for c, wx in ((column, 1.0 - fx), (column + 1, fx)):
-                if wx * wy > 0.0:
-                    kernel[r, c] += wx * wy
+                kernel[r, c] += wx * wy
     kernel /= kernel.sum()
     return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE)
 
@@ -122,11 +120,6 @@ class Flight(ABC, Generic[TruthT]):
 
     Iterating again starts again and gives the same frames, bit for bit. Every frame is a
     function of its index, so that `frame` may be called in any order.
-
-    Attributes:
-        settings: what was asked for.
-        camera: that takes the images.
-        encoding: of the images.
     """
 
     def __init__(
@@ -135,12 +128,12 @@ class Flight(ABC, Generic[TruthT]):
         self.camera, self.encoding = camera, encoding
         self.settings = settings
         self._noise: SensorNoise | None = None
-        self._shake = Shake(
-            VIBRATIONS[settings.shake], settings.shake_gain, self._rng(RandomStream.SHAKE)
-        )
+        vibration = VIBRATIONS[settings.shake]
+        self._shake = Shake(vibration, settings.shake_gain, self._rng(RandomStream.SHAKE))
         self._gain = gain_steps(settings.gain_steps, self.duration, self._rng(RandomStream.GAIN))
         draws = self._rng(RandomStream.DROPS).random(settings.frames)
-        self._kept: NDArray[np.intp] = np.flatnonzero(draws >= settings.drop_probability)
+        # The indices of the frames that are not dropped.
+        self.indices: list[int] = np.flatnonzero(draws >= settings.drop_probability).tolist()
 
     @property
     def rate(self) -> float:
@@ -152,13 +145,8 @@ class Flight(ABC, Generic[TruthT]):
         """From the first frame to one frame after the last, s."""
         return self.settings.frames / self.settings.fps
 
-    @property
-    def indices(self) -> list[int]:
-        """The indices of the frames that are not dropped."""
-        return [int(index) for index in self._kept]
-
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self.indices)
 
     def __iter__(self) -> Iterator[SimulatedFrame[TruthT]]:
         for index in self.indices:
@@ -203,9 +191,8 @@ class Flight(ABC, Generic[TruthT]):
         """An image with the lens's blur and the sensor's faults; may be the same array."""
         settings = self.settings
         if settings.blur > 0.0:
-            pixels = cv2.GaussianBlur(
-                pixels, (0, 0), settings.blur, borderType=cv2.BORDER_REPLICATE
-            )
+            border = cv2.BORDER_REPLICATE
+            pixels = cv2.GaussianBlur(pixels, (0, 0), settings.blur, borderType=border)
         if settings.noise > 0.0:
             if self._noise is None:
                 rng = self._rng(RandomStream.NOISE_POOL)

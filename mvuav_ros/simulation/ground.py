@@ -31,11 +31,7 @@ class _Axis:
     origin: float
     step: float
     sizes: list[int]
-
-    @property
-    def period(self) -> float:
-        """Length of the texture, m."""
-        return self.sizes[0] * self.step
+    wraps: bool
 
     @property
     def offsets(self) -> list[int]:
@@ -47,13 +43,22 @@ class _Axis:
         """Texels of all reductions together."""
         return sum(size + 2 * _PAD for size in self.sizes)
 
-    def place(self, footprint: NDArray[np.float64]) -> tuple[Floats, Floats]:
-        """For pixels that cover so much (m): the size of their reduction, and its beginning."""
+    def texels(
+        self, metres: Floats, bins: NDArray[np.int32], footprint: NDArray[np.float64]
+    ) -> Floats:
+        """In the row of reductions, at places whose bins say what a pixel covers there (m)."""
         level = np.log2(np.maximum(footprint / self.step, 1.0)).astype(int)
         level = np.minimum(level, len(self.sizes) - 1)
-        scale = np.array(self.sizes, np.float64)[level]
-        start = np.array(self.offsets, np.float64)[level] - 0.5
-        return scale.astype(np.float32), start.astype(np.float32)
+        scale = np.array(self.sizes, np.float32)[level]
+        start = np.array(self.offsets, np.float32)[level] - np.float32(0.5)
+        # In periods: what is left of the decimal point is how often the texture was repeated.
+        period = self.sizes[0] * self.step
+        place = metres * np.float32(1.0 / period) - np.float32(self.origin / period)
+        if self.wraps:
+            place -= np.floor(place)
+        place *= scale.take(bins, mode='clip')
+        place += start.take(bins, mode='clip')
+        return place
 
 
 class Ripmap:
@@ -72,14 +77,10 @@ class Ripmap:
         goes on forever by repeating itself.
         """
         ny, nx = texture.shape[:2]
-        self._wrap = wrap
-        self._x = _Axis(origin[0], step[0], _halvings(nx))
-        self._y = _Axis(origin[1], step[1], _halvings(ny))
-        width, height = self._x.total, self._y.total
-        if max(width, height) > 32766:
-            raise ValueError(f'a texture of {nx} x {ny} is too large for OpenCV to sample')
+        self._x = _Axis(origin[0], step[0], _halvings(nx), wrap)
+        self._y = _Axis(origin[1], step[1], _halvings(ny), wrap)
         border = cv2.BORDER_WRAP if wrap else cv2.BORDER_REPLICATE
-        atlas = np.zeros((height, width, texture.shape[2]), np.uint8)
+        atlas = np.zeros((self._y.total, self._x.total, texture.shape[2]), np.uint8)
         across = texture
         for rows, y0 in zip(self._y.sizes, self._y.offsets, strict=True):
             if rows != ny:
@@ -100,32 +101,13 @@ class Ripmap:
         along: NDArray[np.float64],
         across: NDArray[np.float64],
     ) -> Pixels:
-        """Sample the texture at places on the ground, (rows, columns), m.
+        """The texture, (rows, columns, channels), at places on the ground, (rows, columns), m.
 
-        Of every pixel ``bins`` says which entries of ``along`` and ``across`` hold: what it covers
-        along x and y, m.
-
-        Returns:
-            (rows, columns, channels).
+        ``bins`` says which entries of ``along`` and ``across`` a pixel covers along x and y, m.
         """
-        map_x = self._to_atlas(x, bins, along, self._x)
-        map_y = self._to_atlas(y, bins, across, self._y)
-        return cv2.remap(
-            self._atlas, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-
-    def _to_atlas(
-        self, metres: Floats, bins: NDArray[np.int32], footprint: NDArray[np.float64], axis: _Axis
-    ) -> Floats:
-        """Texels of the image along one axis."""
-        scale, start = axis.place(footprint)
-        # In periods: what is left of the decimal point is how often the texture was repeated.
-        place = metres * np.float32(1.0 / axis.period) - np.float32(axis.origin / axis.period)
-        if self._wrap:
-            place -= np.floor(place)
-        place *= scale.take(bins, mode='clip')
-        place += start.take(bins, mode='clip')
-        return place
+        map_x, map_y = self._x.texels(x, bins, along), self._y.texels(y, bins, across)
+        border = cv2.BORDER_REPLICATE
+        return cv2.remap(self._atlas, map_x, map_y, cv2.INTER_LINEAR, borderMode=border)
 
 
 def _halvings(size: int) -> list[int]:
@@ -135,16 +117,13 @@ def _halvings(size: int) -> list[int]:
     return sizes
 
 
-MAX_DEPTH = 60_000.0
-"""Depth at which the ground ends in haze, m."""
+MAX_DEPTH = 60_000.0  # depth at which the ground ends in haze, m
 MIN_DEPTH = 1.0
-_BAND_ROWS = 48
-"""The image is drawn in bands whose arrays fit into the processor's cache."""
+_BAND_ROWS = 48  # the image is drawn in bands whose arrays fit into the processor's cache
 _BIN_SHIFT = 22
 """Depth goes into bins of half an octave: a float's exponent and the first bit after it."""
 _HAZE_SHIFT = 18
-_GRAIN_REACH = 4.0
-"""Grass grain is drawn where a pixel covers less than this along the view, m."""
+_GRAIN_REACH = 4.0  # grass grain is drawn where a pixel covers less than this along the view, m
 
 _GRAIN_STEP, _GRAIN_SIZE = 0.25, 512
 
@@ -155,8 +134,7 @@ class Ground(NamedTuple):
     land: Ripmap
     runway: Ripmap
     grain: Ripmap | None
-    corners: NDArray[np.float64]
-    """(4, 3), m: the rectangle that the runway's texture covers."""
+    corners: NDArray[np.float64]  # (4, 3), m: the rectangle that the runway's texture covers
 
 
 @lru_cache(maxsize=2)
@@ -245,13 +223,13 @@ class GroundPainter:
         left, top, columns, height = cv2.boundingRect(strip)
         if columns and height:
             part = (slice(top, top + height), slice(left, left + columns))
-            runway = self._ground.runway.sample(
-                x[part], y[part], bins[part], table.along, table.across
-            )
+            where = x[part], y[part], bins[part]
+            runway = self._ground.runway.sample(*where, table.along, table.across)
             cv2.copyTo(runway, strip[part], band[part])
         # The nearest pixels of a band lie at its bottom, or at a side of it when banking.
         nearest = float(max(fall[-1, 0], fall[-1, -1], fall[0, 0], fall[0, -1]))
-        if self._ground.grain is not None and table.covers(nearest) < _GRAIN_REACH:
+        covered = pose.position[2] / (self._camera.fx * nearest * min(nearest, 1.0))
+        if self._ground.grain is not None and covered < _GRAIN_REACH:
             grain = self._ground.grain.sample(x, y, bins, table.along, table.across)
             cv2.multiply(band, grain, dst=band, scale=1.0 / 128.0)
         return band
@@ -279,7 +257,6 @@ class _FootprintTable:
     """What a pixel covers on the ground, and how much haze is before it, by its depth."""
 
     def __init__(self, height: float, focal: float, visibility: float) -> None:
-        self.height, self.focal = height, focal
         self.first_bin, falls = _bins(_BIN_SHIFT)
         depth = np.minimum(height / falls, MAX_DEPTH)
         self.across = depth / focal
@@ -289,10 +266,6 @@ class _FootprintTable:
         self._first_haze, falls = _bins(_HAZE_SHIFT)
         clear = np.exp(-np.minimum(height / falls, MAX_DEPTH) / visibility)
         self._clear = np.rint(255.0 * clear).astype(np.uint8)
-
-    def covers(self, fall: float) -> float:
-        """What a pixel covers along the view, m."""
-        return self.height / (self.focal * fall * min(fall, 1.0))
 
     def add_haze(self, band: Pixels, fall: Floats) -> Pixels:
         """The band with haze before it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,16 +18,13 @@ LARGEST_RADIUS = 6.4
 """px; a wider light would fall apart under the thesis's grouping distance of 15 px."""
 TINT = (0.90, 0.97, 1.0)
 """Blue, green and red of the glow, which shows it only where it is not saturated."""
-SOFTNESS = 1.2
-"""Sigma of a disc's edge, px."""
+SOFTNESS = 1.2  # sigma of a disc's edge, px
 PEAK, GLOW = 850.0, 55.0
 """Grey levels of a disc, well above 255, as of a light that overexposes the camera, and of the
 bloom at its centre."""
-GLOW_LENGTH = 5.0
-"""Distance over which the bloom falls to 1/e, px."""
+GLOW_LENGTH = 5.0  # distance over which the bloom falls to 1/e, px
 _STEPS_PER_PIXEL = 16
-DRIFT = 6.0
-"""Greatest way of a reflection from its middle, px."""
+DRIFT = 6.0  # greatest way of a reflection from its middle, px
 CLEAR = 45.0
 """Distance that it keeps from every marker's path and other reflections where there is room, px."""
 _TRIES = 60
@@ -38,12 +36,9 @@ class LightProfile:
 
     The profile is what a pixel collects over its area, so it is taken at the pixels' centres;
     with edges this soft its sum over the pixels keeps the centre to a thousandth of a pixel.
-
-    Attributes:
-        radius: of the disc at half its peak, px.
     """
 
-    radius: float
+    radius: float  # of the disc at half its peak, px
 
     @property
     def reach(self) -> int:
@@ -90,100 +85,86 @@ def add_lights(image: Pixels, lights: list[Light], gain: float = 1.0) -> None:
     """Add lights to an 8-bit image, in place.
 
     What lies right behind a light is evened out first, as by the glare in a real lens: a
-    structure that came up to the light on one side would move its centroid.
-
-    Args:
-        image: (height, width) or (height, width, 3) uint8.
-        lights: may reach over the borders.
-        gain: multiplies the light before it saturates.
+    structure that came up to the light on one side would move its centroid. They may reach over
+    the borders; the gain multiplies the light before it saturates.
     """
-    windows = [window for light in lights if (window := _Window.around(image, light))]
+    windows = [_Window(image, light) for light in lights if np.isfinite(light.path).all()]
     for window in windows:
         window.even_out()
     for window in windows:
         window.add(gain)
 
 
-@dataclass(frozen=True)
 class _Window:
-    """The part of an image that one light reaches, and distances from the light there."""
+    """The part of an image that one light reaches, perhaps none."""
 
-    part: Pixels
-    light: Light
-    columns: NDArray[np.float32]
-    rows: NDArray[np.float32]
-
-    @classmethod
-    def around(cls, image: Pixels, light: Light) -> _Window | None:
-        if not np.all(np.isfinite(light.path)):
-            return None
+    def __init__(self, image: Pixels, light: Light) -> None:
+        self._light = light
         reach = light.profile.reach + 1
         low = np.floor(light.path.min(axis=0)).astype(int) - reach
         high = np.ceil(light.path.max(axis=0)).astype(int) + reach + 1
-        x0, y0 = np.maximum(low, 0).tolist()
-        x1, y1 = np.minimum(high, image.shape[1::-1]).tolist()
-        if x1 <= x0 or y1 <= y0:
-            return None
-        columns = np.arange(x0, x1, dtype=np.float32)
-        rows = np.arange(y0, y1, dtype=np.float32)[:, None]
-        return cls(image[y0:y1, x0:x1], light, columns, rows)
+        first = np.maximum(low, 0)
+        last = np.maximum(np.minimum(high, image.shape[1::-1]), first)
+        (x0, y0), (x1, y1) = first.tolist(), last.tolist()
+        self._part = image[y0:y1, x0:x1]
+        self._columns = np.arange(x0, x1, dtype=np.float32)
+        self._rows = np.arange(y0, y1, dtype=np.float32)[:, None]
 
-    def distance(self, centre: NDArray[np.float64]) -> NDArray[np.float32]:
-        dx = self.columns - np.float32(centre[0])
-        dy = self.rows - np.float32(centre[1])
+    def _distance(self, centre: NDArray[np.float64]) -> NDArray[np.float32]:
+        dx = self._columns - np.float32(centre[0])
+        dy = self._rows - np.float32(centre[1])
         return np.asarray(np.sqrt(dx * dx + dy * dy), np.float32)
 
     def even_out(self) -> None:
-        distance = self.distance(self.light.path.mean(axis=0))
-        share = np.clip((self.light.profile.core + 5.0 - distance) / 4.0, 0.0, 1.0)
-        if self.part.ndim == 3:
+        distance = self._distance(self._light.path.mean(axis=0))
+        share = np.clip((self._light.profile.core + 5.0 - distance) / 4.0, 0.0, 1.0)
+        if self._part.ndim == 3:
             share = share[:, :, None]
         total = float(share.sum())
         if total == 0.0:
             return
-        mean = (self.part * share).sum(axis=(0, 1)) / total
-        self.part[...] = np.rint(self.part + share * (mean - self.part)).astype(np.uint8)
+        mean = (self._part * share).sum(axis=(0, 1)) / total
+        self._part[...] = np.rint(self._part + share * (mean - self._part)).astype(np.uint8)
 
     def add(self, gain: float) -> None:
-        light = np.zeros((len(self.rows), len(self.columns)), np.float32)
-        for centre in self.light.path:
-            light += self.light.profile.at(self.distance(centre))
-        light *= gain / len(self.light.path)
-        if self.part.ndim == 3:
+        light = np.zeros((len(self._rows), len(self._columns)), np.float32)
+        for centre in self._light.path:
+            light += self._light.profile.at(self._distance(centre))
+        light *= gain / len(self._light.path)
+        if self._part.ndim == 3:
             light = light[:, :, None] * np.array(TINT, np.float32)
         # A response with a shoulder, as a camera's knee: a hard limit's edges are so steep that
         # pixels cannot show where within them the light lies.
         dark = np.exp(light * (-1.0 / 255.0))
-        self.part[...] = np.rint(255.0 - (255.0 - self.part) * dark).astype(np.uint8)
+        self._part[...] = np.rint(255.0 - (255.0 - self._part) * dark).astype(np.uint8)
 
 
-class Glares:
-    """Reflections that look like markers and drift slowly, clear of the markers' paths."""
+def drifting_glares(
+    count: int, camera: PinholeCamera, paths: NDArray[np.float64], rng: np.random.Generator
+) -> Callable[[float], NDArray[np.float64]]:
+    """Reflections that look like markers and drift slowly, clear of the markers' paths.
 
-    def __init__(
-        self,
-        count: int,
-        camera: PinholeCamera,
-        paths: NDArray[np.float64],
-        rng: np.random.Generator,
-    ) -> None:
-        taken = paths[np.isfinite(paths).all(axis=1)]
-        chosen: list[NDArray[np.float64]] = []
-        low, high = np.array((20.0, 20.0)), np.array((camera.width, camera.height)) - 20.0
-        for _ in range(count):
-            best, best_room = low, -1.0
-            for place in rng.uniform(low, high, (_TRIES, 2)):
-                room = float(np.hypot(*(taken - place).T).min()) if len(taken) else math.inf
-                if room > best_room:
-                    best, best_room = place, room
-                if room >= CLEAR:
-                    break
-            chosen.append(best)
-            taken = np.vstack((taken, best))
-        self._middles = np.array(chosen).reshape(-1, 2)
-        self._phases = rng.uniform(0.0, 2 * math.pi, (count, 2))
+    Returns:
+        Their places, (n, 2) px, by the time (s).
+    """
+    taken = paths[np.isfinite(paths).all(axis=1)]
+    chosen: list[NDArray[np.float64]] = []
+    low, high = np.array((20.0, 20.0)), np.array((camera.width, camera.height)) - 20.0
+    for _ in range(count):
+        best, best_room = low, -1.0
+        for place in rng.uniform(low, high, (_TRIES, 2)):
+            room = float(np.hypot(*(taken - place).T).min()) if len(taken) else math.inf
+            if room > best_room:
+                best, best_room = place, room
+            if room >= CLEAR:
+                break
+        chosen.append(best)
+        taken = np.vstack((taken, best))
+    middles = np.array(chosen).reshape(-1, 2)
+    phases = rng.uniform(0.0, 2 * math.pi, (count, 2))
 
-    def places(self, time: float) -> NDArray[np.float64]:
-        """(n, 2), px, at a time (s)."""
+    def places(time: float) -> NDArray[np.float64]:
         turn = 2 * math.pi * time / np.array((7.0, 9.0))
-        return np.asarray(self._middles + DRIFT * np.sin(turn + self._phases), np.float64)
+        return np.asarray(middles + DRIFT * np.sin(turn + phases), np.float64)
+
+    return places

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.vision.frames import Matrix, Vector, read_only
 
-NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
-_MAX_COEFFICIENT = 1e6
-"""Of any distortion that a lens might have, and far below what overflows."""
+Distortion = tuple[float, float, float, float, float]
+NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
+_MAX_COEFFICIENT = 1e6  # of any distortion that a lens might have, and far below what overflows
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,11 @@ class PinholeCamera:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float, float] = NO_DISTORTION
+    distortion: Distortion = NO_DISTORTION
 
     @classmethod
     def with_field_of_view(
-        cls,
-        width: int,
-        height: int,
-        fov_deg: float,
-        distortion: tuple[float, float, float, float, float] = NO_DISTORTION,
+        cls, width: int, height: int, fov_deg: float, distortion: Distortion = NO_DISTORTION
     ) -> PinholeCamera:
         """Square pixels, the axis in the middle of the image.
 
@@ -51,7 +47,10 @@ class PinholeCamera:
         """
         focal = 0.5 * width / math.tan(math.radians(0.5 * fov_deg))
         camera = cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), distortion)
-        camera._refuse_fold()
+        x, y = 0.5 * width / focal, 0.5 * height / focal
+        if camera._fold <= x * x + y * y:
+            reason = 'folds the image onto itself within the field of view'
+            raise ParameterError('distortion', reason)
         return camera
 
     @cached_property
@@ -68,11 +67,17 @@ class PinholeCamera:
             axis than where its distortion would turn back.
         """
         depth = points[:, 2]
+        k1, k2, p1, p2, k3 = self.distortion
         with np.errstate(divide='ignore', invalid='ignore'):
             x, y = points[:, 0] / depth, points[:, 1] / depth
             seen = (depth > 0.0) & (x * x + y * y < self._fold)
         if any(self.distortion):
-            x, y = self._distort(x, y)
+            r2 = x * x + y * y
+            radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+            x, y = (
+                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            )
         pixels = np.column_stack((self.fx * x + self.cx, self.fy * y + self.cy))
         pixels[~seen] = np.nan
         return pixels
@@ -83,29 +88,12 @@ class PinholeCamera:
         inside = (x >= -0.5) & (x < self.width - 0.5) & (y >= -0.5) & (y < self.height - 0.5)
         return np.asarray(inside, bool)
 
-    def _distort(
-        self, x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        k1, k2, p1, p2, k3 = self.distortion
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return (
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        )
-
     @cached_property
     def _fold(self) -> float:
         """Square of the tangent off the axis from where on the image would be folded back."""
         k1, k2, _, _, k3 = self.distortion
         roots = np.roots((7 * k3, 5 * k2, 3 * k1, 1.0))
         return float(roots.real[(roots.imag == 0.0) & (roots.real > 0.0)].min(initial=math.inf))
-
-    def _refuse_fold(self) -> None:
-        x, y = 0.5 * self.width / self.fx, 0.5 * self.height / self.fy
-        if self._fold <= x * x + y * y:
-            reason = 'folds the image onto itself within the field of view'
-            raise ParameterError('distortion', reason)
 
 
 class CameraPose(NamedTuple):
@@ -114,30 +102,17 @@ class CameraPose(NamedTuple):
     The frame: origin on the centreline at the near end, x along the centreline towards the far
     end, y left, z up.
 
-    Attributes:
-        position: (3,), m.
-        roll: rad, right wing down positive.
-        pitch: rad, REP-103: positive looking down.
-        yaw: rad, REP-103: positive looking left of the runway's direction.
-        rotation: (3, 3), runway's from the camera's optical frame.
+    Angles are rad, as in REP-103.
     """
 
-    position: Vector
-    roll: float
-    pitch: float
-    yaw: float
-    rotation: Matrix
+    position: Vector  # (3,), m
+    roll: float  # right wing down positive
+    pitch: float  # positive looking down
+    yaw: float  # positive looking left of the runway's direction
+    rotation: Matrix  # (3, 3), runway's from the camera's optical frame
 
 
-def horizon_anchor(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float, float]:
-    """Where the horizon is straight ahead (px), and its slope in the image (rad)."""
-    forward = pose.rotation[:, 2] * (1.0, 1.0, 0.0)
-    up = pose.rotation[2]
-    ((x, y),) = camera.project((pose.rotation.T @ forward)[None]).tolist()
-    return x, y, math.atan2(up[0], -up[1])
-
-
-def parse_distortion(text: str) -> tuple[float, float, float, float, float]:
+def parse_distortion(text: str) -> Distortion:
     """Read ``k1, k2, p1, p2`` or ``k1, k2, p1, p2, k3``; nothing means no distortion.
 
     Raises:

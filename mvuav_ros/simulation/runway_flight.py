@@ -10,12 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.flight import (
-    Flight,
-    RandomStream,
-    apply_gain,
-    motion_blur,
-)
+from mvuav_ros.simulation.flight import Flight, RandomStream, apply_gain, motion_blur
 from mvuav_ros.simulation.ground import GroundPainter, load_ground
 from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera
 from mvuav_ros.simulation.settings import RunwaySettings
@@ -26,55 +21,33 @@ from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.results import LineRole
 
-MIN_DEPTH = 0.1
-"""Lines are cut where they come closer than this to the camera's plane, m."""
+MIN_DEPTH = 0.1  # lines are cut where they come closer than this to the camera's plane, m
 
 
 class LineTruth(NamedTuple):
-    """A straight line in the image: x cos theta + y sin theta = rho.
+    """A straight line in the image: x cos theta + y sin theta = rho; NaN where none is visible."""
 
-    Attributes:
-        role: which line of the runway; the edges are the pavement's.
-        visible: whether any of it is on the frame; all numbers are NaN otherwise.
-        rho: px.
-        theta: rad, in (-pi/2, pi/2].
-        x1: px; the end that is nearer, or left for the runway's ends, cut at the frame.
-        y1: px.
-        x2: px; the other end.
-        y2: px.
-    """
-
-    role: LineRole
-    visible: bool
-    rho: float
-    theta: float
-    x1: float
+    role: LineRole  # which line of the runway; the edges are the pavement's
+    visible: bool  # whether any of it is on the frame
+    rho: float  # px
+    theta: float  # rad, in (-pi/2, pi/2]
+    x1: float  # px; the end that is nearer, or left for the runway's ends, cut at the frame
     y1: float
-    x2: float
+    x2: float  # the other end
     y2: float
 
 
 @dataclass(frozen=True, eq=False)
 class RunwayTruth:
-    """What an image of the runway shows.
+    """What an image of the runway shows."""
 
-    Attributes:
-        time: s since the start of the flight.
-        lines: in the order of `LineRole`.
-        vanishing_point: px, where the runway's lines meet; NaN when it is behind the camera.
-        horizon: rho (px) and theta (rad) of the ground's horizon.
-        pose: the camera in the runway's frame, shake included.
-        gain: by which the camera's image is brighter than usual.
-        camera: with its matrix K.
-    """
-
-    time: float
-    lines: tuple[LineTruth, ...]
-    vanishing_point: tuple[float, float]
-    horizon: tuple[float, float]
-    pose: CameraPose
-    gain: float
-    camera: PinholeCamera
+    time: float  # s since the start of the flight
+    lines: tuple[LineTruth, ...]  # in the order of `LineRole`
+    vanishing_point: tuple[float, float]  # px, where the lines meet; NaN behind the camera
+    horizon: tuple[float, float]  # rho (px) and theta (rad) of the ground's horizon
+    pose: CameraPose  # in the runway's frame, shake included
+    gain: float  # by which the camera's image is brighter than usual
+    camera: PinholeCamera  # with its matrix K
 
     def line(self, role: LineRole) -> LineTruth:
         """The line of that role."""
@@ -85,18 +58,15 @@ def true_lines(
     camera: PinholeCamera, pose: CameraPose, width: float, length: float
 ) -> tuple[LineTruth, ...]:
     """The runway's lines as seen by a camera without distortion."""
-    half = 0.5 * width
+    left, right = 0.5 * width, -0.5 * width
     ends = {
-        LineRole.LEFT_EDGE: ((0.0, half), (length, half)),
-        LineRole.RIGHT_EDGE: ((0.0, -half), (length, -half)),
-        LineRole.CENTRELINE: ((0.0, 0.0), (length, 0.0)),
-        LineRole.FAR_END: ((length, half), (length, -half)),
-        LineRole.NEAR_END: ((0.0, half), (0.0, -half)),
+        LineRole.LEFT_EDGE: ((0.0, left, 0.0), (length, left, 0.0)),
+        LineRole.RIGHT_EDGE: ((0.0, right, 0.0), (length, right, 0.0)),
+        LineRole.CENTRELINE: ((0.0, 0.0, 0.0), (length, 0.0, 0.0)),
+        LineRole.FAR_END: ((length, left, 0.0), (length, right, 0.0)),
+        LineRole.NEAR_END: ((0.0, left, 0.0), (0.0, right, 0.0)),
     }
-    return tuple(
-        _project_line(camera, pose, role, np.array([(*a, 0.0), (*b, 0.0)]))
-        for role, (a, b) in ends.items()
-    )
+    return tuple(_project_line(camera, pose, role, np.array(line)) for role, line in ends.items())
 
 
 def normal_form(line: NDArray[np.floating[Any]]) -> tuple[float, float]:
@@ -123,31 +93,22 @@ def horizon(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
 def _project_line(
     camera: PinholeCamera, pose: CameraPose, role: LineRole, ends: Matrix
 ) -> LineTruth:
-    nothing = LineTruth(role, False, *[math.nan] * 6)
     points = (ends - pose.position) @ pose.rotation
-    plane = np.cross(points[0], points[1])
-    cut = _cut_near(points)
-    if cut is None:
-        return nothing
-    (x1, y1), (x2, y2) = camera.project(cut)
-    segment = clip_segment(x1, y1, x2, y2, camera.width - 1.0, camera.height - 1.0)
-    if segment is None:
-        return nothing
-    rho, theta = normal_form(np.linalg.inv(camera.matrix).T @ plane)
-    return LineTruth(role, True, rho, theta, *segment)
-
-
-def _cut_near(points: Matrix) -> Matrix | None:
-    """Two points moved along their line until both are in front of the camera."""
-    depth = points[:, 2] - MIN_DEPTH
-    if depth.max() <= 0.0:
-        return None
-    cut = points.copy()
+    depth, cut = points[:, 2] - MIN_DEPTH, points.copy()
+    # Moved along their line until both are in front of the camera.
     for end in (0, 1):
-        if depth[end] < 0.0:
+        if depth[end] < 0.0 < depth[1 - end]:
             part = depth[end] / (depth[end] - depth[1 - end])
             cut[end] = points[end] + part * (points[1 - end] - points[end])
-    return cut
+    (x1, y1), (x2, y2) = camera.project(cut).tolist()
+    segment = None
+    if depth.max() > 0.0:
+        segment = clip_segment(x1, y1, x2, y2, camera.width - 1.0, camera.height - 1.0)
+    if segment is None:
+        return LineTruth(role, False, *[math.nan] * 6)
+    plane = np.cross(points[0], points[1])
+    rho, theta = normal_form(np.linalg.inv(camera.matrix).T @ plane)
+    return LineTruth(role, True, rho, theta, *segment)
 
 
 def clip_segment(
@@ -166,12 +127,7 @@ def clip_segment(
             leave = min(leave, room / step)
     if enter > leave:
         return None
-    return (
-        float(x1 + enter * dx),
-        float(y1 + enter * dy),
-        float(x1 + leave * dx),
-        float(y1 + leave * dy),
-    )
+    return x1 + enter * dx, y1 + enter * dy, x1 + leave * dx, y1 + leave * dy
 
 
 BIAS_DEG, NOISE_DEG = 0.4, 0.1
@@ -189,15 +145,13 @@ def measured_attitude(pose: CameraPose, seed: int, stamp_ns: int) -> tuple[float
 
 
 GLIDE = math.tan(math.radians(3.5))
-AIMING_POINT = 150.0
-"""Where the glide path meets the runway, m from the near end."""
+AIMING_POINT = 150.0  # where the glide path meets the runway, m from the near end
 FLARE_HEIGHT = 8.0
 LOW_PASS_HEIGHT = 22.0
 S_TURN_HEIGHT = 70.0
 S_TURN_AMPLITUDE = 18.0
 S_TURN_PERIOD = 14.0
-CAPTURE_SECONDS = 6.0
-"""Time in which an approach loses 63 % of its lateral offset."""
+CAPTURE_SECONDS = 6.0  # time in which an approach loses 63 % of its lateral offset
 _GRAVITY = 9.81
 _STEP = 1e-3
 
@@ -217,9 +171,10 @@ class RunwayPath:
     def pose(self, time: float, shaken: Matrix | None = None) -> CameraPose:
         """Where the camera is at a time (s); ``shaken`` from its steady optical frame if it is."""
         settings = self._settings
-        position = np.array((self._x(time), self._y(time), self._z(time)))
-        drift = (self._y(time + _STEP) - self._y(time - _STEP)) / (2 * _STEP)
-        turn = (self._y(time + _STEP) - 2 * self._y(time) + self._y(time - _STEP)) / _STEP**2
+        before, y, after = (self._y(time + step) for step in (-_STEP, 0.0, _STEP))
+        position = np.array((self._x(time), y, self._z(time)))
+        drift = (after - before) / (2 * _STEP)
+        turn = (after - 2 * y + before) / _STEP**2
         roll, pitch, yaw = (wave(time) for wave in self._wobble)
         # To the left means y grows, which a left bank does: negative roll.
         roll -= math.atan(turn / _GRAVITY)
@@ -279,7 +234,7 @@ class RunwayFlight(Flight[RunwayTruth]):
 
     def pose(self, time: float) -> CameraPose:
         """The camera, which may shake, in the runway's frame at a time (s)."""
-        return self._path.pose(time, None if self._shake.still else self._shake.rotation(time))
+        return self._path.pose(time, self._shake.rotation(time))
 
     def _draw(self, truth: RunwayTruth, time: float) -> Pixels:
         image = self._panorama.view(truth.pose)

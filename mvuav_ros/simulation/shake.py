@@ -13,8 +13,7 @@ import numpy as np
 
 from mvuav_ros.vision.frames import Matrix, about_x, about_y, about_z
 
-Wave = Callable[[float], float]
-"""A value by the time (s)."""
+Wave = Callable[[float], float]  # a value by the time (s)
 
 
 def random_wave(rng: np.random.Generator, terms: Iterable[tuple[float, float]]) -> Wave:
@@ -38,17 +37,11 @@ frequencies."""
 
 @dataclass(frozen=True)
 class Vibration:
-    """How the camera's attitude swings about the steady one.
+    """How the camera's attitude swings about the steady one."""
 
-    Attributes:
-        primary_hz: the strongest frequency.
-        magnitude: of the primary, in the unit of Table 5.4.
-        harmonics_hz: further frequencies, above and below the primary.
-    """
-
-    primary_hz: float
-    magnitude: float
-    harmonics_hz: tuple[float, ...]
+    primary_hz: float  # the strongest frequency
+    magnitude: float  # of the primary, in the unit of Table 5.4
+    harmonics_hz: tuple[float, ...]  # further frequencies, above and below the primary
 
     @property
     def terms(self) -> tuple[tuple[float, float], ...]:
@@ -75,14 +68,10 @@ camera is the noise of its inertial sensor, as the thesis says, and moves nothin
 
 
 class Shake:
-    """One vibration with phases from a seed, as a function of time.
-
-    Attributes:
-        still: it never moves.
-    """
+    """One vibration with phases from a seed, as a function of time."""
 
     def __init__(self, vibration: Vibration, gain: float, rng: np.random.Generator) -> None:
-        self.still = vibration == STEADY or gain == 0.0
+        self._still = vibration == STEADY or gain == 0.0
         self._waves = []
         for scale in (*[POINTING_DEG_PER_MAGNITUDE] * 2, ROLL_DEG_PER_MAGNITUDE):
             amplitude = math.radians(scale * vibration.magnitude) * gain
@@ -94,9 +83,9 @@ class Shake:
         pitch, yaw, roll = (wave(time) for wave in self._waves)
         return pitch, yaw, roll
 
-    def rotation(self, time: float) -> Matrix:
-        """Shaken from steady optical frame at a time (s)."""
-        if self.still:
-            return np.eye(3)
+    def rotation(self, time: float) -> Matrix | None:
+        """Shaken from steady optical frame at a time (s); None where it never moves."""
+        if self._still:
+            return None
         pitch, yaw, roll = self.angles(time)
         return about_z(roll) @ about_y(yaw) @ about_x(pitch)

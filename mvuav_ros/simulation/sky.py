@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera, horizon_anchor
+from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera
 from mvuav_ros.simulation.texture import smooth_noise, smoothstep, to_bytes
 from mvuav_ros.vision.frames import Matrix
 from mvuav_ros.vision.point_operations import Pixels
@@ -24,18 +23,17 @@ TURN = math.radians(60.0)
 RISE = math.radians(40.0)
 _FRAMES = 3
 """It reaches no farther than this many frames: of a telephoto lens, 60 degrees are gigabytes."""
-HILLS = math.radians(0.5)
-"""Height of the hills."""
+HILLS = math.radians(0.5)  # height of the hills
 _BELOW = 8
 _HILL = np.array((196.0, 176.0, 150.0), np.float32)
 
-MARGIN = 48
-"""px around the frame, for a camera that shakes."""
+MARGIN = 48  # px around the frame, for a camera that shakes
 FOAM = np.array((150.0, 96.0, 58.0), np.float32)
 PLAIN = 64.0
 SKY_BRIGHTNESS = 0.62
 """Exposed for the lights: a cloud stays well below the thesis's threshold of 179."""
 CLOUDINESS = 0.6
+_WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 
 
 def draw_sky(
@@ -49,13 +47,7 @@ def draw_sky(
 ) -> NDArray[np.uint8]:
     """Draw the sky around the horizon, below which its haze goes on.
 
-    Args:
-        size: width and height, px.
-        horizon_row: of the image, px.
-        focal: focal length, px, which says how high above the horizon a row is.
-        rng: the source of randomness.
-        brightness: factor of all colours.
-        cloudiness: 0 is a clear sky.
+    The focal length (px) says how high above the horizon a row is; 0 is no clouds.
 
     Returns:
         (height, width, 3) uint8, blue first.
@@ -71,17 +63,12 @@ def draw_sky(
         # Clouds grow with their height above the horizon and are flatter than wide.
         near = elevation + 0.10
         map_x = (0.5 * _TILE + 240.0 * columns / focal / near).astype(np.float32)
-        map_y = np.broadcast_to((-400.0 * np.log(near)).astype(np.float32), map_x.shape)
+        map_y = np.repeat((-400.0 * np.log(near)).astype(np.float32), width, axis=1)
         layer = smooth_noise((_TILE, _TILE), 150.0, rng, octaves=6, gain=0.55)
         light = smooth_noise((_TILE, _TILE), 60.0, rng, octaves=4)
+        border = cv2.BORDER_REFLECT_101
         seen, lit = (
-            cv2.remap(
-                tile,
-                map_x,
-                np.ascontiguousarray(map_y),
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REFLECT_101,
-            )
+            cv2.remap(tile, map_x, map_y, cv2.INTER_LINEAR, borderMode=border)
             for tile in (layer, light)
         )
         cover = 0.85 * cloudiness * smoothstep(0.1, 1.5, seen) * (1.0 - 0.75 * haze)
@@ -103,13 +90,8 @@ class Panorama:
         rise = min(RISE * camera.fx, _FRAMES * camera.height)
         self._horizon_row = round(camera.height + rise)
         self._middle = 0.5 * (width - 1)
-        sky = draw_sky(
-            (width, self._horizon_row + _BELOW),
-            self._horizon_row,
-            camera.fx,
-            rng,
-            cloudiness=detail,
-        )
+        size = width, self._horizon_row + _BELOW
+        sky = draw_sky(size, self._horizon_row, camera.fx, rng, cloudiness=detail)
         ridge = smooth_noise((2, width), 0.12 * camera.fx, rng, octaves=5)[0]
         top = self._horizon_row - HILLS * camera.fx * np.clip(0.5 + 0.3 * ridge, 0.05, 1.0)
         highest = math.floor(top.min())
@@ -123,23 +105,20 @@ class Panorama:
 
     def view(self, pose: CameraPose) -> NDArray[np.uint8]:
         """A new sky, (height, width, 3), of the sky; below the horizon there is haze."""
-        x, y, slope = horizon_anchor(self._camera, pose)
+        # Where the horizon is straight ahead, and its slope in the image.
+        ahead = pose.rotation.T @ (pose.rotation[:, 2] * (1.0, 1.0, 0.0))
+        ((x, y),) = self._camera.project(ahead[None]).tolist()
+        slope = math.atan2(pose.rotation[2, 0], -pose.rotation[2, 1])
         c, s = math.cos(slope), math.sin(slope)
         centre = self._middle - self._camera.fx * pose.yaw
-        level = np.array(
-            [(c, s, centre - c * x - s * y), (-s, c, self._horizon_row + s * x - c * y)]
-        )
+        row = self._horizon_row + s * x - c * y
+        level = np.array([(c, s, centre - c * x - s * y), (-s, c, row)])
         image = np.empty((self._camera.height, self._camera.width, 3), np.uint8)
         lowest = max(y + math.tan(slope) * (column - x) for column in (0, self._camera.width))
         rows = min(max(math.ceil(lowest) + 2, 0), self._camera.height)
         if rows:
-            image[:rows] = cv2.warpAffine(
-                self._sky,
-                level,
-                (self._camera.width, rows),
-                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                borderMode=cv2.BORDER_REFLECT_101,
-            )
+            size, border = (self._camera.width, rows), cv2.BORDER_REFLECT_101
+            image[:rows] = cv2.warpAffine(self._sky, level, size, flags=_WARP, borderMode=border)
         image[rows:] = np.rint(HORIZON).astype(np.uint8)
         return image
 
@@ -152,44 +131,42 @@ class Background:
     ) -> None:
         self._camera = camera
         size = camera.width + 2 * MARGIN, camera.height + 2 * MARGIN
-        image = _DRAWERS[kind](size, camera, detail, rng)
+        image = _draw(kind, size, camera, detail, rng)
         self._wide: Pixels = image if color else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         inside = slice(MARGIN, -MARGIN)
         self._middle: Pixels = np.ascontiguousarray(self._wide[inside, inside])
 
     def view(self, turned: Matrix | None) -> Pixels:
-        """A new image of the background.
-
-        Args:
-            turned: the camera's rotation from its steady attitude; None for none.
-        """
+        """A new image, by the camera's rotation from its steady attitude; None for none."""
         if turned is None:
             return self._middle.copy()
         k = self._camera.matrix
         shift = np.array([(1.0, 0.0, MARGIN), (0.0, 1.0, MARGIN), (0.0, 0.0, 1.0)])
         wide_from_frame = shift @ k @ turned.T @ np.linalg.inv(k)
+        size, border = (self._camera.width, self._camera.height), cv2.BORDER_REPLICATE
         return cv2.warpPerspective(
-            self._wide,
-            wide_from_frame,
-            (self._camera.width, self._camera.height),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
+            self._wide, wide_from_frame, size, flags=_WARP, borderMode=border
         )
 
 
-def _sky(
-    size: tuple[int, int], camera: PinholeCamera, detail: float, rng: np.random.Generator
+def _draw(
+    kind: str, size: tuple[int, int], camera: PinholeCamera, detail: float, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
-    given = {'brightness': SKY_BRIGHTNESS, 'cloudiness': CLOUDINESS * detail}
-    return draw_sky(size, 1.25 * size[1], camera.fx, rng, **given)
+    if kind == 'sky':
+        clouds = CLOUDINESS * detail
+        return draw_sky(
+            size, 1.25 * size[1], camera.fx, rng, brightness=SKY_BRIGHTNESS, cloudiness=clouds
+        )
+    if kind == 'plain':
+        return np.full((*size[::-1], 3), round(PLAIN), np.uint8)
+    return _draw_foam(size, camera.width / 640.0, detail, rng)
 
 
-def _foam(
-    size: tuple[int, int], camera: PinholeCamera, detail: float, rng: np.random.Generator
+def _draw_foam(
+    size: tuple[int, int], unit: float, detail: float, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Boards of extruded foam: a fine grain, faint flow marks, seams, uneven lamplight."""
     width, height = size
-    unit = camera.width / 640.0
     grain = smooth_noise((height, width), 5.0 * unit, rng, octaves=2)
     flow = smooth_noise((height, width), 12.0 * unit, rng, octaves=3, stretch=14.0)
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
@@ -199,14 +176,3 @@ def _foam(
         seam = np.abs(x - part * width - 0.01 * y)
         shade -= 0.16 * np.exp(-((seam / (1.6 * unit)) ** 2))
     return to_bytes(FOAM * shade[:, :, None])
-
-
-def _plain(size: tuple[int, int], *_: object) -> NDArray[np.uint8]:
-    return np.full((*size[::-1], 3), round(PLAIN), np.uint8)
-
-
-_DRAWERS: dict[str, Callable[..., NDArray[np.uint8]]] = {
-    'sky': _sky,
-    'foam': _foam,
-    'plain': _plain,
-}

@@ -12,19 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, Boom, paint_mesh, place_boom, tanker_mesh
-from mvuav_ros.simulation.flight import (
-    Flight,
-    RandomStream,
-    apply_gain,
-    motion_blur,
-)
+from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, Boom, paint_tanker, place_boom
+from mvuav_ros.simulation.flight import Flight, RandomStream, apply_gain, motion_blur
 from mvuav_ros.simulation.light_drawing import (
     LARGEST_RADIUS,
-    Glares,
     Light,
     LightProfile,
     add_lights,
+    drifting_glares,
 )
 from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.simulation.settings import (
@@ -42,51 +37,31 @@ from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 
 
 class MarkerTruth(NamedTuple):
-    """One light.
-
-    Attributes:
-        name: of the light.
-        x: px, where its centre is projected, in the frame or not; NaN where no lens would show it.
-        y: px.
-        vx: px/s, the camera's shake included.
-        vy: px/s.
-        visible: it is lit, its centre is on the frame and not behind the boom.
-        whole: all of its disc is visible, so that a centroid can be right.
-    """
+    """One light."""
 
     name: str
-    x: float
+    x: float  # px, where its centre is projected, in the frame or not; NaN where no lens shows it
     y: float
-    vx: float
+    vx: float  # px/s, the camera's shake included
     vy: float
-    visible: bool
-    whole: bool
+    visible: bool  # it is lit, its centre is on the frame and not behind the boom
+    whole: bool  # all of its disc is visible, so that a centroid can be right
 
 
 @dataclass(frozen=True, eq=False)
 class TankerTruth:
-    """What an image of the tanker shows.
+    """What an image of the tanker shows."""
 
-    Attributes:
-        time: s since the start of the flight.
-        markers: in the rig's order.
-        roll: rad, right wing down positive: atan2 of right wing minus left wing as projected; for
-            a body without lights of these names, of its rotation.
-        rotation: (3, 3), of the body (x forward, y left, z up) in the camera's optical frame.
-        translation: (3,), m, of the body's origin in the optical frame.
-        distance: from the camera to the body's dock point, m.
-        gain: by which the camera's image is brighter than usual.
-        camera: with its matrix K and distortion.
-    """
-
-    time: float
-    markers: tuple[MarkerTruth, ...]
+    time: float  # s since the start of the flight
+    markers: tuple[MarkerTruth, ...]  # in the rig's order
+    # Rad, right wing down positive: atan2 of right wing minus left wing as projected; for a body
+    # without lights of these names, of its rotation.
     roll: float
-    rotation: Matrix
-    translation: Vector
-    distance: float
-    gain: float
-    camera: PinholeCamera
+    rotation: Matrix  # of the body (x forward, y left, z up) in the camera's optical frame
+    translation: Vector  # m, of the body's origin in the optical frame
+    distance: float  # from the camera to the body's dock point, m
+    gain: float  # by which the camera's image is brighter than usual
+    camera: PinholeCamera  # with its matrix K and distortion
 
     def marker(self, name: str) -> MarkerTruth:
         """The light of that name.
@@ -116,9 +91,8 @@ RECEIVER_DISTANCE = 1.5
 RECEIVER_ELEVATION = math.radians(30.0)
 ROLL_SWEEP = math.radians(60.0)
 ROLL_PERIOD = 10.0
-CROSSING_PITCH_DEG = -7.65
-SETTLED = 0.1
-"""Part of a docking approach that is flown at the final distance."""
+CROSSING_PITCH = math.radians(-7.65)
+SETTLED = 0.1  # part of a docking approach that is flown at the final distance
 
 
 class BodyPose(NamedTuple):
@@ -132,28 +106,23 @@ class BodyPose(NamedTuple):
 class BodyOffset:
     """Where a motion puts the body, relative to flying straight ahead of the camera.
 
-    Angles are rad, as `from_rpy` takes them; the offset is x ahead, y left, z up, in reaches;
-    ``closeness`` runs from 0 to 1 during a docking approach.
+    Angles are rad, as `from_rpy` takes them; the offset is in reaches.
     """
 
     roll: float = 0.0
     pitch: float = 0.0
     yaw: float = 0.0
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    closeness: float = 0.0
+    x: float = 0.0  # ahead
+    y: float = 0.0  # left
+    z: float = 0.0  # up
+    closeness: float = 0.0  # from 0 to 1 during a docking approach
 
 
 OffsetByTime = Callable[[float], BodyOffset]
 
 
 class TankerMotion:
-    """The body's pose as a function of time, for a camera that does not shake.
-
-    Attributes:
-        steady_frame: (3, 3), steady optical frame from level axes (x ahead, y left, z up).
-    """
+    """The body's pose as a function of time, for a camera that does not shake."""
 
     def __init__(
         self, settings: TankerSettings, rig: MarkerRig, duration: float, rng: np.random.Generator
@@ -164,6 +133,7 @@ class TankerMotion:
         self._reach = rig.reach
         lab = settings.actual_view == 'lab'
         elevation = LAB_ELEVATION if lab else RECEIVER_ELEVATION
+        # Steady optical frame from level axes (x ahead, y left, z up).
         self.steady_frame: Matrix = OPTICAL_FROM_BODY @ about_y(-elevation).T
         self._look = np.array((math.cos(elevation), 0.0, math.sin(elevation)))
         docking = settings.motion == 'docking'
@@ -208,9 +178,7 @@ def _crossing(time: float) -> BodyOffset:
     The pitch sets how close (about 5 px in the lab view of 640 px): the tail lies 25 m behind
     the wings, so nose up lowers it.
     """
-    return BodyOffset(
-        pitch=math.radians(CROSSING_PITCH_DEG), yaw=_sine(math.radians(42.0), 12.0, time)
-    )
+    return BodyOffset(pitch=CROSSING_PITCH, yaw=_sine(math.radians(42.0), 12.0, time))
 
 
 def _erratic(_duration: float, rng: np.random.Generator) -> OffsetByTime:
@@ -248,10 +216,8 @@ _RANDOM_MOTIONS = {'erratic': _erratic, 'docking': _docking}
 """Made for a duration (s) with a generator."""
 
 
-BOOM_WIDTH = 0.9
-"""m."""
-_STEP = 1e-4
-"""Half of the time over which velocities are taken, s."""
+BOOM_WIDTH = 0.9  # m
+_STEP = 1e-4  # half of the time over which velocities are taken, s
 _LONG_PATH = 0.25
 """A light that moves less than this during the exposure (px) is drawn standing still."""
 
@@ -259,10 +225,7 @@ _LONG_PATH = 0.25
 class TankerFlight(Flight[TankerTruth]):
     """Images of a tanker's lights, with truth.
 
-    The airframe never hides a light: all of them are drawn on top of it.
-
-    Attributes:
-        rig: the body's lights.
+    The airframe never hides a light of the rig: all of them are drawn on top of it.
     """
 
     settings: TankerSettings
@@ -275,12 +238,14 @@ class TankerFlight(Flight[TankerTruth]):
         """
         settings = settings or TankerSettings()
         super().__init__(settings, settings.camera(), settings.encoding)
-        self.rig = _open_rig(self.settings)
+        try:
+            self.rig = load_rig(settings.layout) if settings.layout else TANKER_747
+        except RigError as error:
+            raise ParameterError('layout', str(error)) from error
         self._failures = self._schedule('failures')
         self._occlusions = self._schedule('occlusions')
-        self._motion = TankerMotion(
-            self.settings, self.rig, self.duration, self._rng(RandomStream.MOTION)
-        )
+        rng = self._rng(RandomStream.MOTION)
+        self._motion = TankerMotion(self.settings, self.rig, self.duration, rng)
 
     def _schedule(self, setting: str) -> tuple[ScheduleEntry, ...]:
         schedule = parse_schedule(setting, getattr(self.settings, setting))
@@ -295,17 +260,15 @@ class TankerFlight(Flight[TankerTruth]):
         """What is true at any time (s)."""
         pose = self.pose(time)
         places = self._project(pose)
-        velocities = (
-            self._project(self.pose(time + _STEP)) - self._project(self.pose(time - _STEP))
-        ) / (2 * _STEP)
+        before, after = (self._project(self.pose(time + step)) for step in (-_STEP, _STEP))
+        velocities = (after - before) / (2 * _STEP)
         boom = self._boom(pose, places, time)
         markers = []
-        for name, place, velocity, profile in zip(
-            self.rig.names, places, velocities, self._profiles(pose), strict=True
-        ):
-            (x, y), (vx, vy) = place.tolist(), velocity.tolist()
+        lights = zip(self.rig.names, places, velocities, self._profiles(pose), strict=True)
+        for name, place, velocity, profile in lights:
             visible = self._shows(name, place, 0.0, boom, time)
             whole = self._shows(name, place, profile.radius + 1.0, boom, time)
+            (x, y), (vx, vy) = place.tolist(), velocity.tolist()
             markers.append(MarkerTruth(name, x, y, vx, vy, visible, whole))
         dock = pose.rotation @ np.array(self.rig.dock) + pose.translation
         return TankerTruth(
@@ -322,22 +285,19 @@ class TankerFlight(Flight[TankerTruth]):
     def pose(self, time: float) -> BodyPose:
         """The body in the optical frame of the camera, which may shake, at a time (s)."""
         pose = self._motion.pose(time)
-        if self._shake.still:
-            return pose
         turned = self._shake.rotation(time)
+        if turned is None:
+            return pose
         return BodyPose(turned @ pose.rotation, turned @ pose.translation)
 
     def _draw(self, truth: TankerTruth, time: float) -> Pixels:
         pose = BodyPose(truth.rotation, truth.translation)
         places = np.array([(m.x, m.y) for m in truth.markers])
-        image = self._background.view(None if self._shake.still else self._shake.rotation(time))
-        lab = self.settings.actual_background != 'sky'
+        image = self._background.view(self._shake.rotation(time))
         if self.settings.airframe and self.rig.name == TANKER_747.name:
-            lighting = IN_LAB if lab else IN_SKY
+            lighting = IN_SKY if self.settings.actual_background == 'sky' else IN_LAB
             # The light stands still while the body turns under it.
-            light = self._motion.steady_frame @ np.array(lighting.towards)
-            lighting = replace(lighting, towards=tuple(light.tolist()))
-            paint_mesh(image, tanker_mesh(), self.camera, pose, lighting)
+            paint_tanker(image, self.camera, pose, lighting, self._motion.steady_frame)
         moved = [(m.vx, m.vy) for m in truth.markers if math.isfinite(m.vx)]
         mean_x, mean_y = np.mean(moved or [(0.0, 0.0)], axis=0)
         exposure = self.settings.exposure
@@ -359,20 +319,15 @@ class TankerFlight(Flight[TankerTruth]):
             count = min(2 * math.ceil(longest) + 1, 33)
             offsets = exposure * ((np.arange(count) + 0.5) / count - 0.5)
             paths = np.stack([self._project(self.pose(time + offset)) for offset in offsets])
-        lights = [
-            Light(profile, path)
-            for name, profile, path in zip(
-                self.rig.names, self._profiles(pose), np.moveaxis(paths, 1, 0), strict=True
-            )
-            if not affected(self._failures, name, time)
-        ]
-        profile = LightProfile(self.settings.light_radius)
-        return lights + [Light(profile, place[None]) for place in self._glares.places(time)]
+        lights = map(Light, self._profiles(pose), np.moveaxis(paths, 1, 0))
+        named = zip(self.rig.names, lights, strict=True)
+        lit = [light for name, light in named if not affected(self._failures, name, time)]
+        glare = LightProfile(self.settings.light_radius)
+        return lit + [Light(glare, place[None]) for place in self._glares(time)]
 
     def _profiles(self, pose: BodyPose) -> list[LightProfile]:
         """Larger when closer, though by the root only: the glow is the lens's."""
-        usual = self._usual_depth
-        radius = self.settings.light_radius
+        usual, radius = self._usual_depth, self.settings.light_radius
         largest = max(radius, LARGEST_RADIUS)
         depths = self._optical(pose)[:, 2]
         radii = (radius * math.sqrt(usual / max(depth, 0.1)) for depth in depths)
@@ -416,25 +371,14 @@ class TankerFlight(Flight[TankerTruth]):
 
     @cached_property
     def _background(self) -> Background:
-        return Background(
-            self.settings.actual_background,
-            self.camera,
-            self.settings.encoding == 'bgr8',
-            self.settings.detail,
-            self._rng(RandomStream.BACKGROUND),
-        )
+        settings, rng = self.settings, self._rng(RandomStream.BACKGROUND)
+        in_colour = settings.encoding == 'bgr8'
+        return Background(settings.actual_background, self.camera, in_colour, settings.detail, rng)
 
     @cached_property
-    def _glares(self) -> Glares:
+    def _glares(self) -> Callable[[float], NDArray[np.float64]]:
         times = np.linspace(0.0, self.duration, 60 if self.settings.glares else 1)
         paths = np.concatenate([self._project(self.pose(float(t))) for t in times])
-        return Glares(self.settings.glares, self.camera, paths, self._rng(RandomStream.GLARES))
-
-
-def _open_rig(settings: TankerSettings) -> MarkerRig:
-    if not settings.layout:
-        return TANKER_747
-    try:
-        return load_rig(settings.layout)
-    except RigError as error:
-        raise ParameterError('layout', str(error)) from error
+        return drifting_glares(
+            self.settings.glares, self.camera, paths, self._rng(RandomStream.GLARES)
+        )

@@ -21,13 +21,8 @@ def smooth_noise(
 ) -> NDArray[np.float32]:
     """Noise of several scales, as of clouds or soil.
 
-    Args:
-        shape: height and width, px.
-        cell: size of the largest features, px.
-        rng: the source of randomness.
-        octaves: number of scales, each half of the one before.
-        gain: amplitude of an octave relative to the one before.
-        stretch: how much longer features are along x than along y.
+    Its features are ``cell`` px at most, along x longer by ``stretch``; each octave halves their
+    size, and multiplies their amplitude by ``gain``.
 
     Returns:
         (height, width) float32 of zero mean and unit standard deviation.
@@ -52,12 +47,7 @@ def smooth_noise(
 
 
 def tileable_noise(size: int, cell: float, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Noise whose opposite sides fit together.
-
-    Args:
-        size: px, of both sides.
-        cell: size of the largest features, px.
-        rng: the source of randomness.
+    """Noise whose opposite sides fit together, with features of ``cell`` px at most.
 
     Returns:
         (size, size) float32 of zero mean and unit standard deviation.

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.bundle_adjustment import farthest_first
 from mvuav_ros.vision.point_operations import Pixels
 
 Array = NDArray[np.float64]
@@ -30,30 +31,16 @@ class BoardError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """A board in one image.
+    """A board in one image."""
 
-    Attributes:
-        points: (n, 3), of the corners on the board, m.
-        pixels: (n, 2), where they are seen, px.
-        outline: (4, 2), where the board's four outer corners of squares' corners are, px.
-    """
-
-    points: Array
-    pixels: Array
-    outline: Array
+    points: Array  # (n, 3), of the corners on the board, m
+    pixels: Array  # (n, 2), where they are seen, px
+    outline: Array  # (4, 2), where the board's four outer corners of squares' corners are, px
 
 
 @dataclass(frozen=True)
 class Board:
     """A checkerboard, or a ChArUco board.
-
-    Attributes:
-        columns: inner corners along a row: one less than squares.
-        rows: inner corners along a column.
-        square: side of a square, m.
-        dictionary: OpenCV's name of the ArUco dictionary, such as ``DICT_5X5_100``, of a ChArUco
-            board; empty for a checkerboard.
-        marker: side of a ChArUco board's markers over that of its squares.
 
     Raises:
         BoardError: there is no such board.
@@ -63,11 +50,12 @@ class Board:
         (54, 3)
     """
 
-    columns: int
-    rows: int
-    square: float
+    columns: int  # inner corners along a row: one less than squares
+    rows: int  # inner corners along a column
+    square: float  # side of a square, m
+    # OpenCV's name of a ChArUco board's dictionary, as DICT_5X5_100; empty for a checkerboard.
     dictionary: str = ''
-    marker: float = 0.75
+    marker: float = 0.75  # side of a ChArUco board's markers over that of its squares
 
     def __post_init__(self) -> None:
         # OpenCV looks for no smaller checkerboard, and `find` takes no smaller ChArUco board.
@@ -92,27 +80,21 @@ class Board:
     def find(self, gray: Pixels) -> BoardView | None:
         """The board in an image (height, width), uint8 or uint16; None where it is not seen."""
         gray = np.ascontiguousarray(in_eight_bits(gray))
-        scale = _scale_to(SEARCH_SIDE, gray)
-        small = gray
-        if scale < 1.0:
-            small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        found = self._find_charuco(small) if self._charuco else self._find_plain(small)
-        if found is None:
+        small, scale = _shrunk(gray, SEARCH_SIDE)
+        corners = self._find_charuco(small) if self._charuco else self._find_plain(small)
+        if corners is None:
             return None
         # The centre of the first pixel is (0, 0) in both images.
-        labels, pixels = found[0], (found[1] + 0.5) / scale - 0.5
+        labels, pixels = corners[0], (corners[1] + 0.5) / scale - 0.5
         points = self.points[labels]
         plane = cv2.findHomography(points[:, :2], pixels)[0]
         if plane is None or not np.isfinite(plane).all():
             return None
-        radius = int(np.clip(_WINDOW * _nearest(pixels), 2, 15))
-        refined = cv2.cornerSubPix(
-            gray,
-            np.ascontiguousarray(pixels.reshape(-1, 1, 2), np.float32),
-            (radius, radius),
-            (-1, -1),
-            _REFINEMENT,
-        )
+        apart = np.linalg.norm(pixels[:, None] - pixels, axis=2)
+        np.fill_diagonal(apart, np.inf)
+        radius = int(np.clip(_WINDOW * apart.min(), 2, 15))
+        rough = np.ascontiguousarray(pixels.reshape(-1, 1, 2), np.float32)
+        refined = cv2.cornerSubPix(gray, rough, (radius, radius), (-1, -1), _REFINEMENT)
         refined = np.asarray(refined, np.float64).reshape(-1, 2)
         if np.abs(refined - pixels).max() > radius:
             return None
@@ -144,12 +126,11 @@ class Board:
         size = self.columns + 1, self.rows + 1
         if not hasattr(aruco, 'CharucoDetector'):  # before OpenCV 4.7
             return (_OldCharucoDetector(aruco.CharucoBoard_create(*size, *sides, dictionary)),)
-        boards = [aruco.CharucoBoard(size, *sides, dictionary) for _ in range(2)]
+        boards = [aruco.CharucoBoard(size, *sides, dictionary)]
         # Before 4.6 a board with an even number of rows began with the other colour.
-        if size[1] % 2 == 0 and hasattr(boards[1], 'setLegacyPattern'):
+        if size[1] % 2 == 0 and hasattr(boards[0], 'setLegacyPattern'):
+            boards.append(aruco.CharucoBoard(size, *sides, dictionary))
             boards[1].setLegacyPattern(True)
-        else:
-            del boards[1]
         return tuple(aruco.CharucoDetector(board) for board in boards)
 
     def _find_charuco(self, gray: Pixels) -> tuple[NDArray[np.intp], Array] | None:
@@ -177,16 +158,10 @@ class _OldCharucoDetector:
         return aruco.interpolateCornersCharuco(corners, labels, gray, self._board)[1:]
 
 
-def _nearest(pixels: Array) -> float:
-    """The least distance between two of (n, 2) places, px."""
-    apart = np.linalg.norm(pixels[:, None] - pixels, axis=2)
-    np.fill_diagonal(apart, np.inf)
-    return float(apart.min())
-
-
-def _scale_to(longest: float, gray: Pixels) -> float:
-    """By which an image is shrunk to a longest side (px), but not to no rows or columns at all."""
-    return float(min(1.0, max(longest / max(gray.shape), 1.0 / min(gray.shape))))
+def _shrunk(gray: Pixels, longest: float) -> tuple[Pixels, float]:
+    """An image shrunk to a longest side (px), but not to no rows or columns; and by how much."""
+    scale = min(1.0, max(longest / max(gray.shape), 1.0 / min(gray.shape)))
+    return cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), scale
 
 
 def in_eight_bits(gray: Pixels) -> Pixels:
@@ -199,30 +174,21 @@ def in_eight_bits(gray: Pixels) -> Pixels:
 
 def sharpness(gray: Pixels) -> float:
     """Of neighbouring images of one scene the sharper one has more; grey levels squared."""
-    scale = _scale_to(0.5 * SEARCH_SIDE, gray)
-    small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    small, _ = _shrunk(gray, 0.5 * SEARCH_SIDE)
     return float(cv2.Laplacian(small, cv2.CV_32F).var())
 
 
 def different_views(
     views: Sequence[BoardView], size: tuple[int, int], most: int, apart: float
 ) -> list[int]:
-    """Which views differ from each other, those that differ most first.
+    """Which of a board's views differ from each other, those that differ most first.
 
-    Args:
-        views: of one board.
-        size: of the images, px.
-        most: how many at most.
-        apart: the least difference of two of them: the board's outer corners, root mean square,
-            as a part of the image's diagonal.
+    Any two differ by ``apart`` at least: the board's outer corners, root mean square, as a part
+    of the diagonal of images of that size (px).
     """
     if not views:
         return []
     outlines = np.array([view.outline.ravel() for view in views])
     outlines /= np.hypot(*size) * np.sqrt(4.0)
-    chosen = [int(np.linalg.norm(outlines - outlines.mean(axis=0), axis=1).argmax())]
-    distance = np.linalg.norm(outlines - outlines[chosen[0]], axis=1)
-    while len(chosen) < most and distance.max() >= apart:
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(outlines - outlines[chosen[-1]], axis=1))
-    return chosen
+    first = int(np.linalg.norm(outlines - outlines.mean(axis=0), axis=1).argmax())
+    return farthest_first(outlines, first, most, apart)

@@ -194,15 +194,13 @@ class CameraModel:
         points = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
         if not len(points):
             return np.empty((0, 2))
+        matrix = self.matrix
         if self.is_straight:
-            matrix = self.matrix
             flat = (points.reshape(-1, 2) - matrix[:2, 2]) / (matrix[0, 0], matrix[1, 1])
             return np.asarray(flat)
         if not self.is_fisheye:
-            flat = _undistort(
-                points, self.matrix, self.distortion, R=None, P=None, criteria=_SETTLED
-            )
-            return np.asarray(flat, np.float64).reshape(-1, 2)
+            found = _undistort(points, matrix, self.distortion, R=None, P=None, criteria=_SETTLED)
+            return np.asarray(found, np.float64).reshape(-1, 2)
         return self._undistort_fisheye(points.reshape(-1, 2))
 
     def _undistort_fisheye(self, pixels: Array) -> Array:
@@ -235,14 +233,22 @@ class CameraModel:
         self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
     ) -> tuple[Array, Array]:
         """`project`, and its derivative (2n, 6) by ``rvec`` and ``tvec``."""
+        return self.project_with_jacobians(points, rvec, tvec)[:2]
+
+    def project_with_jacobians(
+        self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
+    ) -> tuple[Array, Array, Array]:
+        """`project_with_jacobian`, and (2n, 4 + k) by fx, fy, cx, cy and the k coefficients."""
         given = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 3)
+        count = 4 + len(self.distortion)
         if not len(given):
-            return np.empty((0, 2)), np.empty((0, 6))
-        first = 8 if self.is_fisheye else 0
+            return np.empty((0, 2)), np.empty((0, 6)), np.empty((0, count))
         project: Any = cv2.fisheye.projectPoints if self.is_fisheye else cv2.projectPoints
         turn, place = np.asarray(rvec, np.float64), np.asarray(tvec, np.float64)
         seen, slopes = project(given, turn, place, self.matrix, self.distortion)
-        return seen.reshape(-1, 2), slopes[:, first : first + 6]
+        pose, camera = (8, 0) if self.is_fisheye else (0, 6)
+        by_pose, by_camera = slopes[:, pose : pose + 6], slopes[:, camera : camera + count]
+        return seen.reshape(-1, 2), by_pose, by_camera
 
     @cached_property
     def widest(self) -> float:
@@ -274,17 +280,12 @@ def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = (
 
 def _shifted(matrix: tuple[float, ...], x: float, y: float) -> tuple[float, ...]:
     """K or P with its principal point moved, px."""
-    if not matrix:
-        return matrix
-    columns = len(matrix) // 3
-    moved = list(matrix)
-    moved[2] += x
-    moved[columns + 2] += y
-    return tuple(moved)
+    moved = np.reshape(matrix, (3, -1))
+    moved[:2, 2:3] += (x,), (y,)
+    return tuple(moved.ravel().tolist())
 
 
 def _scaled(matrix: tuple[float, ...], x: int, y: int) -> tuple[float, ...]:
     """K or P of images that are so many times smaller."""
-    columns = len(matrix) // 3
-    parts = (matrix[:columns], matrix[columns : 2 * columns], matrix[2 * columns :])
-    return (*(v / x for v in parts[0]), *(v / y for v in parts[1]), *parts[2])
+    scaled = np.reshape(matrix, (3, -1)) / ((x,), (y,), (1,))
+    return tuple(scaled.ravel().tolist())

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.board import BoardView
-from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.bundle_adjustment import Equations, adjust, eliminate_poses
+from mvuav_ros.vision.camera import EQUIDISTANT, CalibrationError, CameraModel
 
 Array = NDArray[np.float64]
 
@@ -39,8 +42,7 @@ class LensCalibrationTuning:
 TUNING = LensCalibrationTuning()
 
 
-@dataclass(frozen=True)
-class _Lens:
+class _Lens(NamedTuple):
     """A model of CameraInfo, and which of its coefficients are fitted."""
 
     model: str
@@ -57,31 +59,21 @@ _LENSES = {
 """The simpler one first."""
 _FISHEYE_FOCALS = (0.3, 0.5, 0.9)
 """Of the image's longer side: focal lengths from which an equidistant lens is fitted."""
-_MAX_STEPS = 30
 
 
 @dataclass(frozen=True, eq=False)
 class CameraCalibration:
-    """A calibration with the figures of how good it is.
+    """A calibration with the figures of how good it is."""
 
-    Attributes:
-        camera: the matrix and the lens.
-        deviations: standard deviations of fx, fy, cx, cy (px), then of the coefficients; of a
-            coefficient that was kept at zero it is zero.
-        used: (n,), which of the views given it is made from; the others were blurred or wrong.
-        residuals: for each view (m, 2), seen minus projected, px.
-        rotations: (n, 3), the rotation vectors of the board in the optical frame.
-        rms: root mean square of the residuals of the used views per axis, px.
-        kept_back: by model, the rms per axis on views that it was not fitted to, px; empty where
-            there was no choice.
-    """
-
-    camera: CameraModel
+    camera: CameraModel  # the matrix and the lens
+    # Standard deviations of fx, fy, cx, cy (px), then of the coefficients; zero of one that was
+    # kept at zero.
     deviations: tuple[float, ...]
-    used: NDArray[np.bool_]
-    residuals: tuple[Array, ...]
-    rotations: Array
-    rms: float
+    used: NDArray[np.bool_]  # (n,), of the views given; the others were blurred or wrong
+    residuals: tuple[Array, ...]  # for each view (m, 2), seen minus projected, px
+    rotations: Array  # (n, 3), the rotation vectors of the board in the optical frame
+    rms: float  # root mean square of the residuals of the used views per axis, px
+    # By model, the rms per axis on views that it was not fitted to, px; empty without a choice.
     kept_back: Mapping[str, float]
 
     @property
@@ -119,7 +111,7 @@ def calibrate_camera(
         raise CalibrationError(f'there is no model {model!r}: {", ".join(MODELS)}')
     # Blurred views are found with a model that fits most lenses.
     used = _clean(views, size, _LENSES[names[-1] if len(names) < 3 else 'plumb_bob'])
-    chosen = [view for view, use in zip(views, used, strict=True) if use]
+    chosen = list(compress(views, used))
     kept_back = _kept_back(chosen, size, names) if len(names) > 1 else {}
     name = names[0]
     for other in names[1:]:
@@ -129,10 +121,10 @@ def calibrate_camera(
     deviations = fit.deviations(chosen)
     _refuse_untold(fit, deviations)
     poses = [fit.pose(view) for view in views]
-    residuals = tuple(fit.residuals(view, pose) for view, pose in zip(views, poses, strict=True))
-    inliers = np.concatenate([each for each, use in zip(residuals, used, strict=True) if use])
+    residuals = tuple(map(fit.residuals, views, poses))
+    inliers = np.concatenate(list(compress(residuals, used)))
     return CameraCalibration(
-        fit.camera(size),
+        fit.camera,
         tuple(deviations.tolist()),
         used,
         residuals,
@@ -144,35 +136,18 @@ def calibrate_camera(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A camera and the board's poses: rotation vector and translation, (6,) each."""
+    """A camera, of which some coefficients are fitted, and the board's poses.
 
-    lens: _Lens
-    matrix: Array
-    d: Array
-    poses: list[Array]
+    A pose is a rotation vector and a translation, (6,).
+    """
 
-    def camera(self, size: tuple[int, int]) -> CameraModel:
-        k, d = (tuple(part.ravel().tolist()) for part in (self.matrix, self.d))
-        return CameraModel(*size, k=k, d=d, distortion_model=self.lens.model)
-
-    def project(self, points: Array, pose: Array) -> tuple[Array, Array, Array]:
-        """Pixels (n, 2), and their derivatives by the pose (2n, 6) and the camera (2n, 4 + k)."""
-        count = 4 + self.lens.coefficients
-        if self.lens.model == 'equidistant':
-            found = cv2.fisheye.projectPoints(
-                points.reshape(-1, 1, 3), pose[:3], pose[3:], self.matrix, self.d
-            )
-            pixels, slopes = (np.asarray(part, np.float64) for part in found)
-            by_camera, by_pose = slopes[:, :count], slopes[:, 8:14]
-        else:
-            found = cv2.projectPoints(points, pose[:3], pose[3:], self.matrix, self.d)
-            pixels, slopes = (np.asarray(part, np.float64) for part in found)
-            by_camera, by_pose = slopes[:, 6 : 6 + count], slopes[:, :6]
-        return pixels.reshape(-1, 2), by_pose, by_camera
+    camera: CameraModel
+    coefficients: int
+    poses: Sequence[Array] = ()
 
     def pose(self, view: BoardView) -> Array:
         """The board's pose that fits a view best: from the undistorted points, then refined."""
-        rays = self.camera((1, 1)).undistort(view.pixels)
+        rays = self.camera.undistort(view.pixels)
         good = np.isfinite(rays).all(axis=1) & (np.abs(rays) < 20.0).all(axis=1)
         if good.sum() < 4:
             return np.full(6, np.nan)
@@ -180,64 +155,33 @@ class _Fit:
         start = cv2.solvePnP(view.points[good], rays[good], np.eye(3), None, flags=flag)
         pose = np.concatenate([np.asarray(part, np.float64).ravel() for part in start[1:]])
         for _ in range(5):
-            seen, slopes, _ = self.project(view.points, pose)
+            residuals, slopes, _ = self.equations(view, pose)
             if not np.isfinite(slopes).all():
                 return np.full(6, np.nan)
-            step = np.linalg.lstsq(slopes, (view.pixels - seen).ravel(), rcond=None)[0]
-            pose = pose + step
+            pose = pose + np.linalg.lstsq(slopes, residuals, rcond=None)[0]
         return pose
 
+    def equations(self, view: BoardView, pose: Array) -> Equations:
+        project = self.camera.project_with_jacobians
+        seen, by_pose, by_camera = project(view.points, pose[:3], pose[3:])
+        residuals = (view.pixels - seen).ravel()
+        return Equations(residuals, by_pose, by_camera[:, : 4 + self.coefficients])
+
     def residuals(self, view: BoardView, pose: Array) -> Array:
-        return np.asarray(view.pixels - self.project(view.points, pose)[0])
-
-    def squares(self, views: Sequence[BoardView]) -> float:
-        """The sum of all squared residuals, px²; infinite where a pose is not one."""
-        total = 0.0
-        for view, pose in zip(views, self.poses, strict=True):
-            residuals = self.residuals(view, pose)
-            total += float((residuals * residuals).sum())
-        return total if math.isfinite(total) else math.inf
-
-    def eliminated(
-        self, views: Sequence[BoardView]
-    ) -> tuple[Array, Array, list[tuple[Array, Array]]]:
-        """Normal equations of the camera alone; each pose's own step, and how it follows."""
-        count = 4 + self.lens.coefficients
-        information, gradient, poses = np.zeros((count, count)), np.zeros(count), []
-        for view, pose in zip(views, self.poses, strict=True):
-            seen, by_pose, by_camera = self.project(view.points, pose)
-            residuals = (view.pixels - seen).ravel()
-            inverse = np.linalg.pinv(by_pose)
-            rest = by_camera - by_pose @ (inverse @ by_camera)
-            information += rest.T @ rest
-            gradient += rest.T @ residuals
-            poses.append((inverse @ residuals, inverse @ by_camera))
-        return information, gradient, poses
-
-    def stepped(self, views: Sequence[BoardView], damping: float) -> _Fit:
-        """After a part of Gauss and Newton's step of the camera and all poses."""
-        information, gradient, eliminated = self.eliminated(views)
-        step = damping * np.linalg.lstsq(information, gradient, rcond=1e-14)[0]
-        matrix = self.matrix.copy()
-        matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
-        poses = [
-            pose + damping * own - along @ step
-            for pose, (own, along) in zip(self.poses, eliminated, strict=True)
-        ]
-        return _Fit(self.lens, matrix, self.d + step[4:], poses)
+        return view.pixels - self.camera.project(view.points, pose[:3], pose[3:])
 
     def deviations(self, views: Sequence[BoardView]) -> Array:
         """Standard deviations of the matrix and the coefficients, (4 + all coefficients,)."""
-        information = self.eliminated(views)[0]
+        equations = list(map(self.equations, views, self.poses))
+        information = eliminate_poses(equations)[0]
         left = sum(view.pixels.size - 6 for view in views) - len(information)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         # What the views do not determine at all is to come out as unknown, not as zero.
         values, axes = np.linalg.eigh(information / np.outer(scale, scale))
         spread = ((axes / np.sqrt(np.maximum(values, 1e-15))) ** 2).sum(axis=1)
-        noise = max(self.squares(views) / max(left, 1), TUNING.least_noise**2)
-        variances = spread / scale**2 * noise
-        deviations = np.sqrt(np.maximum(variances, 0.0))
-        return np.append(deviations, np.zeros(4 + len(self.d) - len(information)))
+        squares = sum(float(each.residuals @ each.residuals) for each in equations)
+        variances = spread / scale**2 * max(squares / max(left, 1), TUNING.least_noise**2)
+        return np.append(np.sqrt(variances), np.zeros(len(self.camera.d) - self.coefficients))
 
 
 def _fit(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> _Fit:
@@ -246,7 +190,7 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> _Fit
     Raises:
         CalibrationError: it fails.
     """
-    if lens.model == 'equidistant':
+    if lens.model == EQUIDISTANT:
         return _fit_fisheye(views, size)
     points = [view.points.reshape(-1, 1, 3).astype(np.float32) for view in views]
     pixels = [view.pixels.reshape(-1, 1, 2).astype(np.float32) for view in views]
@@ -261,11 +205,10 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> _Fit
     d = d.ravel()[:count]
     if not (np.isfinite(matrix).all() and np.isfinite(d).all() and found[0] < min(size)):
         raise CalibrationError(f'no {lens.model} camera fits the views')
-    turns, places = found[3:5]
-    poses = [
-        np.append(turn, place).astype(np.float64) for turn, place in zip(turns, places, strict=True)
-    ]
-    return _Fit(lens, matrix, d, poses)
+    poses = [np.append(*pose).astype(np.float64) for pose in zip(*found[3:5], strict=True)]
+    k = tuple(matrix.ravel().tolist())
+    camera = CameraModel(*size, k, tuple(d.tolist()), lens.model)
+    return _Fit(camera, lens.coefficients, poses)
 
 
 def _fit_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> _Fit:
@@ -273,39 +216,38 @@ def _fit_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> _Fit:
 
     OpenCV's own fisheye.calibrate stops with an error from most starts, in OpenCV 5 from all.
     """
-    lens, best, least = _LENSES['equidistant'], None, math.inf
+    best, least = None, math.inf
     for share in _FISHEYE_FOCALS:
         focal = share * max(size)
-        matrix = np.diag((focal, focal, 1.0))
-        matrix[:2, 2] = 0.5 * (size[0] - 1), 0.5 * (size[1] - 1)
-        fit = _Fit(lens, matrix, np.zeros(4), [])
-        fit = replace(fit, poses=[fit.pose(view) for view in views])
-        squares = fit.squares(views)
-        if math.isinf(squares):  # A view that no board's pose explains with this focal length
+        values = np.array((focal, focal, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1), *[0.0] * 4))
+        poses = [_fisheye(size, values).pose(view) for view in views]
+        if not np.isfinite(poses).all():  # A view that no pose explains with this focal length
             continue
-        for _ in range(_MAX_STEPS):
-            before = squares
-            for damping in (1.0, 0.3, 0.1):
-                stepped = fit.stepped(views, damping)
-                if (squares := stepped.squares(views)) < before:
-                    fit = stepped
-                    break
-            if not squares < before * (1.0 - 1e-9):
-                break
-        if before < least:
-            best, least = fit, before
+        values, poses, squares = adjust(
+            lambda number, at, pose: _fisheye(size, at).equations(views[number], pose),
+            values,
+            poses,
+        )
+        if squares < least:
+            best, least = replace(_fisheye(size, values), poses=poses), squares
     if best is None:
         raise CalibrationError('no equidistant camera fits the views')
     return best
+
+
+def _fisheye(size: tuple[int, int], values: Array) -> _Fit:
+    """By fx, fy, cx, cy and the coefficients."""
+    fx, fy, cx, cy, *d = values.tolist()
+    k = (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)
+    return _Fit(CameraModel(*size, k, tuple(d), EQUIDISTANT), len(d))
 
 
 def _clean(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> NDArray[np.bool_]:
     """Which views are not blurred or wrong, by their residuals."""
     used = np.ones(len(views), np.bool_)
     for _ in range(2):
-        fit = _fit([v for v, use in zip(views, used, strict=True) if use], size, lens)
+        fit = _fit(list(compress(views, used)), size, lens)
         rms = np.array([_rms(fit.residuals(view, fit.pose(view))) for view in views])
-        rms[~np.isfinite(rms)] = np.inf
         worst = max(
             TUNING.outlying * float(np.median(rms)),
             float(np.quantile(rms, 1.0 - TUNING.most_outlying, method='lower')),
@@ -341,7 +283,7 @@ def _kept_back(
 
 def _refuse_untold(fit: _Fit, deviations: Array) -> None:
     """Say why the views do not determine the focal length, if they do not."""
-    focal = fit.matrix[0, 0], fit.matrix[1, 1]
+    focal = fit.camera.k[0], fit.camera.k[4]
     if min(focal) <= 0.0:
         raise CalibrationError('the views do not determine the focal length')
     share = max(deviations[0] / focal[0], deviations[1] / focal[1])

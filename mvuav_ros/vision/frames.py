@@ -24,8 +24,7 @@ FLU_FROM_FRD: Matrix = np.diag([1.0, -1.0, -1.0])
 """An aircraft's axes (x forward, y right, z down) as REP-103 has them."""
 
 
-_GIMBAL_LOCK = 1e-9
-"""rad off straight up or down, below which rounding would decide roll and yaw."""
+_GIMBAL_LOCK = 1e-9  # rad off straight up or down, below which rounding would decide roll and yaw
 
 
 def about_x(angle: float) -> Matrix:

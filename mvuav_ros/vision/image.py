@@ -9,7 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Pixels, gamma_correct
+from mvuav_ros.vision.point_operations import (
+    BLUE_FIRST,
+    RED_FIRST,
+    Pixels,
+    gamma_correct,
+    select_channel,
+)
 
 CHANNELS = ('brightest', 'intensity', 'red', 'green', 'blue')
 """What a colour image can be looked at in: its intensity (eq. 3.3), one of its colours, or in each
@@ -22,20 +28,15 @@ class ImageError(ValueError):
 
 @dataclass(frozen=True)
 class Encoding:
-    """How pixels of one sensor_msgs encoding lie in memory, and OpenCV's conversions from it.
-
-    ``luma`` is the channel that already is the intensity (the Y of YUV 4:2:2); ``colors`` are the
-    places of blue, green and red where each pixel has all three. With ``chroma_below`` the rows of
-    intensity are followed by half as many of colour (YUV 4:2:0).
-    """
+    """How pixels of one sensor_msgs encoding lie in memory, and OpenCV's conversions from it."""
 
     dtype: type[np.uint8] | type[np.uint16]
     channels: int
     to_gray: int | None = None
     to_bgr: int | None = None
-    luma: int | None = None
-    colors: tuple[int, int, int] | None = None
-    chroma_below: bool = False
+    luma: int | None = None  # channel that already is the intensity (the Y of YUV 4:2:2)
+    colors: tuple[int, int, int] | None = None  # places of blue, green, red in a pixel of all three
+    chroma_below: bool = False  # half as many rows of colour follow those of intensity (YUV 4:2:0)
 
     @property
     def pixel_bytes(self) -> int:
@@ -43,20 +44,19 @@ class Encoding:
         return self.channels * np.dtype(self.dtype).itemsize
 
 
-_BLUE_FIRST, _RED_FIRST = (0, 1, 2), (2, 1, 0)
 _GRAY8 = Encoding(np.uint8, 1, to_bgr=cv2.COLOR_GRAY2BGR)
 _GRAY16 = Encoding(np.uint16, 1, to_bgr=cv2.COLOR_GRAY2BGR)
 _UYVY = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_UYVY, luma=1)
 _YUYV = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_YUY2, luma=0)
 
 
-_BGR: tuple[Any, ...] = (3, cv2.COLOR_BGR2GRAY, None, None, _BLUE_FIRST)
-_BGRA: tuple[Any, ...] = (4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR, None, _BLUE_FIRST)
+_BGR: tuple[Any, ...] = (3, cv2.COLOR_BGR2GRAY, None, None, BLUE_FIRST)
+_BGRA: tuple[Any, ...] = (4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR, None, BLUE_FIRST)
 _COLORS: dict[str, tuple[Any, ...]] = {
     'bgr': _BGR,
-    'rgb': (3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR, None, _RED_FIRST),
+    'rgb': (3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR, None, RED_FIRST),
     'bgra': _BGRA,
-    'rgba': (4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR, None, _RED_FIRST),
+    'rgba': (4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR, None, RED_FIRST),
     # OpenCV names a pattern by its second row and column, ROS by its first.
     'bayer_rggb': (1, cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2BGR),
     'bayer_bggr': (1, cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2BGR),
@@ -115,18 +115,16 @@ class Image:
         if self.channel not in CHANNELS:
             raise ImageError(f'channel is one of {", ".join(CHANNELS)}, not {self.channel!r}')
         object.__setattr__(self, 'pixels', _plain(self.pixels))
-        channels = self.pixels.shape[2] if self.pixels.ndim == 3 else 1
+        plane = () if layout.channels == 1 else (layout.channels,)
         if (
-            self.pixels.ndim not in (2, 3)
-            or channels != layout.channels
+            self.pixels.ndim < 2
+            or self.pixels.shape[2:] != plane
             or self.pixels.dtype != layout.dtype
         ):
             raise ImageError(
                 f'{self.encoding} pixels cannot have shape {self.pixels.shape} '
                 f'and type {self.pixels.dtype}'
             )
-        if channels == 1 and self.pixels.ndim == 3:
-            object.__setattr__(self, 'pixels', self.pixels[:, :, 0])
         if self.pixels.size == 0:
             raise ImageError(f'the image is empty ({self.width} x {self.height})')
         if layout.chroma_below and (self.pixels.shape[0] % 3 or self.width % 2):
@@ -172,25 +170,15 @@ class Image:
 
     def gray(self) -> Pixels:
         """The channel, (height, width) uint8 or uint16; a view where it can be."""
-        if not ENCODINGS[self.encoding].chroma_below:
-            return self._gray(self.pixels)
-        if self.channel == 'intensity':
-            return self.pixels[: self.height]
-        return _channel(self.bgr(), _BLUE_FIRST, self.channel)
+        has_more = ENCODINGS[self.encoding].chroma_below and self.channel == 'intensity'
+        return self._gray(self.pixels[: self.height] if has_more else self.pixels)
 
     def gray_window(self, rows: slice, columns: slice) -> Pixels:
-        """The channel in a part of the frame at the cost of that part alone.
-
-        Args:
-            rows: with a start and an end within the frame.
-            columns: with a start and an end within the frame.
-        """
+        """The channel in a part of the frame, given by its ends, at the cost of that part alone."""
         layout, pixels = ENCODINGS[self.encoding], self.pixels
         is_mosaic = layout.to_gray is not None and layout.channels == 1
-        has_chroma = (layout.luma is not None or layout.chroma_below) and (
-            self.channel != 'intensity'
-        )
-        if not (is_mosaic or has_chroma):
+        is_yuv = layout.luma is not None or layout.chroma_below
+        if not (is_mosaic or (is_yuv and self.channel != 'intensity')):
             return self._gray(pixels[rows, columns])
         # Pixels have their colour from neighbours, or share it in pairs: some of these as well.
         top, bottom = _around(rows, self.height)
@@ -223,9 +211,9 @@ class Image:
         layout = ENCODINGS[self.encoding]
         if self.channel != 'intensity' and not self.is_gray and pixels.size:
             if layout.colors is not None:
-                return _channel(pixels, layout.colors, self.channel)
+                return select_channel(pixels, self.channel, layout.colors)
             assert layout.to_bgr is not None
-            return _channel(self._convert(pixels, layout.to_bgr), _BLUE_FIRST, self.channel)
+            return select_channel(self._convert(pixels, layout.to_bgr), self.channel)
         if layout.luma is not None:
             return pixels[:, :, layout.luma]
         if layout.to_gray is None or pixels.size == 0:
@@ -249,9 +237,7 @@ def _around(part: slice, size: int) -> tuple[int, int]:
 def as_image(given: Image | Pixels) -> Image:
     """An image of what a caller has: an `Image`, or an array as OpenCV has it.
 
-    Args:
-        given: an `Image`; or (height, width) grey or (height, width, 3) colour, blue first, uint8
-            or uint16.
+    That is (height, width) grey or (height, width, 3) colour, blue first, uint8 or uint16.
 
     Raises:
         ImageError: it is something else, or has no pixels.
@@ -296,11 +282,3 @@ def _plain(pixels: Pixels) -> Pixels:
         raise ImageError('an image with a mask is not taken: fill what is masked, as with 0')
     plain = np.asarray(pixels)
     return plain[:, :, 0] if plain.ndim == 3 and plain.shape[2] == 1 else plain
-
-
-def _channel(pixels: Pixels, colors: tuple[int, int, int], channel: str) -> Pixels:
-    """One colour of (height, width, 3 or 4) pixels, or the strongest of the three."""
-    if channel == 'brightest':
-        blue, green, red = (cv2.extractChannel(pixels, place) for place in colors)
-        return cv2.max(cv2.max(blue, green), red)
-    return cv2.extractChannel(pixels, colors[('blue', 'green', 'red').index(channel)])

@@ -1,21 +1,6 @@
 """Protection levels: bounds that the error of a pose exceeds with a stated probability only.
 
-The method is multiple-hypothesis solution separation, as receiver autonomous integrity monitoring
-of satellite navigation uses it (Pervan, Pullen and Christie, "A multiple hypothesis approach to
-satellite navigation integrity", Navigation 45, 1998; Blanch et al., "Baseline advanced RAIM user
-algorithm and possible improvements", IEEE Trans. AES 51, 2015), with lights for satellites.
-
-A hypothesis k says which lights are wrong; its prior probability is p_k. The others make a
-least-squares solution x_k of their own, whose error is Gaussian with deviation s_k per coordinate,
-whatever the wrong ones do. Seen from the published pose x, that is
-
-    |x - truth| <= |x - x_k| + |x_k - truth| ,
-
-so that |x - x_k| + K_k s_k bounds the error unless a Gaussian exceeds K_k deviations: probability
-q_k = 2 Q(K_k). With p_k q_k summed over all hypotheses below the integrity risk, the largest of
-these bounds over k is the protection level. How x was made does not matter: a filter's pose is
-bounded as well as one frame's. Hypotheses that the remaining lights cannot bear out are not
-monitored; their priors are taken off the risk, and where nothing is left, there is no level.
+Multiple-hypothesis solution separation (Blanch et al., 2015); docs/integrity.md derives it.
 """
 
 from __future__ import annotations
@@ -40,10 +25,8 @@ Array = NDArray[np.float64]
 
 _GAUSSIAN = NormalDist()
 
-MIN_LIGHTS = 4
-"""Three lights fit a pose wherever they are, so they cannot check each other."""
-MAX_LIGHTS = 12
-"""The pairs of more would cost more than they gain; those seen first are used."""
+MIN_LIGHTS = 4  # three lights fit a pose wherever they are, so they cannot check each other
+MAX_LIGHTS = 12  # the pairs of more would cost more than they gain; those seen first are used
 MAX_TURN_SIGMA = 0.05
 """rad. A hypothesis whose remaining lights determine a turn less exactly is not monitored:
 the second, mirrored solution of three lights seen face on is then near, and no Gaussian."""
@@ -54,8 +37,7 @@ MAX_TURN_LEVEL = 0.15
 there, as flights with two faulty lights show."""
 MAX_DISTANCE_LEVEL = 0.1
 """Of the distance: the pose has no levels beyond this, as the projection is not linear there."""
-MAX_UNMONITORED = 0.9
-"""Part of the integrity risk that hypotheses without a check may take up."""
+MAX_UNMONITORED = 0.9  # part of the integrity risk that hypotheses without a check may take up
 MAX_TAIL = 1e-3
 """The largest probability that a bound is exceeded under its hypothesis, however improbable that
 is: a margin for priors that are too small."""
@@ -82,27 +64,20 @@ class IntegrityState(IntEnum):
 
 @dataclass(frozen=True)
 class IntegrityBudget:
-    """What is assumed of faults, and what may remain.
+    """What is assumed of faults, and what may remain; errors are standard deviations.
 
-    Attributes:
-        risk: probability per frame that the error of any coordinate exceeds its level; 1e-7 is of
-            the order that the ICAO asks for a precision approach (2e-7 in any approach, Annex 10,
-            table 3.7.2.4-1).
-        light_prior: probability per frame that a light is not where its marker is, or is another
-            light; 1e-4 is of the order of the share of wrong names in docs/concepts/limits.md.
-        focal_error: standard deviation of the calibrated focal length, as a part of it.
-        center_error: standard deviation of the calibrated principal point, px per axis.
-        min_noise: standard deviation of a light's place, px per axis, below which that of the
-            residuals is not believed.
+    Why they are what they are is in docs/integrity.md.
 
     Raises:
         ValueError: a number is no probability or no deviation.
     """
 
-    risk: float = 1e-7
+    risk: float = 1e-7  # probability per frame that the error of any coordinate exceeds its level
+    # Probability per frame that a light is not where its marker is, or is another light.
     light_prior: float = 1e-4
-    focal_error: float = 0.001
-    center_error: float = 0.2
+    focal_error: float = 0.001  # of the calibrated focal length, as a part of it
+    center_error: float = 0.2  # of the calibrated principal point, px per axis
+    # Of a light's place, px per axis: below it that of the residuals is not believed.
     min_noise: float = 0.05
 
     def __post_init__(self) -> None:
@@ -115,25 +90,15 @@ class IntegrityBudget:
 
 @dataclass(frozen=True, slots=True)
 class ProtectionLevels:
-    """Bounds of one pose's errors; NaN where there are none, with the reason.
+    """Bounds of one pose's errors, of the rig's dock; NaN where there are none, with the reason."""
 
-    Attributes:
-        along: along the line of sight (optical z), m; of the rig's dock, as are the next two.
-        across: to the right or left (optical x), m.
-        up: up or down (optical y), m.
-        roll: about the line of sight, rad; a turn that could be large has no level, NaN.
-        pitch: about optical x, rad.
-        yaw: about optical y, rad.
-        reason: why there are no levels; empty if there are.
-    """
-
-    along: float = math.nan
-    across: float = math.nan
-    up: float = math.nan
-    roll: float = math.nan
-    pitch: float = math.nan
-    yaw: float = math.nan
-    reason: str = ''
+    along: float = math.nan  # along the line of sight (optical z), m
+    across: float = math.nan  # to the right or left (optical x), m
+    up: float = math.nan  # up or down (optical y), m
+    roll: float = math.nan  # about the line of sight, rad; NaN where a turn could be large
+    pitch: float = math.nan  # about optical x, rad
+    yaw: float = math.nan  # about optical y, rad
+    reason: str = ''  # why there are no levels; empty if there are
 
     @property
     def horizontal(self) -> float:
@@ -147,30 +112,26 @@ class ProtectionLevels:
 
     def beyond(self, alert_limits: Sequence[float]) -> list[str]:
         """Which of along, across and up are beyond their limits (m); a limit of zero is none."""
-        levels = zip(('along', 'across', 'up'), alert_limits, strict=True)
-        return [axis for axis, limit in levels if limit and getattr(self, axis) > limit]
+        return _beyond(self, ('along', 'across', 'up'), alert_limits)
 
 
 @dataclass(frozen=True, slots=True)
 class RunwayLevels:
-    """Bounds of the errors of a runway's guidance; NaN where there are none, with the reason.
+    """Bounds of the errors of a runway's guidance; NaN where there are none, with the reason."""
 
-    Attributes:
-        offset: lateral, m.
-        height: m.
-        heading: rad.
-        reason: why there are no levels; empty if there are.
-    """
-
-    offset: float = math.nan
-    height: float = math.nan
-    heading: float = math.nan
-    reason: str = ''
+    offset: float = math.nan  # lateral, m
+    height: float = math.nan  # m
+    heading: float = math.nan  # rad
+    reason: str = ''  # why there are no levels; empty if there are
 
     def beyond(self, alert_limits: Sequence[float]) -> list[str]:
         """Which of offset and height are beyond their limits (m); a limit of zero is none."""
-        levels = zip(('offset', 'height'), alert_limits, strict=True)
-        return [axis for axis, limit in levels if limit and getattr(self, axis) > limit]
+        return _beyond(self, ('offset', 'height'), alert_limits)
+
+
+def _beyond(levels: object, axes: Sequence[str], alert_limits: Sequence[float]) -> list[str]:
+    limited = zip(axes, alert_limits, strict=True)
+    return [axis for axis, limit in limited if limit and getattr(levels, axis) > limit]
 
 
 def integrity_state(
@@ -236,8 +197,8 @@ def protection_levels(
 
     Args:
         camera: calibrated.
-        rig: as the pose's.
-        labels: of the lights that were seen, by their place in the rig.
+        rig: whose lights were seen.
+        labels: of these lights, by their place in the rig.
         pixels: (n, 2), where, px.
         rotation: (3, 3), optical frame from the body's, of the pose that is published.
         translation: (3,), of the body's origin, m.
@@ -275,13 +236,13 @@ def protection_levels(
     sigma = max(noise, budget.min_noise)
     terms = _normal_terms(camera, rig, used, pixels[:count], rotation, translation, sigma, budget)
     sums = kept @ terms
-    information, known = sums[:, :36], sums[:, 36:].reshape(-1, 6, 4)
-    scale = information[0, ::7]
+    scale = sums[0, :60:11]
     if not scale.min() > 0.0 or not math.isfinite(scale.max()):
         return ProtectionLevels(reason='the lights do not tell a pose')
-    information[:, ::7] += _RIDGE * scale
-    covariances = np.linalg.inv(information.reshape(-1, 6, 6))
-    shifts = covariances @ known
+    sums[:, :60:11] += _RIDGE * scale
+    information = sums.reshape(-1, 6, 10)
+    covariances = np.linalg.inv(information[:, :, :6])
+    shifts = covariances @ information[:, :, 6:]
     by_calibration = shifts[:, :, :3]
     variances = np.einsum('kii->ki', covariances)
     variances = variances + np.einsum('kij,kij->ki', by_calibration, by_calibration)
@@ -292,8 +253,7 @@ def protection_levels(
     factors = _factors(budget, count, monitored.tobytes(), tuple(doubts[:count]))
     if factors is None:
         return ProtectionLevels(reason=_unmonitored_reason(monitored, used, rig))
-    sigmas = np.sqrt(np.abs(variances))
-    bounds = np.abs(shifts[:, :, 3]) + factors * sigmas
+    bounds = np.abs(shifts[:, :, 3]) + factors * np.sqrt(np.abs(variances))
     levels = bounds[monitored].max(axis=0)
     # A turn is bounded under every hypothesis, or not at all.
     levels[3:] = bounds[:, 3:].max(axis=0)
@@ -356,10 +316,10 @@ def _normal_terms(
     sigma: float,
     budget: IntegrityBudget,
 ) -> Array:
-    """(n, 60), each light's part of the normal equations, in units of the noise.
+    """(n, 60), each light's part of the normal equations, in units of the noise: six rows.
 
-    36 numbers of the information about the dock's place and the turns, then (6, 4) of the products
-    with the three errors of the calibration, one deviation each, and with the residual.
+    Each has the information about the dock's place and the turns, then the products with the three
+    errors of the calibration, one deviation each, and with the residual.
     """
     seen, by_place, by_turn = projection_derivatives(
         camera, rig.positions[labels], rotation, translation, about=rig.dock
@@ -373,11 +333,7 @@ def _normal_terms(
     design[:, :, 7:9] = np.eye(2) * budget.center_error
     design[:, :, 9] = pixels - seen
     design /= sigma
-    terms = np.empty((count, 60))
-    of_pose = design[:, :, :6].transpose(0, 2, 1)
-    np.matmul(of_pose, design[:, :, :6], out=terms[:, :36].reshape(count, 6, 6))
-    np.matmul(of_pose, design[:, :, 6:], out=terms[:, 36:].reshape(count, 6, 4))
-    return terms
+    return (design[:, :, :6].transpose(0, 2, 1) @ design).reshape(count, 60)
 
 
 def _unmonitored_reason(monitored: NDArray[np.bool_], labels: list[int], rig: MarkerRig) -> str:

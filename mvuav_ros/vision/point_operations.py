@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Pixels = NDArray[Any]
-"""uint8 or uint16, (height, width) or (height, width, channels)."""
-Mask = NDArray[Any]
-"""uint8, (height, width), 255 or 0."""
+Pixels = NDArray[Any]  # uint8 or uint16, (height, width) or (height, width, channels)
+Mask = NDArray[Any]  # uint8, (height, width), 255 or 0
 
 
 def full_scale(image: Pixels) -> int:
@@ -21,11 +19,9 @@ def full_scale(image: Pixels) -> int:
 
 
 def gamma_correct(image: Pixels, gamma: float) -> Pixels:
-    """Apply out = in ** gamma on the range 0 to 1 (eq. 3.2); gamma above 1 darkens.
+    """Apply out = in ** gamma on the range 0 to 1 (eq. 3.2) to uint8 or uint16 of any shape.
 
-    Args:
-        image: uint8 or uint16, any shape.
-        gamma: greater than 0; 1 returns the image itself.
+    Gamma above 1 darkens; 1 returns the image itself.
 
     Raises:
         ValueError: gamma is not a positive number.
@@ -51,18 +47,34 @@ def intensity(bgr: Pixels) -> Pixels:
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
 
 
+BLUE_FIRST, RED_FIRST = (0, 1, 2), (2, 1, 0)  # places of blue, green and red
+
+
+def select_channel(
+    image: Pixels, channel: str, colors: tuple[int, int, int] = BLUE_FIRST
+) -> Pixels:
+    """Take ``blue``, ``green`` or ``red``, the ``brightest`` of them, or the ``intensity``.
+
+    Args:
+        image: (height, width, 3), or (height, width), which is returned as it is.
+        channel: one of these; the intensity is that of an image with blue first.
+        colors: places of blue, green and red; there may be a fourth channel beside them.
+    """
+    if image.ndim == 2:
+        return image
+    if channel == 'intensity':
+        return intensity(image)
+    if channel == 'brightest':
+        blue, green, red = (cv2.extractChannel(image, place) for place in colors)
+        return cv2.max(cv2.max(blue, green), red)
+    return cv2.extractChannel(image, colors[('blue', 'green', 'red').index(channel)])
+
+
 def threshold(gray: Pixels, level: float) -> Mask:
-    """Separate bright pixels (255) from the rest (0).
+    """Separate pixels (uint8 or uint16) above a fraction of full scale, 255, from the rest, 0.
 
     It compares ``>`` as the thesis's programs do (im2bw); eq. 3.4 is written with ``>=``, which
     differs only where level x full scale is a whole number.
-
-    Args:
-        gray: (height, width), uint8 or uint16.
-        level: fraction of full scale, 0 to 1.
-
-    Returns:
-        (height, width) uint8 mask.
     """
     limit = level * full_scale(gray)
     if gray.size == 0:

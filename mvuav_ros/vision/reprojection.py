@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -98,7 +98,7 @@ class Reprojection:
     def look(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
         """Where the markers should be seen, and the slopes of that (see `Solution`)."""
         arms = self._points.dot(rotation.T)
-        return self._camera.project_with_jacobian(arms, _NO_TURN, translation)
+        return self._camera.project_with_jacobians(arms, _NO_TURN, translation)[:2]
 
     def solve(self) -> list[Solution]:
         """All solutions that OpenCV's solvers and a few tilted starts lead to."""
@@ -110,8 +110,12 @@ class Reprojection:
             for pitch, yaw in product(_TILTS, _TILTS):
                 turned = roll @ rotation_of(np.array((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
                 starts.append((turned, centre - turned @ middle))
-        refined = [self.refine(*start) for start in starts]
-        return [solution for solution in refined if solution is not None]
+        return self.refined(starts)
+
+    def refined(self, starts: Iterable[tuple[Array, Array]]) -> list[Solution]:
+        """The minima to which some rotations and translations lead."""
+        found = (self.refine(*start) for start in starts)
+        return [solution for solution in found if solution is not None]
 
     def _roll(self) -> float:
         """In the image, rad, as if the markers were seen from straight behind."""
@@ -145,20 +149,11 @@ class Reprojection:
 
 
 def projection_derivatives(
-    camera: CameraModel,
-    points: Array,
-    rotation: Array,
-    translation: Array,
-    about: Sequence[float],
+    camera: CameraModel, points: Array, rotation: Array, translation: Array, about: Sequence[float]
 ) -> tuple[Array, Array, Array]:
-    """Where points of a body are seen, and how that changes with its pose.
+    """Where points (n, 3) of a body are seen, and how that changes with its pose.
 
-    Args:
-        camera: calibrated.
-        points: (n, 3), m, in the body's frame.
-        rotation: (3, 3), optical frame from the body's.
-        translation: (3,), of the body's origin, m.
-        about: (3,), m, the body's point that small turns leave in its place.
+    Small turns leave the body's point ``about`` in its place.
 
     Returns:
         The pixels (n, 2), and their derivatives by the place (n, 2, 3, px/m) and by small turns

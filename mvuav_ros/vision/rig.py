@@ -16,6 +16,7 @@ import yaml
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.yaml_text import Loader
+from mvuav_ros.vision.frames import read_only
 
 Point = tuple[float, float, float]
 _NUMBERS = (int, float, np.integer, np.floating)
@@ -84,9 +85,7 @@ class MarkerRig:
     @cached_property
     def positions(self) -> NDArray[np.float64]:
         """(n, 3), m."""
-        positions = np.array([position for _, position in self.markers])
-        positions.setflags(write=False)
-        return positions
+        return read_only(np.array([position for _, position in self.markers]))
 
     @cached_property
     def middle(self) -> NDArray[np.float64]:
@@ -140,8 +139,7 @@ class _Loader(Loader):
 def load_rig(path: str | Path) -> MarkerRig:
     """Read a rig file (see ``config/tanker_747.yaml``).
 
-    Args:
-        path: a YAML file: ``markers`` maps names to [x, y, z] in m, x forward, y left, z up.
+    It is YAML, in which ``markers`` maps names to [x, y, z] in m, x forward, y left, z up.
 
     Raises:
         RigError: there is no such file, or it says something else than a rig.
@@ -182,14 +180,11 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     if not isinstance(markers, Mapping) or not markers:
         raise RigError('"markers" must map at least one name to [x, y, z] in metres')
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
-    if len({name for name, _ in lights}) < len(lights):
+    if len(dict(lights)) < len(lights):
         raise RigError('two markers have the same name')
     _refuse_same_place(lights)
-    mean = np.mean([position for _, position in lights], axis=0)
-    middle = (float(mean[0]), float(mean[1]), float(mean[2]))
-    dock = _point('dock', content['dock']) if 'dock' in content else middle
-    boom = _point('boom', content['boom']) if 'boom' in content else dock
-    rig = MarkerRig(str(content.get('name', name)), lights, dock, boom)
+    dock = content.get('dock', np.mean([position for _, position in lights], axis=0))
+    rig = MarkerRig(str(content.get('name', name)), lights, dock, content.get('boom', dock))
     if rig.reach == 0.0:
         raise RigError('all markers lie on the x axis, so roll cannot be measured')
     return rig

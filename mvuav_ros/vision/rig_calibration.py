@@ -1,12 +1,7 @@
 """Where the lights of a rig really are, from a flight of them: a bundle adjustment.
 
-Unknown are the n positions and a pose in every image. The unknowns of one pose meet those of no
-other, so that each is eliminated from its image's equations; a system of 3n is left. Of its
-solutions the flight determines only the shape: turning, moving and scaling the rig changes no
-image. These seven directions are held, and afterwards taken from the rough rig, the scale from a
-measured distance if there is one.
-
-Source: Triggs, McLauchlan, Hartley and Fitzgibbon, Bundle adjustment - a modern synthesis, 1999.
+Images determine only the shape: turning, moving and scaling the rig changes none. These seven
+directions are held, and afterwards taken from the rough rig, or the scale from a measured distance.
 """
 
 from __future__ import annotations
@@ -22,8 +17,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri
 
+from mvuav_ros.vision.bundle_adjustment import Equations, adjust, eliminate_poses, farthest_first
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.reprojection import Reprojection, rotation_of
+from mvuav_ros.vision.reprojection import Reprojection, Solution, rotation_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -48,11 +44,9 @@ class RigCalibrationTuning:
     # Of the span (1 sigma): from where on the motion does not determine where a light is.
     most_deviation: float = 0.005
     rounds: int = 6  # of adjustment, and naming outliers
-    steps: int = 30  # of Gauss and Newton in one round
 
 
 TUNING = RigCalibrationTuning()
-_ALL_ALIKE = 1e6  # px: a bound within which all residuals lie
 _FITS = 2.0  # px, rms per axis, to which the last pose is gone on with
 
 
@@ -62,42 +56,26 @@ class RigCalibrationError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class LightSightings:
-    """Named lights in the images of a flight, one row for each.
+    """Named lights in the images of a flight, one row for each."""
 
-    Attributes:
-        frames: (m,), number of the image.
-        markers: (m,), place of the light in the rig.
-        pixels: (m, 2), where it is seen, px.
-    """
-
-    frames: Indices
-    markers: Indices
-    pixels: Array
+    frames: Indices  # (m,), number of the image
+    markers: Indices  # (m,), place of the light in the rig
+    pixels: Array  # (m, 2), where it is seen, px
 
 
 @dataclass(frozen=True, eq=False)
 class RigCalibration:
-    """A rig with the figures of how good it is.
+    """A rig with the figures of how good it is."""
 
-    Attributes:
-        positions: (n, 3), of the lights in the rough rig's frame, m.
-        covariance: (3n, 3n), of the positions, m²; turns and shifts of the whole rig, which are
-            a choice of its frame, are no part of it.
-        scale_deviation: standard deviation of the scale, as a part of it; zero with a distance.
-        residuals: (m, 2), seen minus projected of every sighting, px; NaN where its image has no
-            pose.
-        used: (m,), which sightings made the rig; the others are outliers or of images left out.
-        frames: number of images used.
-        noise: of a light's place per axis, from the residuals, px.
-    """
-
-    positions: Array
+    positions: Array  # (n, 3), of the lights in the rough rig's frame, m
+    # (3n, 3n), of the positions, m²; turns and shifts of the whole rig, which are a choice of its
+    # frame, are no part of it.
     covariance: Array
-    scale_deviation: float
-    residuals: Array
-    used: NDArray[np.bool_]
-    frames: int
-    noise: float
+    scale_deviation: float  # standard deviation of the scale, as a part of it; 0 with a distance
+    residuals: Array  # (m, 2), seen minus projected, px; NaN where an image has no pose
+    used: NDArray[np.bool_]  # (m,), sightings that made the rig: no outliers, of no image left out
+    frames: int  # number of images used
+    noise: float  # of a light's place per axis, from the residuals, px
 
     @property
     def deviations(self) -> Array:
@@ -136,18 +114,17 @@ def calibrate_rig(
     bundle = _Bundle(camera, np.array(rough, np.float64), sightings)
     bundle.locate()
     bundle.choose_frames()
+    bound = math.inf
     for _ in range(TUNING.rounds):
-        bundle.adjust()
+        bundle.adjust(bound)
         # Another light may pull the rig to itself as long as nobody knows the noise.
-        bundle.bound = math.inf
-        bundle.bound = TUNING.outlying * bundle.noise()
-        bundle.adjust()
+        bound = TUNING.outlying * bundle.noise(of_most=True)
+        bundle.adjust(bound)
         before = bundle.used.copy()
         bundle.locate()
         if (before == bundle.used).all():
             break
     bundle.refuse_few(names)
-    bundle.bound = _ALL_ALIKE
     bundle.adjust()
     positions, covariance, scale_deviation = bundle.in_frame_of(rough, distance)
     # The scale is that of the rough rig, or of the distance, whatever the motion is.
@@ -167,70 +144,52 @@ def calibrate_rig(
 
 
 class _Bundle:
-    """The adjustment on its way.
-
-    Attributes:
-        points: (n, 3), the positions, m, in any frame and scale.
-        used: (m,), the sightings that count.
-        bound: px, from where on residuals count less and less; infinite where all count alike.
-    """
+    """The adjustment on its way."""
 
     def __init__(self, camera: CameraModel, points: Array, sightings: LightSightings) -> None:
         self._camera = camera
-        self.points = points
+        self.points = points  # (n, 3), the positions, m, in any frame and scale
         self._all = sightings
+        self.used = np.zeros(len(sightings.frames), np.bool_)  # (m,), the sightings that count
         order = np.argsort(sightings.frames, kind='stable')
         frames, starts = np.unique(sightings.frames[order], return_index=True)
-        rows = np.split(order, starts[1:])
+        rows = zip(frames.tolist(), np.split(order, starts[1:]), strict=True)
         # Of each image the rows of its sightings.
-        self._rows = {int(f): r for f, r in zip(frames, rows, strict=True)}
-        self._rows = {f: r for f, r in self._rows.items() if len(r) >= MIN_LIGHTS}
+        self._rows = {frame: seen for frame, seen in rows if len(seen) >= MIN_LIGHTS}
         self._poses: dict[int, Array] = {}
-        self.used = np.zeros(len(sightings.frames), np.bool_)
-        self.bound = math.inf
 
     def locate(self) -> None:
         """The pose of every image, and which of its lights fit it."""
         solved = {frame: self._solve(rows, frame) for frame, rows in self._rows.items()}
-        poses = [(rows, solved[frame]) for frame, rows in self._rows.items()]
-        usual = [found[1] / _usual(len(rows)) for rows, found in poses if found is not None]
+        usual = [s.squares / _usual(len(self._rows[f])) for f, s in solved.items() if s]
         if not usual:
             raise RigCalibrationError('no pose fits the lights in any image: is it this rig?')
         variance = max(float(np.median(usual)), TUNING.least_noise**2)
         self._poses, self.used[:] = {}, False
         for frame, rows in self._rows.items():
             found, chosen = solved[frame], rows
-            if found is None or found[1] > variance * _most(len(rows)):
+            if found is None or found.squares > variance * _most(len(rows)):
                 found, chosen = self._without_wrong(rows, frame, variance)
             if found is not None:
-                self._poses[frame] = found[0]
+                rvec = cv2.Rodrigues(found.rotation)[0].ravel()
+                self._poses[frame] = np.concatenate((rvec, found.translation))
                 self.used[chosen] = True
 
-    def _solve(
-        self, rows: Indices, frame: int, thorough: bool = True
-    ) -> tuple[Array, float] | None:
-        """Pose and squared residuals, px²; thorough: from tilted starts as well."""
+    def _solve(self, rows: Indices, frame: int, thorough: bool = True) -> Solution | None:
+        """The best pose of an image; thorough: from tilted starts as well."""
         points = np.ascontiguousarray(self.points[self._all.markers[rows]])
         view = Reprojection(self._camera, points, np.ascontiguousarray(self._all.pixels[rows]))
-        solutions = []
         last = self._poses.get(frame)
-        if last is not None:
-            again = view.refine(rotation_of(last[:3]), last[3:])
-            solutions = [] if again is None else [again]
+        solutions = [] if last is None else view.refined([(rotation_of(last[:3]), last[3:])])
         if thorough and not solutions:
             solutions = view.solve()
         elif not solutions or solutions[0].squares > 2 * len(rows) * _FITS**2:
-            starts = view.closed_forms()
-            solutions += [found for start in starts if (found := view.refine(*start)) is not None]
-        if not solutions:
-            return None
-        best = min(solutions, key=lambda solution: solution.squares)
-        rvec = cv2.Rodrigues(best.rotation)[0].ravel()
-        return np.concatenate((rvec, best.translation)), best.squares
+            solutions += view.refined(view.closed_forms())
+        return min(solutions, key=lambda solution: solution.squares, default=None)
 
     def _without_wrong(
         self, rows: Indices, frame: int, variance: float
-    ) -> tuple[tuple[Array, float] | None, Indices]:
+    ) -> tuple[Solution | None, Indices]:
         """The pose of an image without the one or two lights that the others contradict."""
         for out in (1, 2):
             if len(rows) - out <= MIN_LIGHTS - 1:
@@ -239,107 +198,67 @@ class _Bundle:
             for wrong in combinations(range(len(rows)), out):
                 rest = np.delete(rows, wrong)
                 found = self._solve(rest, frame, thorough=False)
-                if found is not None and found[1] <= variance * _most(len(rest)):
-                    tried.append((found[1], found, rest))
+                if found is not None and found.squares <= variance * _most(len(rest)):
+                    tried.append((found, rest))
             if tried:
-                _, best, rest = min(tried, key=lambda each: each[0])
-                return best, rest
+                return min(tried, key=lambda each: each[0].squares)
         return None, rows
 
     def choose_frames(self) -> None:
         """Of too many images keep those whose poses differ most."""
-        frames = list(self._poses)
-        if len(frames) > TUNING.most_frames:
-            places = np.array([self._poses[frame][3:] for frame in frames])
-            depth = np.linalg.norm(places, axis=1)
-            turns = np.array([rotation_of(self._poses[frame][:3]).ravel() for frame in frames])
-            views = np.hstack((turns, places / depth[:, None], np.log(depth)[:, None]))
-            chosen = [0]
-            distance = np.linalg.norm(views - views[0], axis=1)
-            while len(chosen) < TUNING.most_frames:
-                chosen.append(int(distance.argmax()))
-                distance = np.minimum(distance, np.linalg.norm(views - views[chosen[-1]], axis=1))
-            frames = sorted(frames[index] for index in chosen)
-        keep = set(frames)
-        self._rows = {frame: rows for frame, rows in self._rows.items() if frame in keep}
-        self._poses = {frame: self._poses[frame] for frame in frames}
-        self.used &= np.isin(self._all.frames, frames)
+        if len(self._poses) > TUNING.most_frames:
+            frames, poses = list(self._poses), np.array(list(self._poses.values()))
+            depth = np.linalg.norm(poses[:, 3:], axis=1)[:, None]
+            turns = np.array([rotation_of(pose[:3]).ravel() for pose in poses])
+            views = np.hstack((turns, poses[:, 3:] / depth, np.log(depth)))
+            chosen = sorted(farthest_first(views, 0, TUNING.most_frames))
+            self._poses = {frames[index]: poses[index] for index in chosen}
+        self._rows = {frame: rows for frame, rows in self._rows.items() if frame in self._poses}
+        self.used &= np.isin(self._all.frames, list(self._poses))
 
-    def _view(self, frame: int) -> tuple[Array, Array, Array]:
-        """Residuals (2k,), and derivatives by the pose (2k, 6) and the points (2k, 3n)."""
+    def adjust(self, bound: float = math.inf) -> None:
+        """Move points and poses; residuals count less and less from a bound (px) on."""
+        frames = list(self._poses)
+        shared, poses, _ = adjust(
+            lambda number, points, pose: self._view(frames[number], points, pose),
+            self.points.ravel(),
+            list(self._poses.values()),
+            bound,
+            _gauge,
+        )
+        self.points = shared.reshape(-1, 3)
+        self._poses = dict(zip(frames, poses, strict=True))
+
+    def _view(self, frame: int, points: Array, pose: Array) -> Equations:
+        """Of the sightings that count, with the points (3n,) as what images share."""
         rows = self._rows[frame]
         rows = rows[self.used[rows]]
-        markers, pose = self._all.markers[rows], self._poses[frame]
-        points = self.points[markers]
-        seen, by_pose = self._camera.project_with_jacobian(points, pose[:3], pose[3:])
-        by_points = np.zeros((2 * len(rows), self.points.size))
+        markers = self._all.markers[rows]
+        own = points.reshape(-1, 3)[markers]
+        seen, by_pose = self._camera.project_with_jacobian(own, pose[:3], pose[3:])
+        by_points = np.zeros((len(rows), 2, len(self.points), 3))
         # A point moves before the camera as the body does, but for the body's turn.
         slopes = (by_pose[:, 3:] @ rotation_of(pose[:3])).reshape(-1, 2, 3)
-        for row, (marker, slope) in enumerate(zip(markers, slopes, strict=True)):
-            by_points[2 * row : 2 * row + 2, 3 * marker : 3 * marker + 3] = slope
-        return (self._all.pixels[rows] - seen).ravel(), by_pose, by_points
+        by_points[np.arange(len(rows)), :, markers] = slopes
+        residuals = (self._all.pixels[rows] - seen).ravel()
+        return Equations(residuals, by_pose, by_points.reshape(-1, points.size))
 
-    def adjust(self) -> None:
-        """Gauss and Newton's steps until the residuals fall no more."""
-        left = self._squares()
-        for _ in range(TUNING.steps):
-            before, points, places = left, self.points, self._poses
-            step, turns = self._step()
-            for part in (1.0, 0.3, 0.1, 0.03):
-                self.points = points + part * step
-                self._poses = {f: place + part * turns[f] for f, place in places.items()}
-                left = self._squares()
-                if left < before:
-                    break
-            else:
-                self.points, self._poses = points, places
-                return
-            if before - left <= 1e-9 * before:
-                return
+    def _views(self) -> list[Equations]:
+        points = self.points.ravel()
+        return [self._view(frame, points, pose) for frame, pose in self._poses.items()]
 
-    def _squares(self) -> float:
-        """What `adjust` makes least, px²; with a bound, Cauchy's function of the residuals."""
-        squares = [(self._view(f)[0].reshape(-1, 2) ** 2).sum(axis=1) for f in self._poses]
-        each = np.concatenate(squares)
-        if math.isfinite(self.bound):
-            each = np.log1p(each / self.bound**2) * self.bound**2
-        total = float(each.sum())
-        return total if math.isfinite(total) else math.inf
-
-    def _step(self) -> tuple[Array, dict[int, Array]]:
-        """Of the points (n, 3), and of each pose (6,)."""
-        size = self.points.size
-        information, gradient = np.zeros((size, size)), np.zeros(size)
-        eliminated = {}
-        for frame in self._poses:
-            residuals, by_pose, by_points = self._view(frame)
-            squares = (residuals.reshape(-1, 2) ** 2).sum(axis=1)
-            weight = np.repeat(1.0 / np.sqrt(1.0 + squares / self.bound**2), 2)
-            residuals, by_pose = weight * residuals, weight[:, None] * by_pose
-            by_points = weight[:, None] * by_points
-            inverse = np.linalg.pinv(by_pose)
-            rest = by_points - by_pose @ (inverse @ by_points)
-            information += rest.T @ rest
-            gradient += rest.T @ residuals
-            eliminated[frame] = inverse @ residuals, inverse @ by_points
-        held = _gauge(self.points)
-        self._information = information
-        information = information + float(np.trace(information)) * held @ held.T
-        step = np.linalg.lstsq(information, gradient, rcond=1e-12)[0]
-        turns = {frame: own - along @ step for frame, (own, along) in eliminated.items()}
-        return np.asarray(step.reshape(-1, 3), np.float64), turns
-
-    def noise(self) -> float:
-        """Of a light's place per axis, from the residuals, px."""
-        views = [self._view(frame)[0] for frame in self._poses]
+    def noise(self, *, of_most: bool = False) -> float:
+        """Of a light's place per axis, from the residuals, px; of most images, or of all."""
+        views = [view.residuals for view in self._views()]
         each = [float(residuals @ residuals) for residuals in views]
         count = sum(len(residuals) - 6 for residuals in views)
         # What the positions of the lights take up of the residuals.
         rest = max(count - self.points.size + 7, 1)
-        if math.isfinite(self.bound):
-            return max(math.sqrt(sum(each) / rest), TUNING.least_noise)
-        ratios = [squares / _usual(len(r) // 2) for squares, r in zip(each, views, strict=True)]
-        return max(math.sqrt(float(np.median(ratios)) * count / rest), TUNING.least_noise)
+        squares = sum(each)
+        if of_most:
+            ratios = [one / _usual(len(r) // 2) for one, r in zip(each, views, strict=True)]
+            squares = float(np.median(ratios)) * count
+        return max(math.sqrt(squares / rest), TUNING.least_noise)
 
     def residuals(self) -> Array:
         """(m, 2) of all sightings, px; NaN without a pose."""
@@ -370,16 +289,14 @@ class _Bundle:
         self, rough: Array, distance: tuple[int, int, float] | None
     ) -> tuple[Array, Array, float]:
         """Positions, their covariance at this scale, and the scale's deviation, in its frame."""
-        variance = self.noise() ** 2
-        self._step()
-        gauge = _gauge(self.points)
+        points, information = self.points, eliminate_poses(self._views())[0]
+        gauge = _gauge(points)
         # An orthonormal basis of what is perpendicular to it.
         rest = np.linalg.qr(gauge, mode='complete')[0][:, gauge.shape[1] :]
-        inner = np.linalg.pinv(rest.T @ self._information @ rest, rcond=1e-14, hermitian=True)
-        covariance = variance * rest @ inner @ rest.T
-        turn, scale = _alignment(self.points, rough)
-        middle = self.points.mean(axis=0)
-        apart = (self.points - middle) @ turn.T
+        inner = np.linalg.pinv(rest.T @ information @ rest, rcond=1e-14, hermitian=True)
+        covariance = self.noise() ** 2 * rest @ inner @ rest.T
+        turn, scale = _alignment(points, rough)
+        apart = (points - points.mean(axis=0)) @ turn.T
         mixed = np.kron(np.eye(len(apart)), turn)
         covariance = mixed @ covariance @ mixed.T
         deviation = 0.0
@@ -393,15 +310,13 @@ class _Bundle:
             along[first], along[second] = between / length**2, -between / length**2
             held = np.eye(apart.size) - np.outer(apart.ravel(), along.ravel())
             covariance = held @ covariance @ held.T
-            covariance *= scale**2
         else:
             apart_rough = rough - rough.mean(axis=0)
             wrong = scale * apart - apart_rough
             spread = float((apart_rough**2).sum())
             # Of the rough positions' own errors, all of one size.
             deviation = math.sqrt(float((wrong**2).sum()) / (rough.size - 7) / spread)
-            covariance *= scale**2
-        return rough.mean(axis=0) + scale * apart, covariance, deviation
+        return rough.mean(axis=0) + scale * apart, scale**2 * covariance, deviation
 
 
 def _usual(lights: int) -> float:
@@ -415,7 +330,8 @@ def _most(lights: int) -> float:
 
 
 def _gauge(points: Array) -> Array:
-    """(3n, 7), orthonormal: the shifts, small turns and the scaling of points (n, 3)."""
+    """(3n, 7), orthonormal: the shifts, small turns and the scaling of n points."""
+    points = points.reshape(-1, 3)
     apart = points - points.mean(axis=0)
     columns = [np.tile(axis, len(points)) for axis in np.eye(3)]
     columns += [np.cross(axis, apart).ravel() for axis in np.eye(3)]
@@ -434,19 +350,17 @@ def _alignment(points: Array, onto: Array) -> tuple[Array, float]:
 def _refuse_untold(positions: Array, covariance: Array, names: Sequence[str]) -> None:
     """Say which light the motion leaves unknown."""
     span = float(np.linalg.norm(positions[:, None] - positions, axis=2).max())
-    worst = 0.0
-    for index, name in enumerate(names):
-        own = covariance[3 * index : 3 * index + 3, 3 * index : 3 * index + 3]
-        variances, axes = np.linalg.eigh(own)
-        deviation = math.sqrt(max(float(variances[-1]), 0.0))
-        if deviation > worst:
-            worst, light, axis = deviation, name, axes[:, -1]
-    if worst > TUNING.most_deviation * span:
-        where = ', '.join(f'{abs(part):.2f}' for part in axis)
+    count = range(len(names))
+    variances, axes = np.linalg.eigh(covariance.reshape(-1, 3, len(names), 3)[count, :, count])
+    worst = int(variances[:, -1].argmax())
+    deviation = math.sqrt(max(float(variances[worst, -1]), 0.0))
+    if deviation > TUNING.most_deviation * span:
+        where = ', '.join(f'{abs(part):.2f}' for part in axes[worst, :, -1])
         raise RigCalibrationError(
-            f'the motion does not determine the shape: {light} is known to {1000 * worst:.3g} mm '
-            f'({100 * worst / span:.2g} % of the span, 1 sigma) along [{where}]; the body has to '
-            'turn before the camera by 20 degrees and more, about two axes'
+            f'the motion does not determine the shape: {names[worst]} is known to '
+            f'{1000 * deviation:.3g} mm ({100 * deviation / span:.2g} % of the span, 1 sigma) '
+            f'along [{where}]; the body has to turn before the camera by 20 degrees and more, '
+            'about two axes'
         )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations, product
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,20 +20,13 @@ Array = NDArray[np.float64]
 Cycles = tuple[tuple[str, ...], ...]
 
 
-@dataclass(frozen=True)
-class ExaminationTuning:
-    """What counts as alike."""
-
-    # Part of the rig's size by which a turned marker may miss another one's place and still be
-    # taken for it; twice what the start allows a body among other lights.
-    alike: float = 0.02
-    # Part of the rig's length by which markers on one line may lie beside it.
-    straight: float = 0.01
-    # Between the camera's axis and the body's, when it is seen from behind.
-    farthest_tilt_deg: float = 40.0
-
-
-TUNING = ExaminationTuning()
+ALIKE = 0.02
+"""Part of the rig's size by which a turned marker may miss another one's place and still be taken
+for it; twice what the start allows a body among other lights."""
+STRAIGHT = 0.01
+"""Part of the rig's length by which markers on one line, or in one plane, may lie beside it."""
+FARTHEST_TILT = math.radians(40.0)
+"""Between the camera's axis and the body's, when it is seen from behind."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +56,14 @@ def examine(rig: MarkerRig) -> tuple[str, ...]:
 
 def is_straight(rig: MarkerRig) -> bool:
     """Whether all markers lie on one line."""
-    lengths = np.linalg.svd(_centred(rig), compute_uv=False)
-    return bool(lengths[1] <= TUNING.straight * lengths[0])
+    lengths = np.linalg.svd(rig.positions - rig.middle, compute_uv=False)
+    return bool(lengths[1] <= STRAIGHT * lengths[0])
 
 
 def is_flat(rig: MarkerRig) -> bool:
     """Whether all markers lie in one plane, so that two tilts look nearly the same."""
-    lengths = np.linalg.svd(_centred(rig), compute_uv=False)
-    return len(lengths) < 3 or bool(lengths[2] < TUNING.straight * lengths[0])
+    lengths = np.linalg.svd(rig.positions - rig.middle, compute_uv=False)
+    return len(lengths) < 3 or bool(lengths[2] < STRAIGHT * lengths[0])
 
 
 def symmetries(rig: MarkerRig) -> list[Symmetry]:
@@ -77,28 +71,21 @@ def symmetries(rig: MarkerRig) -> list[Symmetry]:
 
     A turn about the middle takes two markers that do not lie on one line with it to two others;
     every such pair is tried, and holds where all markers come to lie on markers.
-
-    Args:
-        rig: whose markers do not lie on one line.
     """
-    points = _centred(rig)
+    points = rig.positions - rig.middle
     size = float(np.linalg.norm(points, axis=1).max())
     found: dict[tuple[int, ...], Symmetry] = {}
-    for rotation in _turns(points, TUNING.alike * size):
-        if rotation[0, 0] < math.cos(math.radians(2 * TUNING.farthest_tilt_deg)):
+    for rotation in _turns(points, ALIKE * size):
+        if rotation[0, 0] < math.cos(2 * FARTHEST_TILT):
             continue
         apart = np.linalg.norm((points @ rotation.T)[:, None] - points, axis=2)
         order = tuple(apart.argmin(axis=1).tolist())
-        if len(set(order)) < len(order) or apart.min(axis=1).max() > TUNING.alike * size:
+        if len(set(order)) < len(order) or apart.min(axis=1).max() > ALIKE * size:
             continue
         back = tuple(np.argsort(order).tolist())
         if order != tuple(range(len(order))) and not {order, back} & set(found):
             found[order] = _symmetry(rig.names, order, rotation)
     return list(found.values())
-
-
-def _centred(rig: MarkerRig) -> Array:
-    return np.asarray(rig.positions - rig.positions.mean(axis=0))
 
 
 def _turns(points: Array, tolerance: float) -> Iterator[Array]:
@@ -125,12 +112,9 @@ def _frame(first: Array, second: Array) -> Array:
 
 
 def _symmetry(names: tuple[str, ...], order: tuple[int, ...], rotation: Array) -> Symmetry:
-    angle = math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(rotation)) - 1.0))))
-    # The axis is what the rotation leaves where it is.
-    axis = np.linalg.svd(rotation - np.eye(3))[2][-1]
-    turn = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0]])
-    turn = np.append(turn, rotation[1, 0] - rotation[0, 1])
-    x, y, z = (np.round(axis if axis @ turn >= 0.0 else -axis, 3) + 0.0).tolist()
+    rvec = cv2.Rodrigues(rotation)[0].ravel()
+    angle = float(np.linalg.norm(rvec))
+    x, y, z = (np.round(rvec / angle, 3) + 0.0).tolist()
     return Symmetry(tuple(cycles_of(names, order)), (x, y, z), math.degrees(angle))
 
 
@@ -176,15 +160,10 @@ class Confusion:
 def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: float) -> PoseError:
     """The pose's standard deviation: noise² (JᵀJ)⁻¹ of the reprojection's derivative J.
 
-    It is NaN, as the span is, where the camera does not see all markers.
-
-    Args:
-        rig: whose markers do not lie on one line.
-        camera: calibrated.
-        distance: to the middle of the markers, m.
-        noise: of a marker's place, px per axis (1 sigma).
+    It is NaN, as the span is, where the camera does not see all markers, which must not lie on one
+    line. The noise is that of a marker's place, px per axis (1 sigma).
     """
-    points = rig.positions - rig.positions.mean(axis=0)
+    points = rig.positions - rig.middle
     seen, *slopes = projection_derivatives(
         camera, points, OPTICAL_FROM_BODY, np.array((0.0, 0.0, distance)), about=(0.0, 0.0, 0.0)
     )
@@ -200,14 +179,8 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
 
 
 def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Confusion]:
-    """Every exchange of names with what it leaves unexplained, the worst (least) first.
-
-    Args:
-        rig: of three or more markers.
-        camera: calibrated.
-        distance: to the middle of the markers, m.
-    """
-    points = rig.positions - rig.positions.mean(axis=0)
+    """Every exchange of names with what it leaves unexplained, the worst (least) first."""
+    points = rig.positions - rig.middle
     views = []
     for pitch, yaw in product(TILTS_DEG, TILTS_DEG):
         turned = rotation_of(np.radians((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
@@ -245,10 +218,6 @@ def _exchanges(count: int) -> Iterator[tuple[int, ...]]:
 def _least_residual(points: Array, seen: Array, camera: CameraModel) -> float:
     """Root mean square of the best pose that is seen from behind, px; infinite for none."""
     view = Reprojection(camera, points, np.ascontiguousarray(seen))
-    least = math.inf
-    for start in view.closed_forms():
-        solution = view.refine(*start)
-        # The body's x axis is to point away from the camera.
-        if solution is not None and solution.rotation[2, 0] >= _MIN_AHEAD:
-            least = min(least, math.sqrt(solution.squares / len(points)))
-    return least
+    # The body's x axis is to point away from the camera.
+    ahead = [s for s in view.refined(view.closed_forms()) if s.rotation[2, 0] >= _MIN_AHEAD]
+    return math.sqrt(min((s.squares for s in ahead), default=math.inf) / len(points))

@@ -1,8 +1,6 @@
-"""The focal length that a rig's lights show, beside what the calibration says.
+"""The focal length that a rig's lights show: a bundle adjustment of a few frames.
 
-A bundle adjustment of a few frames: each has a pose of its own, all share the focal length and how
-far the rig's markers are from where its file puts them. Without the latter a rig measured badly
-would pass for a wrong calibration.
+They share the markers' offsets as well: a badly measured rig is no wrong calibration.
 """
 
 from __future__ import annotations
@@ -77,16 +75,13 @@ class _Frame(NamedTuple):
 
 
 class _Equations(NamedTuple):
-    """Residuals of frames (f, 2 n), and their derivatives by what is shared (f, 2 n, s).
+    """Of frames, over the noise; zero for markers not seen."""
 
-    All over the noise, zero for markers not seen; and what the poses leave of both.
-    """
-
-    residual: Array
-    common: Array
+    residual: Array  # (f, 2 n)
+    common: Array  # (f, 2 n, s), derivatives by what is shared
     inverse: Array  # (f, 6, 2 n), of the derivatives by the poses
-    left: Array
-    rest: Array
+    left: Array  # what the poses leave of the residuals
+    rest: Array  # and of the derivatives
 
     def steps(self, step: Array) -> Array:
         """Of the poses, (f, 6), with a step of what is shared (s,)."""
@@ -95,19 +90,12 @@ class _Equations(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What lights say of the focal length.
+    """What lights say of the focal length."""
 
-    Attributes:
-        shift: logarithm of the focal length over that of the calibration.
-        deviation: of it (1 sigma).
-        offsets: (n, 3), of the markers from where the rig's file puts them, m.
-        misfit: squared residuals over their variances per degree of freedom: about 1.
-    """
-
-    shift: float
-    deviation: float
-    offsets: Array
-    misfit: float
+    shift: float  # logarithm of the focal length over that of the calibration
+    deviation: float  # of it (1 sigma)
+    offsets: Array  # (n, 3), of the markers from where the rig's file puts them, m
+    misfit: float  # squared residuals over their variances per degree of freedom: about 1
 
     @property
     def fits(self) -> bool:
@@ -126,11 +114,8 @@ class Estimate:
 
     def of_rig(self, rig: MarkerRig) -> MarkerRig:
         """The rig with its markers where the lights show them."""
-        places = (rig.positions + self.offsets).tolist()
-        markers = tuple(
-            (name, (x, y, z)) for name, (x, y, z) in zip(rig.names, places, strict=True)
-        )
-        return replace(rig, markers=markers)
+        places = (tuple(place) for place in (rig.positions + self.offsets).tolist())
+        return replace(rig, markers=tuple(zip(rig.names, places, strict=True)))
 
 
 def _with_focal(camera: CameraModel, shift: float) -> CameraModel:
@@ -179,24 +164,20 @@ class SelfCalibration:
     def add(self, labels: Sequence[int], pixels: Array) -> bool:
         """Take a frame's named lights: their places in the rig, and where they are seen, px.
 
-        Of many frames the newest are kept. Not taken are frames with too few lights, and such as do
-        not fit what the others say, unless they keep coming: a light may be another one.
-
-        Returns:
-            Whether it was taken.
+        Of many frames the newest are kept. Not taken (False) are frames with too few lights, and
+        such as do not fit the others, unless they keep coming: a light may be another one.
         """
         if len(labels) < TUNING.fewest:
             return False
-        found = np.array(labels, np.intp), np.array(pixels, np.float64).reshape(-1, 2)
-        frame = _Frame(*found, np.eye(3), np.zeros(3))
+        seen = np.array(pixels, np.float64).reshape(-1, 2)
+        frame = _Frame(np.array(labels, np.intp), seen, np.eye(3), np.zeros(3))
         model = self._model(self._value)
         poses = frame.view(*model).closed_forms()
         if not poses:
             return False
-        rotation, translation = poses[0]
-        if not rotation[2].dot(self._middle) + translation[2] > 0.0:
+        frame = frame._replace(rotation=poses[0][0], translation=poses[0][1])
+        if not frame.rotation[2].dot(self._middle) + frame.translation[2] > 0.0:
             return False
-        frame = _Frame(*found, rotation, translation)
         if self._is_odd(frame, model) and self._refused < TUNING.max_refused:
             self._refused += 1
             return False
@@ -208,8 +189,7 @@ class SelfCalibration:
     def misfits(self, shift: float, offsets: Array) -> Array:
         """Each frame's squared residuals over their variances per degree of freedom, (frames,).
 
-        For a focal length, as the logarithm of its ratio to the calibration's, and offsets of the
-        markers from the rig's file (n, 3), m.
+        The shift and the offsets (n, 3), m, are those of an `Estimate`.
         """
         model = self._model(np.concatenate(([shift], np.ravel(offsets))))
         found = []
@@ -223,12 +203,11 @@ class SelfCalibration:
         estimated = self.estimate()
         if len(self._frames) < TUNING.known or estimated is None or not estimated.fits:
             return False
-        first = self._linearize([frame], *model)
-        if first is None:
-            return False
-        moved = frame.moved(first.steps(np.zeros(len(self._value)))[0])
-        equations = self._linearize([moved], *model)
-        if equations is None:
+        try:
+            first = self._linearize([frame], *model)
+            moved = frame.moved(first.steps(np.zeros(len(self._value)))[0])
+            equations = self._linearize([moved], *model)
+        except np.linalg.LinAlgError:
             return False
         left, rest = equations.left[0], equations.rest[0]
         # What no pose explains, over what camera and rig may still turn out to be.
@@ -240,36 +219,33 @@ class SelfCalibration:
     def estimate(self) -> Estimate | None:
         """What the frames say; None where there are none, or nothing follows from them."""
         if self._estimate is None and self._frames:
-            for rig_error in TUNING.rig_errors:
-                self._estimate = self._adjust(rig_error)
-                if self._estimate is None or self._estimate.fits:
-                    break
+            try:
+                for rig_error in TUNING.rig_errors:
+                    self._estimate = self._adjust(rig_error)
+                    if self._estimate.fits:
+                        break
+            except np.linalg.LinAlgError:
+                self._estimate = None
         return self._estimate
 
     def _model(self, value: Array) -> tuple[CameraModel, Array]:
         """Camera and markers by what is shared."""
         return _with_focal(self._camera, float(value[0])), self._points + value[1:].reshape(-1, 3)
 
-    def _adjust(self, rig_error: float) -> Estimate | None:
-        """Gauss-Newton steps in which the poses are eliminated."""
+    def _adjust(self, rig_error: float) -> Estimate:
+        """Gauss-Newton steps in which the poses are eliminated; a LinAlgError where that fails."""
         deviations = np.full(len(self._value), rig_error * self._size)
         deviations[0] = TUNING.focal_error
         weight = deviations**-2
         value, frames = self._value, self._frames
         for _ in range(_MAX_ITERATIONS):
-            model = self._model(value)
-            equations = self._linearize(frames, *model)
-            if equations is None:
-                return None
+            equations = self._linearize(frames, *self._model(value))
             rest, left = equations.rest.reshape(-1, len(value)), equations.left.ravel()
             normal: Array = np.diag(weight) + rest.T @ rest
             towards = rest.T @ left - weight * value
             squares = float(np.square(equations.residual).sum())
             squares += float((weight * value**2)[1:].sum())
-            try:
-                covariance = np.asarray(np.linalg.inv(normal), np.float64)
-            except np.linalg.LinAlgError:
-                return None
+            covariance = np.asarray(np.linalg.inv(normal), np.float64)
             step = covariance @ towards
             step *= min(1.0, _MAX_STEP / max(abs(float(step[0])), 1e-9))
             value = value + step
@@ -278,7 +254,7 @@ class SelfCalibration:
             if abs(float(step[0])) < TUNING.step:
                 break
         if not covariance[0, 0] > 0:
-            return None
+            raise np.linalg.LinAlgError('nothing follows for the focal length')
         freedom = sum(2 * len(frame.labels) - 6 for frame in frames) - 1
         misfit = squares / max(freedom, 1)
         deviation = math.sqrt(float(covariance[0, 0])) * max(1.0, math.sqrt(misfit))
@@ -291,13 +267,11 @@ class SelfCalibration:
 
     def _linearize(
         self, frames: Sequence[_Frame], camera: CameraModel, points: Array
-    ) -> _Equations | None:
-        """All frames at once; None where nothing follows from them."""
+    ) -> _Equations:
+        """All frames at once; a LinAlgError where nothing follows from them."""
         count, markers = len(frames), np.arange(len(points))
-        pixels, is_seen = (
-            np.zeros((count, len(points), 2)),
-            np.zeros((count, len(points)), np.bool_),
-        )
+        pixels = np.zeros((count, len(points), 2))
+        is_seen = np.zeros((count, len(points)), np.bool_)
         for row, frame in enumerate(frames):
             pixels[row, frame.labels], is_seen[row, frame.labels] = frame.pixels, True
         rotations = np.array([frame.rotation for frame in frames])
@@ -306,28 +280,23 @@ class SelfCalibration:
         seen, slopes = camera.project_with_jacobian(places.reshape(-1, 3), _NOWHERE, _NOWHERE)
         seen, by_place = seen.reshape(pixels.shape), slopes[:, 3:].reshape(*pixels.shape, 3)
         # By small turns about the optical axes, and by the translation.
-        (x, y, z), (dx, dy, dz) = (
-            arms[..., None].transpose(2, 0, 1, 3),
-            np.moveaxis(by_place, -1, 0),
-        )
+        x, y, z = arms[..., None].transpose(2, 0, 1, 3)
+        dx, dy, dz = np.moveaxis(by_place, -1, 0)
         own = np.stack((y * dz - z * dy, z * dx - x * dz, x * dy - y * dx, dx, dy, dz), axis=-1)
         common = np.zeros((*pixels.shape, 1 + points.size))
         # A pixel lies as far from the principal point as the focal length is long.
         common[..., 0] = seen - camera.matrix[:2, 2]
         by_points = common[..., 1:].reshape(*pixels.shape, len(points), 3)
         by_points[:, markers, :, markers] = (by_place @ rotations[:, None]).transpose(1, 0, 2, 3)
-        residual, own, common = (
-            np.where(
-                is_seen.reshape(count, -1, *[1] * (one.ndim - 2)), one / TUNING.noise, 0.0
-            ).reshape(count, 2 * len(points), *one.shape[3:])
-            for one in (pixels - seen, own, common)
-        )
+
+        def rows(one: Array) -> Array:
+            seen_ones = np.where(is_seen[(..., *[None] * (one.ndim - 2))], one / TUNING.noise, 0.0)
+            return seen_ones.reshape(count, 2 * len(points), *one.shape[3:])
+
+        residual, own, common = rows(pixels - seen), rows(own), rows(common)
         if not (np.isfinite(common).all() and np.isfinite(own).all()):
-            return None
+            raise np.linalg.LinAlgError('a light is seen nowhere')
         transposed = own.transpose(0, 2, 1)
-        try:
-            inverse = np.linalg.solve(transposed @ own, transposed)
-        except np.linalg.LinAlgError:
-            return None
+        inverse = np.asarray(np.linalg.solve(transposed @ own, transposed), np.float64)
         left = residual - (own @ (inverse @ residual[..., None]))[..., 0]
         return _Equations(residual, common, inverse, left, common - own @ (inverse @ common))

@@ -25,15 +25,6 @@ _MAX_TRIED = 4
 """Lines of which every assignment is tried: importing SciPy takes longer than all of the rest."""
 
 
-def by_index(rows: int, measured: int) -> list[int | None]:
-    """Compare by the order of the peaks, as the thesis does: row i with peak i.
-
-    Returns:
-        For each row the index of its measured line, or None.
-    """
-    return [row if row < measured else None for row in range(rows)]
-
-
 def by_distance(
     known: Sequence[NormalForm | None],
     measured: Sequence[NormalForm],
@@ -42,13 +33,8 @@ def by_distance(
 ) -> list[int | None]:
     """Assign measured lines to known ones with the least change of rho and theta altogether.
 
-    Measured lines that are left over go to the free rows, in their order.
-
-    Args:
-        known: one line per row; None: the row is free.
-        measured: at most as many lines as there are rows.
-        rho_limit: px, above 0; change of rho up to which two lines may be the same.
-        theta_limit: rad, above 0; change of theta up to which they may be.
+    Measured lines that are left over go to the free rows (None), in their order. The limits (px,
+    rad, above 0) are the changes up to which two lines may be the same.
 
     Returns:
         For each row the index of its measured line, or None.
@@ -111,30 +97,21 @@ def jumps(
 
 
 class CorrectedLine(NamedTuple):
-    """One row after correction.
+    """One row after correction; None where nothing was measured for it."""
 
-    ``measured`` is the index of the measured line that the row was compared with; ``line`` is the
-    measured line, or the old one where a flag is raised. Both are None where nothing was measured
-    for the row.
-    """
-
-    measured: int | None = None
-    line: NormalForm | None = None
+    measured: int | None = None  # index of the measured line that the row was compared with
+    line: NormalForm | None = None  # the measured line, or the old one where a flag is raised
     rho_flag: bool = False
     theta_flag: bool = False
 
 
 @dataclass
 class _KnownLine:
-    """What a row remembers: its last corrected line.
+    """What a row remembers."""
 
-    ``measurements`` counts up to the end of the warm-up, ``held`` the frames in a row in which
-    the line was flagged or not measured.
-    """
-
-    line: NormalForm
-    measurements: int = 1
-    held: int = 0
+    line: NormalForm  # the last corrected one
+    measurements: int = 1  # up to the end of the warm-up
+    held: int = 0  # frames in a row in which the line was flagged or not measured
 
 
 class RhoThetaCorrection:
@@ -168,23 +145,17 @@ class RhoThetaCorrection:
         self._known = [None] * len(self._known)
 
     def correct(self, measured: Sequence[NormalForm]) -> list[CorrectedLine]:
-        """Correct the lines of the next frame.
-
-        Args:
-            measured: strongest first, at most ``num_peaks``.
-
-        Returns:
-            ``num_peaks`` rows.
-        """
+        """``num_peaks`` rows of the next frame, by lines measured, strongest first."""
         return [
-            self._hold(row) if index is None else self._compare(row, index, measured[index])
+            self._correct(row, index, None if index is None else measured[index])
             for row, index in enumerate(self._associate(measured))
         ]
 
     def _associate(self, measured: Sequence[NormalForm]) -> list[int | None]:
         parameters = self._parameters
         if parameters.association == 'index':
-            return by_index(len(self._known), len(measured))
+            # By the order of the peaks, as the thesis does.
+            return [row if row < len(measured) else None for row in range(len(self._known))]
         # With limits of zero, a cell of the Hough transform is still the same line.
         theta = max(parameters.theta_error_threshold_deg, parameters.theta_resolution_deg)
         return by_distance(
@@ -194,33 +165,19 @@ class RhoThetaCorrection:
             math.radians(theta),
         )
 
-    def _compare(self, row: int, index: int, line: NormalForm) -> CorrectedLine:
-        known = self._known[row]
-        if known is None:
-            return self._start(row, index, line)
-        rho_flag, theta_flag = jumps(line, known.line, self._parameters)
-        in_warmup = known.measurements < self._parameters.correction_warmup
-        if in_warmup or not (rho_flag or theta_flag):
-            known.line = line
-            known.measurements += in_warmup
-            known.held = 0
+    def _correct(self, row: int, index: int | None, line: NormalForm | None) -> CorrectedLine:
+        known, rho_flag, theta_flag = self._known[row], False, False
+        if known is not None and line is not None:
+            if known.measurements < self._parameters.correction_warmup:
+                known.measurements += 1
+            else:
+                rho_flag, theta_flag = jumps(line, known.line, self._parameters)
+        is_held = line is None or rho_flag or theta_flag
+        if known is None or (is_held and 0 < self._parameters.max_hold <= known.held):
+            self._known[row] = None if line is None else _KnownLine(line)
             return CorrectedLine(index, line)
-        if self._is_given_up(known):
-            return self._start(row, index, line)
-        known.held += 1
-        return CorrectedLine(index, known.line, rho_flag, theta_flag)
-
-    def _hold(self, row: int) -> CorrectedLine:
-        known = self._known[row]
-        if known is not None:
-            if self._is_given_up(known):
-                self._known[row] = None
+        if line is None or is_held:
             known.held += 1
-        return CorrectedLine()
-
-    def _start(self, row: int, index: int, line: NormalForm) -> CorrectedLine:
-        self._known[row] = _KnownLine(line)
-        return CorrectedLine(index, line)
-
-    def _is_given_up(self, known: _KnownLine) -> bool:
-        return 0 < self._parameters.max_hold <= known.held
+        else:
+            known.line, known.held = line, 0
+        return CorrectedLine(index, None if line is None else known.line, rho_flag, theta_flag)

@@ -1,7 +1,6 @@
 """The debug images of a frame (the thesis's video windows two to five), and their drawing.
 
-Each is drawn only when its function is called. All are contiguous uint8, either (height, width) or
-(height, width, 3), blue first, and at least 1 x 1 px even for an empty frame.
+All are contiguous uint8, grey or blue first, at least 1 x 1 px even for an empty frame.
 """
 
 from __future__ import annotations
@@ -88,12 +87,9 @@ _DASH, _GAP = 9, 9
 
 def line_color(flags: LineFlag) -> Color:
     """Blue, green, red: green believed, amber rho error, magenta theta error, red both."""
-    rho, theta = flags & LineFlag.RHO_ERROR, flags & LineFlag.THETA_ERROR
-    if rho and theta:
-        return RED
-    if rho:
-        return AMBER
-    return MAGENTA if theta else GREEN
+    if flags & LineFlag.RHO_ERROR:
+        return RED if flags & LineFlag.THETA_ERROR else AMBER
+    return MAGENTA if flags & LineFlag.THETA_ERROR else GREEN
 
 
 def draw_confined(result: RunwayResult) -> Canvas:
@@ -137,33 +133,28 @@ def _draw_line(canvas: Canvas, line: RunwayLine, scale: float) -> None:
     measured = segment_ends(line.raw, width, height)
     if line.corrected and not math.isnan(measured[0]):
         draw_line(canvas, measured[:2], measured[2:], color, 1)
-    if not math.isnan(ends[0]):
-        _stroke(canvas, dashes(ends, scale) if line.corrected else [ends], color, scale)
-
-
-def _stroke(canvas: Canvas, strokes: list[Ends], color: Color, scale: float) -> None:
-    width = max(2, round(1.8 * scale))
-    for ink, thickness in ((BLACK, width + 2), (color, width)):
-        for ends in strokes:
-            draw_line(canvas, ends[:2], ends[2:], ink, thickness)
+    if math.isnan(ends[0]):
+        return
+    thickness = max(2, round(1.8 * scale))
+    for ink, more in ((BLACK, 2), (color, 0)):
+        for part in dashes(ends, scale) if line.corrected else [ends]:
+            draw_line(canvas, part[:2], part[2:], ink, thickness + more)
 
 
 def dashes(ends: Ends, scale: float) -> list[Ends]:
     """The parts of a line that are drawn where it is dashed."""
     x, y, x2, y2 = ends
-    length = math.hypot(x2 - x, y2 - y)
+    step_x, step_y = x2 - x, y2 - y
+    length = math.hypot(step_x, step_y)
     if not length > 0:
         return []
     period = (_DASH + _GAP) * scale / length
-    step_x, step_y = x2 - x, y2 - y
-    dashes = []
+    parts = []
     for number in range(math.ceil(1 / period)):
         first = number * period
         last = min(1.0, first + _DASH * scale / length)
-        dashes.append(
-            (x + first * step_x, y + first * step_y, x + last * step_x, y + last * step_y)
-        )
-    return dashes
+        parts.append((x + first * step_x, y + first * step_y, x + last * step_x, y + last * step_y))
+    return parts
 
 
 def _draw_number(canvas: Canvas, number: int, line: RunwayLine, scale: float) -> None:
@@ -183,10 +174,9 @@ def _draw_number(canvas: Canvas, number: int, line: RunwayLine, scale: float) ->
 
 def _draw_brackets(canvas: Canvas, rows: tuple[int, int], scale: float) -> None:
     height, width = canvas.shape[:2]
-    first, last = rows[0], rows[1] - 1
+    first, last, tip = rows[0], rows[1] - 1, round(8 * scale)
     if last <= first or last - first == height - 1:
         return
-    tip = round(8 * scale)
     for side, inner in ((1, tip), (width - 2, width - 1 - tip)):
         outline = np.array([(inner, first), (side, first), (side, last), (inner, last)], np.int32)
         for ink, thickness in ((BLACK, round(scale) + 2), (WHITE, round(scale))):
@@ -220,11 +210,8 @@ def draw_hough(result: RunwayResult) -> Canvas:
 
     Brightness is the square root of votes over the most votes, since a linear scale shows
     nothing beside the peaks. The boxes are the neighbourhoods in which no other peak is taken,
-    the numbers the rows of the result.
-    The axes are those of the confined rows; rho begins where a line can cross them.
-
-    Returns:
-        Always the same size, (height, width, 3) uint8, blue first.
+    the numbers the rows of the result. The axes are those of the confined rows; rho begins where
+    a line can cross them. The size, (height, width, 3), is always the same.
     """
     canvas = np.zeros((_TOP + _HEIGHT + _BOTTOM, _LEFT + _WIDTH + _RIGHT, 3), np.uint8)
     workings = result.workings

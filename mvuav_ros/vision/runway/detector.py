@@ -7,12 +7,9 @@ import operator
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.image import Image, as_pixels
-from mvuav_ros.vision.point_operations import Pixels
-from mvuav_ros.vision.runway.correction import (
-    CorrectedLine,
-    RhoThetaCorrection,
-)
-from mvuav_ros.vision.runway.edges import detect_edges, open_edges, select_channel
+from mvuav_ros.vision.point_operations import Pixels, select_channel
+from mvuav_ros.vision.runway.correction import CorrectedLine, RhoThetaCorrection
+from mvuav_ros.vision.runway.edges import detect_edges, open_edges
 from mvuav_ros.vision.runway.hough import HoughGrid, HoughVideo
 from mvuav_ros.vision.runway.normal_form import NormalForm, segment_ends
 from mvuav_ros.vision.runway.peaks import find_peaks
@@ -154,15 +151,13 @@ class RunwayDetector:
             grid.first_reachable_cell,
         )
         reach = parameters.peak_neighborhood_rho // 2, parameters.peak_neighborhood_theta // 2
-        workings = RunwayWorkings(image, gray, edges, grid, tuple(peaks), reach)
-        if peaks:
-            return workings, ''
-        strongest = int(accumulator.max())
-        if strongest == 0:
-            return workings, f'no edge in rows {first} to {last}'
-        return workings, (
-            f'no peak has {parameters.peak_threshold} votes; the strongest has {strongest}'
-        )
+        trouble = ''
+        if not peaks and (strongest := int(accumulator.max())):
+            least = parameters.peak_threshold
+            trouble = f'no peak has {least} votes; the strongest has {strongest}'
+        elif not peaks:
+            trouble = f'no edge in rows {first} to {last}'
+        return RunwayWorkings(image, gray, edges, grid, tuple(peaks), reach), trouble
 
     def _hough_for(self, rows: int, width: int) -> HoughVideo:
         parameters = self._parameters

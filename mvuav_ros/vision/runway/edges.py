@@ -10,31 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Mask, Pixels, full_scale, intensity
+from mvuav_ros.vision.point_operations import Mask, Pixels, full_scale
 
 # float32 or float64.
 Gradient = NDArray[np.floating[Any]]
 
 # The sum of a Sobel kernel's positive and negative weights, by which MATLAB divides it.
 _KERNEL_SUM = 8
-_BGR_INDEX = {'blue': 0, 'green': 1, 'red': 2}
-
-
-def select_channel(image: Pixels, channel: str) -> Pixels:
-    """Take one colour channel, or the intensity (eq. 3.3).
-
-    Args:
-        image: (height, width, 3), blue first, or (height, width), which is returned as it is.
-        channel: ``red``, ``green``, ``blue`` or ``intensity``.
-
-    Returns:
-        (height, width), of the image's dtype.
-    """
-    if image.ndim == 2:
-        return image
-    if channel == 'intensity':
-        return intensity(image)
-    return cv2.extractChannel(image, _BGR_INDEX[channel])
 
 
 def detect_edges(gray: Pixels, threshold: float = 0.0, *, thinning: bool = False) -> Mask:
@@ -57,18 +39,16 @@ def detect_edges(gray: Pixels, threshold: float = 0.0, *, thinning: bool = False
     if threshold > 0:
         limit = math.floor((threshold * _KERNEL_SUM * full_scale(gray)) ** 2)
     else:
-        limit = _automatic_limit(squared)
+        # Four times the mean, rounded down, which compares like the mean with whole numbers.
+        # Python's integers keep it exact: an edge more or less would differ from the reference.
+        limit = 4 * int(cv2.sumElems(squared)[0]) // squared.size
     return (squared > limit).view(np.uint8)
 
 
 def automatic_threshold(gray: Pixels) -> float:
     """The threshold that MATLAB and Octave choose: twice the gradient's root mean square.
 
-    Args:
-        gray: (height, width), uint8 or uint16, not empty.
-
-    Returns:
-        Fraction of full scale, kernels divided by 8.
+    It is a fraction of full scale, as in `detect_edges`.
     """
     total = cv2.sumElems(_squared_gradient(gray))[0]
     return math.sqrt(4 * total / gray.size) / (_KERNEL_SUM * full_scale(gray))
@@ -91,11 +71,7 @@ def open_edges(edges: Mask, shape: str, length: int) -> Mask:
 
 @lru_cache(maxsize=8)
 def structuring_element(shape: str, length: int) -> Mask:
-    """The structuring elements of section 3.4.2.1.
-
-    Args:
-        shape: ``vertical_line``, ``square``, ``disk`` or ``diamond``.
-        length: rows, odd.
+    """The structuring elements of section 3.4.2.1: one of `OPENING_SHAPES`, of odd length in rows.
 
     Returns:
         (length, length) uint8, or (length, 1) of the line; 1 in the neighbourhood, else 0.
@@ -131,14 +107,6 @@ def _squared_gradient(gray: Pixels) -> Gradient:
     np.multiply(across, across, out=across)
     np.multiply(down, down, out=down)
     return np.add(across, down, out=across)
-
-
-def _automatic_limit(squared: Gradient) -> int:
-    """Four times the mean, rounded down, which compares like the mean with whole numbers.
-
-    Python's integers keep it exact: an edge more or less would differ from the reference.
-    """
-    return 4 * int(cv2.sumElems(squared)[0]) // squared.size
 
 
 def _thinned_edges(gray: Pixels, threshold: float) -> Mask:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.point_operations import Mask
 
-# Whole numbers: float32 as OpenCV counts, or intp as NumPy does.
-Accumulator = NDArray[Any]
+Accumulator = NDArray[Any]  # whole numbers: float32 as OpenCV counts, or intp as NumPy does
 
 # More would be hundreds of megabytes per frame, for cells far smaller than a pixel.
 MAX_CELLS = 2**24
@@ -27,10 +26,8 @@ class HoughGrid:
     rho and theta are those of `normal_form`, in coordinates of the edge image.
 
     Attributes:
-        theta: (columns,) rad, from -pi/2 up to below pi/2 in equal steps of at most the
-            resolution.
-        rho: (cells,) px, symmetric about 0; steps of the resolution, wide enough for the
-            image's diagonal.
+        theta: (columns,) rad, from -pi/2 up to below pi/2 in equal steps of at most the resolution.
+        rho: (cells,) px, symmetric about 0; steps of the resolution, as wide as the diagonal.
         first_reachable_cell: cells of rho before this one get no vote: cos(theta) and coordinates
             are not negative.
     """
@@ -38,13 +35,7 @@ class HoughGrid:
     def __init__(
         self, height: int, width: int, rho_resolution: float, theta_resolution_deg: float
     ) -> None:
-        """Lay the cells out.
-
-        Args:
-            height: rows of the edge images.
-            width: columns of the edge images.
-            rho_resolution: px, above 0.
-            theta_resolution_deg: degrees, above 0, at most 90.
+        """Lay the cells out, for edge images of so many rows and columns.
 
         Raises:
             ValueError: there would be more than `MAX_CELLS` cells.
@@ -59,9 +50,7 @@ class HoughGrid:
             )
         degrees = np.linspace(-90, 90, 2 * quarter + 1)[:-1]
         self.theta: NDArray[np.float64] = degrees * (np.pi / 180)
-        self.rho: NDArray[np.float64] = (
-            np.arange(-half, half + 1, dtype=np.float64) * rho_resolution
-        )
+        self.rho: NDArray[np.float64] = np.arange(-half, half + 1.0) * rho_resolution
         self._width = width
         # The cell of pixel (x, y) is the whole part of the sum of two entries.
         self._x_part = np.outer(np.arange(width), np.cos(self.theta)) / rho_resolution
@@ -73,15 +62,12 @@ class HoughGrid:
         self._table = self._pixel_table()
 
     def accumulate(self, edges: Mask) -> Accumulator:
-        """Count the edge pixels of every cell.
-
-        Args:
-            edges: (height, width) uint8, 0 or 1, contiguous.
+        """Count the edge pixels (height, width) uint8, 0 or 1, contiguous, of every cell.
 
         Returns:
             (theta, rho) votes, rho from `first_reachable_cell` on. This is the transpose of
-            MATLAB's matrix, so that its column-major order, which decides between equal peaks,
-            is the order in memory.
+            MATLAB's matrix: its column-major order, which decides between equal peaks, is the
+            order in memory.
         """
         return self.count(np.flatnonzero(edges.view(np.bool_)))
 

@@ -46,12 +46,7 @@ class NormalForm(NamedTuple):
 
 
 def segment_ends(line: NormalForm, width: int, height: int) -> Ends:
-    """Cut a line to the frame (the thesis's Hough Lines Calculator).
-
-    Args:
-        line: in coordinates of the frame.
-        width: of the frame, px.
-        height: of the frame, px.
+    """Cut a line to a frame of so many px (the thesis's Hough Lines Calculator).
 
     Returns:
         x, y, x2, y2 on the rectangle of the outermost pixels' centres, the upper end first (the

@@ -29,9 +29,7 @@ def find_peaks(
     Of equal cells the one with the smaller theta is taken, then the one with the smaller rho.
 
     Args:
-        accumulator: (theta, rho) votes of a grid whose theta covers 180° and whose rho is
-            symmetric about 0, but for the cells that are left out at its beginning. It is the
-            same again in the end.
+        accumulator: (theta, rho) votes of a `HoughGrid`. It is the same again in the end.
         num_peaks: peaks wanted at most.
         threshold: votes that a peak must have at least.
         neighborhood_rho: cells of the neighbourhood along rho, odd; cut off at the ends.
@@ -65,12 +63,7 @@ def find_peaks(
 
 
 def _neighbourhood(
-    votes: Accumulator,
-    theta_index: int,
-    cell: int,
-    mirrored: int,
-    reach_rho: int,
-    reach_theta: int,
+    votes: Accumulator, theta_index: int, cell: int, mirrored: int, reach_rho: int, reach_theta: int
 ) -> Iterator[Accumulator]:
     """The parts around a cell; ``mirrored`` is the cell of -rho, which may be left out."""
     columns = votes.shape[0]

@@ -97,23 +97,14 @@ class RunwayLine(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RunwayWorkings:
-    """The arrays that a frame went through, for the debug images; None where it did not get to.
+    """The arrays that a frame went through, for the debug images; None where it did not get to."""
 
-    Attributes:
-        image: the frame as it was given: (height, width) or (height, width, 3), blue first.
-        gray: the confined channel, (rows, width).
-        edges: opened edges, (rows, width), 0 or 1.
-        grid: cells of the accumulator.
-        peaks: strongest first.
-        peak_reach: cells that a peak's neighbourhood extends to each side, rho and theta.
-    """
-
-    image: Pixels
-    gray: Pixels | None = None
-    edges: Mask | None = None
-    grid: HoughGrid | None = None
-    peaks: tuple[Peak, ...] = ()
-    peak_reach: tuple[int, int] = (0, 0)
+    image: Pixels  # as it was given: (height, width) or (height, width, 3), blue first
+    gray: Pixels | None = None  # the confined channel, (rows, width)
+    edges: Mask | None = None  # opened, (rows, width), 0 or 1
+    grid: HoughGrid | None = None  # cells of the accumulator
+    peaks: tuple[Peak, ...] = ()  # strongest first
+    peak_reach: tuple[int, int] = (0, 0)  # cells of a neighbourhood to each side, rho and theta
 
     @property
     def accumulator(self) -> Accumulator | None:

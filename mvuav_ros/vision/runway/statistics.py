@@ -38,46 +38,27 @@ class RunningMoments:
 
 @dataclass(frozen=True)
 class LineSummary:
-    """One row's statistics; means and deviations are of the corrected values of found lines.
+    """One row's statistics; means and deviations are of the corrected values of found lines."""
 
-    Attributes:
-        found: frames in which the row had a line.
-        rho_flags: frames with the rho flag.
-        theta_flags: frames with the theta flag.
-        corrected: frames with either.
-        rho_mean: px.
-        rho_std: px.
-        theta_mean: rad, in (-pi/2, pi/2].
-        theta_std: rad.
-    """
-
-    found: int
-    rho_flags: int
+    found: int  # frames in which the row had a line
+    rho_flags: int  # frames with the rho flag
     theta_flags: int
-    corrected: int
-    rho_mean: float
+    corrected: int  # frames with either
+    rho_mean: float  # px
     rho_std: float
-    theta_mean: float
+    theta_mean: float  # rad, in (-pi/2, pi/2]
     theta_std: float
 
 
 @dataclass(frozen=True)
 class RunwaySummary:
-    """The result section of the thesis's GUI.
+    """The result section of the thesis's GUI, which counts frames ("54 / 150")."""
 
-    Attributes:
-        frames: since the last reset.
-        lines: one row each.
-        rho_flags: frames in which any row had the rho flag, as the GUI counts ("54 / 150").
-        theta_flags: frames in which any row had the theta flag.
-        corrected: frames in which any row had either.
-    """
-
-    frames: int
-    lines: tuple[LineSummary, ...]
-    rho_flags: int = 0
+    frames: int  # since the last reset
+    lines: tuple[LineSummary, ...]  # one row each
+    rho_flags: int = 0  # frames in which any row had the rho flag
     theta_flags: int = 0
-    corrected: int = 0
+    corrected: int = 0  # frames in which any row had either
 
     @property
     def flag_text(self) -> str:
@@ -86,18 +67,28 @@ class RunwaySummary:
         return ', '.join(f'{name} {count} / {self.frames}' for name, count in counts.items())
 
 
+class _FlagCounts:
+    """Frames in which any of some lines had the rho flag, the theta flag, or either."""
+
+    def __init__(self) -> None:
+        self.counts = (0, 0, 0)
+
+    def add(self, lines: Sequence[RunwayLine]) -> None:
+        rho, theta, either = self.counts
+        has_rho = any(line.rho_flag for line in lines)
+        has_theta = any(line.theta_flag for line in lines)
+        self.counts = rho + has_rho, theta + has_theta, either + (has_rho or has_theta)
+
+
 class _LineStatistics:
     def __init__(self) -> None:
-        self._rho_flags = self._theta_flags = self._corrected = 0
-        self._rho = RunningMoments()
-        self._theta = RunningMoments()
+        self._flags = _FlagCounts()
+        self._rho, self._theta = RunningMoments(), RunningMoments()
 
     def add(self, line: RunwayLine) -> None:
         if not line.found:
             return
-        self._rho_flags += line.rho_flag
-        self._theta_flags += line.theta_flag
-        self._corrected += line.corrected
+        self._flags.add([line])
         sample = NormalForm(line.rho, line.theta)
         if self._theta.count:
             # A line that turns through vertical must not average to its perpendicular: of its two
@@ -108,18 +99,9 @@ class _LineStatistics:
 
     def summary(self) -> LineSummary:
         mean = NormalForm(self._rho.mean, self._theta.mean)
-        if self._theta.count:
-            mean = mean.normalised()
-        return LineSummary(
-            found=self._theta.count,
-            rho_flags=self._rho_flags,
-            theta_flags=self._theta_flags,
-            corrected=self._corrected,
-            rho_mean=mean.rho,
-            rho_std=self._rho.std,
-            theta_mean=mean.theta,
-            theta_std=self._theta.std,
-        )
+        found = self._theta.count
+        rho, theta = mean.normalised() if found else mean
+        return LineSummary(found, *self._flags.counts, rho, self._rho.std, theta, self._theta.std)
 
 
 class RunwayStatistics:
@@ -130,28 +112,19 @@ class RunwayStatistics:
 
     def reset(self) -> None:
         """Begin at zero."""
-        self._frames = self._rho_flags = self._theta_flags = self._corrected = 0
+        self._frames, self._flags = 0, _FlagCounts()
         self._lines: list[_LineStatistics] = []
 
     def add(self, lines: Sequence[RunwayLine]) -> None:
         """Take in one frame; rows beyond ``lines`` are dropped, new ones begin at zero."""
         self._frames += 1
-        found = [line for line in lines if line.found]
-        self._rho_flags += any(line.rho_flag for line in found)
-        self._theta_flags += any(line.theta_flag for line in found)
-        self._corrected += any(line.corrected for line in found)
-        del self._lines[len(lines) :]
-        while len(self._lines) < len(lines):
-            self._lines.append(_LineStatistics())
+        self._flags.add(lines)
+        new = len(lines) - len(self._lines)
+        self._lines = self._lines[: len(lines)] + [_LineStatistics() for _ in range(new)]
         for statistics, line in zip(self._lines, lines, strict=True):
             statistics.add(line)
 
     def summary(self) -> RunwaySummary:
         """The statistics so far."""
-        return RunwaySummary(
-            self._frames,
-            tuple(line.summary() for line in self._lines),
-            self._rho_flags,
-            self._theta_flags,
-            self._corrected,
-        )
+        lines = tuple(line.summary() for line in self._lines)
+        return RunwaySummary(self._frames, lines, *self._flags.counts)

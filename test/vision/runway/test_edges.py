@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from mvuav_ros.vision.point_operations import select_channel
 from mvuav_ros.vision.runway.edges import (
     automatic_threshold,
     detect_edges,
     open_edges,
-    select_channel,
     structuring_element,
 )
 
