@@ -7,8 +7,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 from mvuav_ros.recordings.account import Account, RecordingError, counted
 from mvuav_ros.recordings.remote import is_url
 
@@ -18,10 +16,6 @@ IMAGE_SUFFIXES = frozenset(
 
 _NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
 _MAX_METADATA = 1 << 24
-_METADATA_ERRORS = (
-    *(OSError, yaml.YAMLError, RecursionError),
-    *(LookupError, AttributeError, TypeError, ValueError),
-)
 _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
 
@@ -67,6 +61,8 @@ def named_recording(path: Path) -> Path:
 
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
+    import yaml  # Few who ask what a file is need it
+
     try:
         if not path.is_file() or path.stat().st_size > _MAX_METADATA:
             raise ValueError('no file, or implausibly large')
@@ -80,7 +76,15 @@ def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
                 if isinstance(file.get('message_count'), int):
                     account.promise(_plain(Path(file['path']).name), file['message_count'])
             return [Path(name).name for name in names]
-    except _METADATA_ERRORS:
+    except (
+        OSError,
+        yaml.YAMLError,
+        RecursionError,
+        LookupError,
+        AttributeError,
+        TypeError,
+        ValueError,
+    ):
         pass
     account.note((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
     return None
