@@ -221,12 +221,14 @@ class Image:
         return self._convert(pixels, layout.to_gray)
 
     def _convert(self, pixels: Pixels, code: int) -> Pixels:
+        failed = f'{self.encoding} of {self.width} x {self.height} does not convert'
+        # OpenCV 4.6 makes up colours for the pixel without a partner.
+        if ENCODINGS[self.encoding].luma is not None and pixels.shape[1] % 2:
+            raise ImageError(f'{failed}: two pixels share a colour, and the width is odd')
         try:
             return cv2.cvtColor(pixels, code)
         except cv2.error as error:
-            raise ImageError(
-                f'{self.encoding} of {self.width} x {self.height} does not convert: {error.err}'
-            ) from error
+            raise ImageError(f'{failed}: {error.err}') from error
 
 
 def _around(part: slice, size: int) -> tuple[int, int]:

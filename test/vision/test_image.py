@@ -13,6 +13,9 @@ COLORED = [
 ]
 
 
+IS_OLD = tuple(map(int, cv2.__version__.split('.')[:2])) < (4, 7)
+
+
 def noise(encoding, height=12, width=16):
     layout = ENCODINGS[encoding]
     shape = (height, width, layout.channels) if layout.channels > 1 else (height, width)
@@ -41,7 +44,10 @@ def test_a_window_costs_no_more_than_it_shows(monkeypatch, encoding, channel):
     image = Image(noise(encoding, 120, 160), encoding).seen_in(channel)
     window = image.gray_window(slice(31, 42), slice(70, 81))
     assert sum(converted) <= 16 * 16 * 4
-    np.testing.assert_array_equal(window, image.gray()[31:42, 70:81])
+    whole = image.gray()[31:42, 70:81]
+    # OpenCV 4.6 rounds the grey of a mosaic otherwise where a row is short.
+    is_mosaic = channel == 'intensity' and encoding.startswith('bayer')
+    np.testing.assert_allclose(window, whole, rtol=0, atol=1 if is_mosaic and IS_OLD else 0)
 
 
 @pytest.mark.parametrize('encoding', [name for name in COLORED if name != '8UC3'])
