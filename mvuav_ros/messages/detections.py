@@ -19,7 +19,7 @@ from mvuav_ros.vision.rig import MarkerRig
 
 TYPES: dict[str, Any] = {}
 """Topics and their messages; none where vision_msgs is not installed."""
-with suppress(ImportError):
+with suppress(ModuleNotFoundError):
     from vision_msgs.msg import Detection2DArray, Detection3DArray
 
     TYPES = {'detections': Detection2DArray, 'detections_3d': Detection3DArray}

@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 TF_TOPIC = '/tf'
 TF_TYPE: Any = None
 """The message of ``/tf``; None where tf2_msgs is not installed."""
-with suppress(ImportError):
+with suppress(ModuleNotFoundError):
     from tf2_msgs.msg import TFMessage
 
     TF_TYPE = TFMessage

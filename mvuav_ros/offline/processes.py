@@ -273,12 +273,12 @@ def each(
         Interrupted: by Ctrl-C or SIGTERM, when all processes have ended.
         SourceError: the cluster cannot be used.
     """
-    if cluster is None and (jobs <= 1 or len(tasks) <= 1):
+    if not cluster and (jobs <= 1 or len(tasks) <= 1):
         yield from (attempted(number, partial(work, task)) for number, task in enumerate(tasks))
         return
     plain = partial(_plain, work)
     with stop_on_signals() as stop:
-        if cluster is None:
+        if not cluster:
             messages = run_in_processes(plain, tasks, min(jobs, len(tasks)), stop, closing_time=0.0)
         else:
             # It imports this module.

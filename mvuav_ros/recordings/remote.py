@@ -204,7 +204,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
         RecordingError: it cannot be written; what was there stays.
     """
     data = content.encode('utf-8', 'replace') if isinstance(content, str) else content
-    new = path.with_name(f'.{path.name}.{token_hex(4)}')
+    new = path.parent / f'.{path.name}.{token_hex(4)}'  # a path like '.' has no name to replace
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_dir():

@@ -1,6 +1,9 @@
 """Frames: what tf2, RViz and an autopilot make of the poses, by way of the messages' bytes."""
 
 import math
+import runpy
+import sys
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -13,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages import poses
+from mvuav_ros.messages import detections, poses
 from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.sensors import encode_camera_info, make_header
@@ -254,3 +257,13 @@ def test_images_of_a_camera_without_a_name_have_no_transform():
 def test_the_runways_frame_needs_a_name():
     with pytest.raises(ParameterError, match='runway_frame'):
         RunwayDetectorParameters(runway_frame='')
+
+
+@pytest.mark.parametrize(('module', 'package'), [(poses, 'tf2_msgs'), (detections, 'vision_msgs')])
+def test_a_message_package_that_is_broken_is_not_taken_for_a_missing_one(
+    module: ModuleType, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in (package, f'{package}.msg'):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    with pytest.raises(ImportError, match=package):
+        runpy.run_path(str(module.__file__))

@@ -8,7 +8,7 @@ from threading import Event
 
 import pytest
 
-from mvuav_ros.offline.processes import all_of, quick_method
+from mvuav_ros.offline.processes import all_of, each, quick_method
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 
 
@@ -37,3 +37,7 @@ def test_ctrl_c_in_the_middle_of_tasks_is_no_failure_of_theirs():
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
+
+
+def test_an_empty_address_is_no_cluster():
+    assert [done.result for done in each(abs, [-1], cluster='')] == [1]

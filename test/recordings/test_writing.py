@@ -315,3 +315,9 @@ def test_a_file_that_cannot_be_written_whole_is_named_and_not_left(tmp_path: Pat
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert path.read_bytes() == b'before'
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize('path', [Path(), Path('/')])
+def test_a_folder_without_a_name_is_told_from_a_file_too(path: Path) -> None:
+    with pytest.raises(RecordingError, match='is a folder; give the name of a file'):
+        write_whole(path, 'words')

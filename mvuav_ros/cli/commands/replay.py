@@ -72,7 +72,7 @@ def replay_all(
 
         def show(number: int, state: JobProgress) -> None:
             if number not in tasks:
-                tasks[number] = bars.add_task(state.name)
+                tasks[number] = bars.add_task(state.name, total=None)
             name, done, total = state
             bars.update(tasks[number], description=name, completed=done, total=total, refresh=True)
 

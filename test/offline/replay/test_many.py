@@ -7,11 +7,12 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from rich.progress import Progress
 from support.commands import (
     COMMAND,
     ENVIRONMENT,
@@ -26,8 +27,15 @@ from support.commands import (
 from support.interrupting import FRAMES, SLOW
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
 
+from mvuav_ros.cli.commands.replay import replay_all
 from mvuav_ros.offline.replay.batch import plan
-from mvuav_ros.offline.replay.job import ReplayJob, ReplayOutcome, ReplaySettings, attempt
+from mvuav_ros.offline.replay.job import (
+    JobProgress,
+    ReplayJob,
+    ReplayOutcome,
+    ReplaySettings,
+    attempt,
+)
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.recordings.stored_file import RecordedMessage
 
@@ -308,3 +316,26 @@ def _interrupt_on_cluster(folder: Path, address: str) -> Path:
     assert process.returncode == 130
     assert err == 'mvuav: interrupted\n'
     return output
+
+
+def test_bars_of_recordings_have_a_total_only_where_it_is_known(
+    bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bars = Progress(disable=True)
+
+    def run(
+        _: object, __: int, ___: None, ____: Stop, show: Callable[[int, JobProgress], None]
+    ) -> Iterator[tuple[int, ReplayOutcome]]:
+        show(0, JobProgress('a video', 1, None))
+        show(1, JobProgress('a bag', 1, 60))
+        yield from ()
+
+    monkeypatch.setattr('mvuav_ros.offline.replay.batch.run_jobs', run)
+    monkeypatch.setattr('mvuav_ros.cli.commands.replay.frame_progress', lambda **_: bars)
+    planned = plan(list(map(str, bags)), str(tmp_path / 'out'), ReplaySettings({}))
+    replay_all(planned, 1, None, Stop())
+    assert {each.description: each.total for each in bars.tasks} == {
+        'recordings': 3,
+        'a video': None,
+        'a bag': 60,
+    }
