@@ -50,7 +50,9 @@ _MODULES = {
     'open_source': 'sources.opening',
     'track': 'processing.tracking',
 }
-__all__ = [*_MODULES, '__version__']
+if not TYPE_CHECKING:
+    # Type checkers understand a list of words only, and have the names from above.
+    __all__ = [*_MODULES, '__version__']
 
 
 def __getattr__(name: str) -> Any:

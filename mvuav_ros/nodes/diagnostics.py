@@ -352,8 +352,9 @@ class SourceStatus:
     def trouble(self, words: str) -> None:
         """Keep what went wrong."""
         self._troubles += 1
-        self._recent_troubles.note(None)
+        # In this order: the report comes from another thread.
         self._last_trouble = words
+        self._recent_troubles.note(None)
 
     def report(self, name: str, paused: bool, subscribers: int) -> DiagnosticStatus:
         """The node's diagnostic status."""

@@ -33,6 +33,7 @@ def _parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='tuning_panel',
         description='Serves a page that tunes running marker_tracker and runway_detector nodes.',
+        epilog='Arguments of ROS follow --ros-args.',
     )
     what = 'address to serve on; any other than loopback asks visitors for a token'
     parser.add_argument('--host', default='127.0.0.1', help=what)
@@ -43,10 +44,10 @@ def _parse() -> argparse.Namespace:
     what = 'a recording, or a folder of recordings, for runs; may be repeated'
     what += ' (default: the sample bags)'
     parser.add_argument('--bags', type=_existing, action='append', help=what)
-    # rclpy.utilities.remove_ros_args would import ROS before --help.
-    what = 'arguments of ROS follow'
-    parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help=what)
-    return parser.parse_args()
+    # By hand: argparse refuses the -- that may end them, and rclpy would start before --help.
+    words = sys.argv[1:]
+    own = words.index('--ros-args') if '--ros-args' in words else len(words)
+    return parser.parse_args(words[:own], argparse.Namespace(ros_args=words[own:]))
 
 
 def _port(text: str) -> int:
@@ -89,7 +90,7 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
 
     tune_process()
     try:
-        ros = RosThread('tuning_panel', ['--ros-args', *arguments.ros_args])
+        ros = RosThread('tuning_panel', arguments.ros_args)
     except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
         print(error, file=sys.stderr)
         sys.exit(2)

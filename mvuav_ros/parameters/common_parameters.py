@@ -30,7 +30,7 @@ def autostart(stage: str = '') -> Any:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DetectorParameters(ParameterSet):
     """What every detector has; a subclass adds its own, which come first."""
 

@@ -17,7 +17,8 @@ def keep_freed_memory() -> None:
     """Keep freed image buffers for the next frame, where there is glibc.
 
     It gives them back to the kernel, which hands them out again page by page, zeroed: of the 5 ms
-    that a 1920x1080 mono8 image took to reach Python, 3 were page faults.
+    that a 1920x1080 mono8 image took to reach Python, 3 were page faults, and a replay of 640x480
+    went at 450 frames/s instead of 680.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt
@@ -31,7 +32,7 @@ def keep_freed_memory() -> None:
 def tune_process() -> None:
     """Call once before the node is made.
 
-    Else a thread that works for long in Python would keep a service call waiting for 5 ms.
+    Else an image would wait for 5 ms while another thread, of a service call, is in Python.
     """
     sys.setswitchinterval(_SWITCH_INTERVAL)
     keep_freed_memory()

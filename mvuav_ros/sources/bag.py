@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mvuav_ros.messages.cdr import CdrReader
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import (
     IMAGE,
@@ -353,7 +354,9 @@ class SynchronizedTopics:
             if self._known is None or self._known[0] != rest:
                 message = decode_message(recorded.type, data)
                 self._known = rest, decode_camera_info(message, self._image_topic)
-            self._cameras.add_info(stamp_ns_in(data), self._known[1])
+            # Which image it holds for follows from any stamp, also one that is no time.
+            seconds, nanoseconds = CdrReader(data).numbers('iI')
+            self._cameras.add_info(seconds * _NS + nanoseconds, self._known[1])
         except (MalformedMessageError, ImageError):
             return False
         return True

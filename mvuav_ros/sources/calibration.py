@@ -59,7 +59,7 @@ def load_calibration(path: str | Path) -> CameraModel:
 def save_calibration(camera: CameraModel, path: Path, name: str = 'camera') -> None:
     """Write the YAML file that camera_calibration_parsers reads, replaced as a whole.
 
-    Without a rectification and a projection those of a single camera are written.
+    Without a rectification and a projection those of one camera are written: the identity and K.
 
     Raises:
         RecordingError: it cannot be written.

@@ -44,7 +44,7 @@ class Camera(FrameSource):
         """Read until the camera stops delivering.
 
         Raises:
-            SourceError: it cannot be opened or asked, does otherwise, or has been unplugged.
+            SourceError: it cannot be opened, does not do as asked, or has been unplugged.
         """
         capture = self._capture = cv2.VideoCapture(self._device)
         try:

@@ -1,6 +1,7 @@
 """What /diagnostics says, and the small parts that it is made of."""
 
 import threading
+from collections import deque
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,10 +12,12 @@ from support.live_stream import KEEP_EVERYTHING, Stream
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame, serialize_image
 from mvuav_ros.messages.sensors import stamp_ns_of
+from mvuav_ros.nodes import diagnostics
 from mvuav_ros.nodes.diagnostics import (
     DetectorStatus,
     FrameStatistics,
     FrameTimes,
+    SourceStatus,
     StampMonitor,
     explain_no_images,
 )
@@ -161,6 +164,21 @@ def test_problems_are_those_of_the_last_seconds():
     for _ in range(6):
         last = said()
     assert last == 'running'
+
+
+def test_a_source_never_warns_without_words(monkeypatch):
+    """Its thread notes what went wrong while another one may report."""
+    said = []
+
+    class Watched(deque):
+        def append(self, noted):
+            super().append(noted)
+            said.append(status.report('source', paused=False, subscribers=0).message)
+
+    monkeypatch.setattr(diagnostics, 'deque', Watched)
+    status = SourceStatus('camera')
+    status.trouble('torn')
+    assert said == ['torn']
 
 
 def test_reasons_for_silence():

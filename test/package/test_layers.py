@@ -116,6 +116,17 @@ def test_every_public_name_is_documented_with_an_example():
 
 
 @needs_dev
+def test_a_type_checker_sees_what_a_star_imports(tmp_path):
+    names = sorted(set(mvuav_ros.__all__) - {'__version__'})
+    program = tmp_path / 'program.py'
+    program.write_text(f'from mvuav_ros import *\n\nprint({", ".join(names)})\n')
+    options = ['--follow-imports=skip', '--no-incremental', '--config-file=']
+    command = [sys.executable, '-m', 'mypy', *options, 'mvuav_ros/__init__.py', str(program)]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+@needs_dev
 def test_generated_files_are_fresh():
     command = [sys.executable, 'tools/make_reference.py', '--check']
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

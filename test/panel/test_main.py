@@ -14,6 +14,7 @@ pytest.importorskip('nicegui', reason='the extra panel is not installed')
     ('arguments', 'environment', 'said'),
     [
         (['--ros-args', '-r', 'nonsense'], {}, "Couldn't parse remap rule"),
+        (['--ros-args', '-r', 'nonsense', '--'], {}, "Couldn't parse remap rule"),
         ([], {'ROS_DOMAIN_ID': 'ten'}, 'ROS_DOMAIN_ID is not an integral number'),
     ],
 )

@@ -97,6 +97,13 @@ def test_numbers_of_numpy_are_taken():
         MarkerTrackerParameters(search_radius=np.float64(0.5))
 
 
+@pytest.mark.parametrize('kind', [MarkerTrackerParameters, RunwayDetectorParameters])
+def test_values_are_taken_by_position_in_the_order_in_which_they_are_listed(kind):
+    first = kind.specs()[0]
+    other = next(choice for choice in first.choices if choice != first.default)
+    assert kind(other) == kind(**{first.name: other})
+
+
 def test_a_refused_change_leaves_the_old_set():
     before = Sample(ratio=0.75)
     with pytest.raises(ParameterError):

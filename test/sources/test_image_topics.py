@@ -29,9 +29,10 @@ from mvuav_ros.messages.images import (
     COMPRESSED_IMAGE,
     COMPRESSED_VIDEO,
     FFMPEG_PACKET,
+    Frame,
     is_image_type,
 )
-from mvuav_ros.messages.sensors import CAMERA_INFO, IMU
+from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, topic_beside
 from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
@@ -63,18 +64,33 @@ def test_image_is_decoded_without_copying_pixels(little_endian: bool, type_name:
         assert np.shares_memory(pixels, np.frombuffer(data, np.uint8))
 
 
+MATRIX = np.arange(9, dtype=np.float64)
+
+
+def camera_info(seconds: int, nanoseconds: int) -> bytes:
+    types = STORE.types
+    stamp = types['builtin_interfaces/msg/Time'](seconds, nanoseconds)
+    header = types['std_msgs/msg/Header'](stamp, 'camera')
+    region = types['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
+    none, p = np.zeros(5), np.zeros(12)
+    return cdr(
+        types[CAMERA_INFO](header, 480, 640, 'plumb_bob', none, MATRIX, MATRIX, p, 0, 0, region)
+    )
+
+
 def test_compressed_image_and_camera_info() -> None:
     assert decode_message(COMPRESSED_IMAGE, compressed(7)).format == 'jpeg'
-    types = STORE.types
-    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 2), 'camera')
-    region = types['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
-    matrix = np.arange(9, dtype=np.float64)
-    info = types[CAMERA_INFO](
-        header, 480, 640, 'plumb_bob', np.zeros(5), matrix, matrix, np.zeros(12), 0, 0, region
-    )
-    decoded = decode_message(CAMERA_INFO, cdr(info))
+    decoded = decode_message(CAMERA_INFO, camera_info(1, 2))
     assert (decoded.width, decoded.height) == (640, 480)
-    assert np.array_equal(decoded.k, matrix)
+    assert np.array_equal(decoded.k, MATRIX)
+
+
+def test_a_calibration_whose_stamp_is_no_time_holds_as_in_live_nodes(tmp_path: Path) -> None:
+    info = camera_info(START_NS // 10**9 - 9, 1_500_000_000)
+    sample = Sample(topic_beside(TOPIC, 'camera_info'), CAMERA_INFO, START_NS, info)
+    (frame,) = BagImages(write_mcap(tmp_path / 'bag.mcap', [sample, *image_samples(1)])).frames()
+    assert isinstance(frame, Frame) and frame.camera is not None
+    assert frame.camera.width == 640
 
 
 def test_malformed_messages_raise_one_error() -> None:
