@@ -88,7 +88,7 @@ MUTATIONS = (
     ),
     Mutation(
         'label order',
-        f'{MARKERS}/detection.py',
+        f'{MARKERS}/thesis_tracker.py',
         'return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing',
         'return left_wing, right_stabilizer, rudder, left_stabilizer, right_wing',
         ('test/vision/markers/test_reference.py',),

@@ -152,8 +152,10 @@ class _Fit:
         if good.sum() < 4:
             return np.full(6, np.nan)
         flag = cv2.SOLVEPNP_IPPE
-        start = cv2.solvePnP(view.points[good], rays[good], np.eye(3), None, flags=flag)
-        pose = np.concatenate([np.asarray(part, np.float64).ravel() for part in start[1:]])
+        found, *start = cv2.solvePnP(view.points[good], rays[good], np.eye(3), None, flags=flag)
+        if not found:
+            return np.full(6, np.nan)
+        pose = np.concatenate([np.asarray(part, np.float64).ravel() for part in start])
         for _ in range(5):
             residuals, slopes, _ = self.equations(view, pose)
             if not np.isfinite(slopes).all():

@@ -1,5 +1,6 @@
 """Cameras from views of a board, against the cameras that the views were made with."""
 
+import cv2
 import numpy as np
 import pytest
 from support.boards import LENSES, SIZE, view_of, views_of
@@ -80,6 +81,12 @@ def test_views_that_only_move_aside_are_refused():
     ]
     with pytest.raises(CalibrationError, match='do not determine the focal length'):
         calibrate_camera(views, SIZE)
+
+
+def test_views_of_which_opencv_finds_no_pose_are_refused(monkeypatch):
+    monkeypatch.setattr(cv2, 'solvePnP', lambda *_, **__: (False, None, None))
+    with pytest.raises(CalibrationError, match='no equidistant camera fits the views'):
+        calibrate_camera(views_of(LENSES['equidistant'], 12), SIZE, 'equidistant')
 
 
 def test_four_views_are_refused():

@@ -27,7 +27,7 @@ class Expectation(NamedTuple):
 class JumpTuning:
     """When a light has jumped.
 
-    Chosen on seeds 9500 to 9529, 9900 to 9929 and 9982 of `offline.evaluation.integrity_runs`.
+    Chosen on seeds 9500 to 9529, 9900 to 9929 and 9982 of `mvuav_thesis.integrity_runs`.
     """
 
     fewest: int = 3  # lights whose middle one shows how all have moved

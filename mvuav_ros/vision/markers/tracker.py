@@ -136,7 +136,7 @@ class MarkerTracker:
 
         Raises:
             TypeError: in ``track`` and ``track_any``, the stamp is no whole number.
-            ValueError: in ``track`` and ``track_any``, the stamp is not later than the last one.
+            ValueError: in these modes, the stamp is not later than the last one (see `reset`).
             ImageError: it is no such image, or does not convert to grey.
         """
         image = as_image(image)

@@ -118,7 +118,7 @@ class RunwayStatistics:
     def add(self, lines: Sequence[RunwayLine]) -> None:
         """Take in one frame; rows beyond ``lines`` are dropped, new ones begin at zero."""
         self._frames += 1
-        self._flags.add(lines)
+        self._flags.add([line for line in lines if line.found])
         new = len(lines) - len(self._lines)
         self._lines = self._lines[: len(lines)] + [_LineStatistics() for _ in range(new)]
         for statistics, line in zip(self._lines, lines, strict=True):

@@ -69,6 +69,12 @@ def test_flags_are_counted_per_line_and_by_frame():
     assert (first.found, second.found) == (3, 2)
 
 
+def test_flags_of_a_row_without_a_line_count_nowhere():
+    """A recording of another program may have them."""
+    summary = summary_of((RunwayLine(rho_flag=True),), (found(1, 1, theta_flag=True),))
+    assert (summary.rho_flags, summary.theta_flags, summary.corrected) == (0, 1, 1)
+
+
 def test_mean_and_deviation_of_rho_and_theta():
     line = summary_of((found(10, 4),), (found(12, 5),), (found(14, 9),)).lines[0]
     assert (line.rho_mean, line.rho_std) == (pytest.approx(12), pytest.approx(2))
