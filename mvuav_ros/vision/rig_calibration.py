@@ -153,7 +153,8 @@ class _Bundle:
         self.used = np.zeros(len(sightings.frames), np.bool_)  # (m,), the sightings that count
         order = np.argsort(sightings.frames, kind='stable')
         frames, starts = np.unique(sightings.frames[order], return_index=True)
-        rows = zip(frames.tolist(), np.split(order, starts[1:]), strict=True)
+        # Nothing is split into one part, which has no frame.
+        rows = zip(frames.tolist(), np.split(order, starts[1:]), strict=False)
         # Of each image the rows of its sightings.
         self._rows = {frame: seen for frame, seen in rows if len(seen) >= MIN_LIGHTS}
         self._poses: dict[int, Array] = {}

@@ -148,6 +148,10 @@ def test_too_few_lights_or_images_are_refused():
         Case(1, 3).calibrate()
     with pytest.raises(RigCalibrationError, match='10 are needed, and 100 are good'):
         Case(1, 5, frames=8).calibrate()
+    unseen = Case(1, 5)
+    unseen.sightings = LightSightings(*(each[:0] for each in vars(unseen.sightings).values()))
+    with pytest.raises(RigCalibrationError, match='no pose fits the lights in any image'):
+        unseen.calibrate()
 
 
 def test_a_light_that_is_never_seen_is_named():

@@ -298,6 +298,6 @@ def _report_folder(
     from mvuav_ros.offline.report import PAGE
 
     refuse_to_overwrite(output, force, inputs=inputs)
-    folder = given or output.with_name(f'{output.stem}_report')
+    folder = given or output.parent / f'{output.stem}_report'
     refuse_to_overwrite(folder / PAGE, force)
     return folder

@@ -66,6 +66,8 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
     in_folder = mvuav(*command[:-1], output.parent, '--force')
     assert in_folder.error == f'mvuav: {output.parent} is a folder; give the name of a file'
     assert not (tmp_path / 'new_report').exists()
+    here = mvuav(*command[:-1], '.', '--force')
+    assert here.error == 'mvuav: . is a folder; give the name of a file'
     # Nothing is overwritten unasked, nor lost to a report that has no place.
     assert 'exists' in mvuav(*command).error
     other = tmp_path / 'other.yaml'
