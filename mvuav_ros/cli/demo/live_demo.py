@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.source import SourceError
 
+RATE_WINDOW = 2.0  # s
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 MAX_DURATION = 50.0
 """s to start, and s to play; the demo ends by itself whatever happens."""
@@ -37,20 +39,28 @@ SILENCE = 0.5
 class DemoRecorder(Node):
     """Writes every message as it came over DDS.
 
-    Keeps the ``newest`` of each topic but images', their ``counts``, and the ``diagnostics`` of
-    each node while it has a latency: after the flight there is none any more.
+    Keeps the ``newest`` of each topic but images', their ``counts``, and ``latency_ms``: the median
+    of each node while it has one, as after the flight there is none any more.
     """
 
     def __init__(self, topics: dict[str, type], writer: RecordingWriter, context: Any) -> None:
         super().__init__('demo_recorder', context=context)
         self.newest: dict[str, Any] = {}
         self.counts = dict.fromkeys(topics, 0)
-        self.diagnostics: dict[str, dict[str, str]] = {}
+        self.latency_ms: dict[str, str] = {}
         self.changed_at = time.monotonic()
+        self._arrivals: dict[str, deque[float]] = {topic: deque() for topic in topics}
         self._writer = writer
         for topic, kind in topics.items():
             self.create_subscription(kind, topic, self._keeper(topic, kind), EVERYTHING, raw=True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+
+    def rate(self, topic: str) -> float:
+        """Messages per second in the moments before the newest one."""
+        arrivals = self._arrivals[topic]
+        while arrivals and arrivals[0] < arrivals[-1] - RATE_WINDOW:
+            arrivals.popleft()
+        return len(arrivals) / RATE_WINDOW
 
     def _keeper(self, topic: str, kind: type) -> Any:
         name = type_name(kind)
@@ -59,6 +69,7 @@ class DemoRecorder(Node):
             self._writer.write(topic, name, time.time_ns(), data)
             self.counts[topic] += 1
             self.changed_at = time.monotonic()
+            self._arrivals[topic].append(self.changed_at)
             if kind is not Image:
                 self.newest[topic] = deserialize_message(data, kind)
 
@@ -67,8 +78,9 @@ class DemoRecorder(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
-            if values.get('latency_p50_ms', 'nan') != 'nan':
-                self.diagnostics[status.name] = values
+            latency = values.get('latency_p50_ms', 'nan')
+            if latency != 'nan':
+                self.latency_ms[status.name] = latency
 
 
 def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
@@ -154,11 +166,10 @@ def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
             for topic, message in recorder.newest.items()
             if topic.startswith(start)
         }
-        said = recorder.diagnostics.get(flight.node, {})
         words = (
             f'{flight.node_name} ({flight.title})   frame {recorder.counts[flight.main]} of '
-            f'{recorder.counts[flight.image_topic]}   {said.get("output_rate_hz", "-")} Hz   '
-            f'latency {said.get("latency_p50_ms", "-")} ms'
+            f'{recorder.counts[flight.image_topic]}   {recorder.rate(flight.main):.0f} Hz   '
+            f'latency {recorder.latency_ms.get(flight.node, "-")} ms'
         )
         parts += [Text(words, style='bold'), flight.make_table(newest), Text()]
     return Group(*parts)
