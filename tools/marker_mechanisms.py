@@ -44,7 +44,8 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'bank': [(view_filter.TUNING, 'bending', (1, 0))],
     'process noise': [(ViewFilter, '_learn_motion', _returns(None))],
     'rig error': [(ViewFilter, '_learn_rig_error', _returns(None))],
-    'odd start': [(initialization, 'CONFIRMED_ODD', 3)],
+    # Not 3: that many frames ask uncertain bodies, which would count as odd ones.
+    'odd start': [(initialization, 'CONFIRMED_ODD', 4)],
     'search by an older filter': [(Search, '_find_otherwise', _returns(None))],
     'two lights': [(naming, 'MIN_AGAIN', (3, 3))],
     'hidden markers': [(naming, 'MAX_HIDDEN', 0)],
