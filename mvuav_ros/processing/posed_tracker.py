@@ -28,8 +28,6 @@ class PosedTracker:
         self.problem = ''
         # Labels and places (n, 2), px, of the markers that the newest pose is of.
         self.seen: tuple[list[int], NDArray[np.float64]] = [], np.empty((0, 2))
-        self._checked: tuple[CameraModel, int, int] | None = None
-        self._objection = ''
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
         """See `MarkerTracker.configure`."""
@@ -58,9 +56,7 @@ class PosedTracker:
         if self.camera is None or not self.tracker.parameters.has_pose:
             return None
         size = image.width, image.height
-        if self._checked != (self.camera, *size):
-            self._checked, self._objection = (self.camera, *size), self.camera.objection(*size)
-        doubt = self._objection or result.camera_doubt
+        doubt = self.camera.objection(*size) or result.camera_doubt
         if not doubt:
             self.seen = named_places(result, size)
             pose = self.poses.estimate(self.camera, *self.seen, stamp_ns)

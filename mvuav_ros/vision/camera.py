@@ -148,42 +148,41 @@ class CameraModel:
             CalibrationError: it is all zeros (uncalibrated), of another size, with skew or
                 transposed, or of a lens model that is not known.
         """
+        if objection := self.objection(width, height):
+            raise CalibrationError(objection)
+
+    def objection(self, width: int, height: int) -> str:
+        """What `check` has against images of that size, in words; empty where it has nothing."""
+        if self._flaw or (self.width, self.height) == (width, height):
+            return self._flaw
+        return (
+            f'camera_info is for {self.width} x {self.height} px, '
+            f'the images are {width} x {height} px'
+        )
+
+    @cached_property
+    def _flaw(self) -> str:
+        """Why it is of no use for images of any size; empty if it can be used."""
         if self.distortion_model not in COEFFICIENTS:
-            raise CalibrationError(
-                f'distortion model {self.distortion_model!r} is not one of '
-                f'{", ".join(filter(None, COEFFICIENTS))}'
-            )
+            known = ', '.join(filter(None, COEFFICIENTS))
+            return f'distortion model {self.distortion_model!r} is not one of {known}'
         if not np.isfinite((*self.k, *self.d, *self.p)).all():
-            raise CalibrationError('camera_info contains values that are not finite')
+            return 'camera_info contains values that are not finite'
         if self.is_rectified and not (self.p and self.p[0] > 0 and self.p[5] > 0):
-            raise CalibrationError(
-                'camera_info has no projection matrix P, which rectified images need'
-            )
+            return 'camera_info has no projection matrix P, which rectified images need'
         if self.matrix[0, 0] <= 0 or self.matrix[1, 1] <= 0:
-            raise CalibrationError('camera_info is all zeros: the camera is not calibrated')
+            return 'camera_info is all zeros: the camera is not calibrated'
         if np.abs(self.matrix[(0, 1, 2, 2), (1, 0, 0, 1)]).max() > _MAX_SKEW:
-            raise CalibrationError(
+            return (
                 'the camera matrix must be fx, 0, cx, 0, fy, cy, 0, 0, 1, without skew; '
                 'MATLAB has it transposed'
             )
         if len(self.d) not in COEFFICIENTS[self.distortion_model]:
             *few, most = map(str, COEFFICIENTS[self.distortion_model])
-            raise CalibrationError(
+            return (
                 f'{self.distortion_model or "a lens"} has {", ".join(few)} or {most} distortion '
                 f'coefficients, not {len(self.d)}'
             )
-        if (self.width, self.height) != (width, height):
-            raise CalibrationError(
-                f'camera_info is for {self.width} x {self.height} px, '
-                f'the images are {width} x {height} px'
-            )
-
-    def objection(self, width: int, height: int) -> str:
-        """What `check` has against images of that size, in words; empty where it has nothing."""
-        try:
-            self.check(width, height)
-        except CalibrationError as error:
-            return str(error)
         return ''
 
     def undistort(self, pixels: ArrayLike) -> Array:

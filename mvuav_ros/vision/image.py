@@ -221,14 +221,17 @@ class Image:
         return self._convert(pixels, layout.to_gray)
 
     def _convert(self, pixels: Pixels, code: int) -> Pixels:
-        failed = f'{self.encoding} of {self.width} x {self.height} does not convert'
         # OpenCV 4.6 makes up colours for the pixel without a partner.
         if ENCODINGS[self.encoding].luma is not None and pixels.shape[1] % 2:
-            raise ImageError(f'{failed}: two pixels share a colour, and the width is odd')
+            raise self._unconvertible('two pixels share a colour, and the width is odd')
         try:
             return cv2.cvtColor(pixels, code)
         except cv2.error as error:
-            raise ImageError(f'{failed}: {error.err}') from error
+            raise self._unconvertible(error.err) from error
+
+    def _unconvertible(self, why: str) -> ImageError:
+        size = f'{self.width} x {self.height}'
+        return ImageError(f'{self.encoding} of {size} does not convert: {why}')
 
 
 def _around(part: slice, size: int) -> tuple[int, int]:

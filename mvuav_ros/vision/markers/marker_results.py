@@ -75,7 +75,7 @@ FAR_OFF = 1e6  # px, beyond which a prediction says nothing
 
 
 class Marker(NamedTuple):
-    """One marker in one frame, px and s; whatever is not known is NaN.
+    """One marker in one frame, px, px/s and px/s²; whatever is not known is NaN.
 
     ``label`` is a `Label` for the tanker, the place in the rig for any other body, and
     `Label.UNLABELLED` in ``detect_any`` and ``track_any``. ``confidence`` is the probability of the
