@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from sensor_msgs.msg import Image
 from mvuav_ros.messages.images import decode_image
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.offline.evaluation.bag_report import roll_figure
-from mvuav_ros.offline.evaluation.evaluation_run import read_bag
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag
 from mvuav_ros.offline.evaluation.metrics import roll_errors
 from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.recordings.reading import open_recording
@@ -39,10 +40,9 @@ def _read(bag: Path, topic: str, kind: type) -> dict[int, Any]:
     return {stamp_ns_of(message.header): message for message in messages}
 
 
-def save_tanker(bag: Path, target: Path) -> Path:
+def save_tanker(run: EvaluationRun, bag: Path, target: Path) -> Path:
     """Two frames with the names of the lights: all in view, and one of them off."""
-    said = read_bag(bag).results
-    markers, rolls = said.markers, said.rpy
+    markers, rolls = run.results.markers, run.results.rpy
     images = _read(bag, '/tanker/image_raw', Image)
     poses = _read(bag, '/marker_tracker/pose', PoseWithCovarianceStamped)
     stamps = sorted(images.keys() & markers.keys() & rolls.keys() & poses.keys())
@@ -75,13 +75,11 @@ def _draw_names(axis: Axes, rows: NDArray[Any]) -> None:
         axis.text(x, y, name, color=color, clip_on=True, **style)
 
 
-def save_roll(bag: Path, sample: Path, target: Path) -> Path:
+def save_roll(run: EvaluationRun, sample: Path, target: Path) -> Path:
     """Roll against time with the truth beside it, and the error below."""
-    run = read_bag(bag)
-    run.truth = read_bag(sample).truth
-    errors = roll_errors(run)
+    errors = roll_errors(replace(run, truth=read_bag(sample).truth))
     if errors is None:
-        raise SourceError(f'{bag} holds no roll of a frame of {sample}')
+        raise SourceError(f'no roll was measured in a frame of {sample}')
     write_whole(target, roll_figure(errors).png)
     return target
 

@@ -23,6 +23,7 @@ from mvuav_ros.cli.demo.sample_flights import SampleFlight, sample_flights
 from mvuav_ros.cli.node_processes import NodeProcesses
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.nodes.running import prepare_transport
+from mvuav_ros.offline.evaluation.evaluation_run import read_bag
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.source import SourceError
 
@@ -106,8 +107,9 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
             rclpy.try_shutdown(context=context)
     flown, made = {flight.name: flight.bag for flight in flights}, [bag]
     if 'tanker' in flown:
-        made += [save_tanker(bag, out / 'tanker.png')]
-        made += [save_roll(bag, flown['tanker'], out / 'roll.png')]
+        run = read_bag(bag)
+        made += [save_tanker(run, bag, out / 'tanker.png')]
+        made += [save_roll(run, flown['tanker'], out / 'roll.png')]
     if 'runway' in flown:
         made += [save_runway(bag, flown['runway'], out / 'runway.png')]
     return made
