@@ -217,8 +217,8 @@ class StampPairing(_Pairing[InfoT, ImageT]):
     """Holds an image back until the calibration of its own stamp has come.
 
     An image goes with the newest calibration that is not later than it, as soon as one of its own
-    stamp or a later one has come. A calibration may be published once, or now and then; one
-    without a stamp (0) holds from its arrival on.
+    stamp or a later one has come. A calibration may be published once, or now and then. From its
+    arrival on one holds without a stamp (0), or where all are later: their clock is another one.
     """
 
     def __init__(self) -> None:
@@ -239,6 +239,12 @@ class StampPairing(_Pairing[InfoT, ImageT]):
         super().add_info(stamp_ns, info)
         if len(self._infos) > _MAX_INFOS:
             self._newest_ns, self._current = self._infos.popleft()
+
+    def add_image(self, stamp_ns: int, image: ImageT) -> None:
+        """Take an image with its stamp, ns."""
+        if self._current is None and self._infos and not self._images:
+            self._current = self._infos[0][1]
+        super().add_image(stamp_ns, image)
 
     def _has_come(self, stamp_ns: int) -> bool:
         while self._infos and self._infos[0][0] <= stamp_ns:

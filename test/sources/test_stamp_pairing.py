@@ -47,6 +47,18 @@ def test_a_calibration_without_a_stamp_holds_from_now_on():
     assert taken(pairing, wait=False) == [('A', 'a')]
 
 
+def test_calibrations_of_another_clock_hold_from_their_arrival_on():
+    """Stamped when they were sent, say, and the images by the camera: there was never a pose."""
+    pairing = StampPairing()
+    pairing.add_info(9_000, 'A')
+    for stamp in (10, 20):
+        pairing.add_image(stamp, stamp)
+        assert taken(pairing) == [('A', stamp)]
+    pairing.add_info(9_020, 'B')
+    pairing.add_image(9_030, 'later')
+    assert taken(pairing, wait=False) == [('B', 'later')]
+
+
 def test_a_calibration_published_once_delays_only_the_first_images():
     pairing = StampPairing()
     pairing.add_info(1, 'A')
