@@ -77,13 +77,16 @@ def decode_camera_info(message: Any, image_topic: str = '') -> CameraModel:
     return camera if binning == (1, 1) else camera.binned(*binning)
 
 
-def decode_imu(message: Any) -> Attitude | None:
-    """The orientation of a sensor_msgs/Imu; None where it has none (REP 145), or a wrong one."""
+UNKNOWN_ATTITUDE = Attitude(*[math.nan] * 4)
+"""Where a sensor sends something, and what it sends says nothing of an image."""
+
+
+def decode_imu(message: Any) -> Attitude:
+    """The orientation of a sensor_msgs/Imu, `valid` or not; unknown where it has none (REP 145)."""
     if float(message.orientation_covariance[0]) == -1.0:
-        return None
+        return UNKNOWN_ATTITUDE
     given = message.orientation
-    attitude = Attitude(float(given.x), float(given.y), float(given.z), float(given.w))
-    return attitude if attitude.valid else None
+    return Attitude(float(given.x), float(given.y), float(given.z), float(given.w))
 
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
@@ -255,13 +258,13 @@ class StampPairing(_Pairing[InfoT, ImageT]):
         return self._current
 
 
-class AttitudePairing(_Pairing[Attitude | None, ImageT]):
+class AttitudePairing(_Pairing[Attitude, ImageT]):
     """Holds an image back until an attitude of its stamp or a later one has come.
 
-    An attitude of None is that of a sensor which said that it knows none.
+    An image without one goes with None before the first message, and with `UNKNOWN_ATTITUDE` after.
     """
 
-    def add_info(self, stamp_ns: int, info: Attitude | None) -> None:
+    def add_info(self, stamp_ns: int, info: Attitude) -> None:
         """Take an attitude with its stamp, ns."""
         super().add_info(stamp_ns, info)
         if len(self._infos) > _MAX_ATTITUDES:
@@ -271,30 +274,28 @@ class AttitudePairing(_Pairing[Attitude | None, ImageT]):
         return bool(self._infos) and self._infos[-1][0] >= stamp_ns
 
     def _at(self, stamp_ns: int) -> Attitude | None:
-        before: tuple[int, Attitude | None] | None = None
+        before: tuple[int, Attitude] | None = None
         for sample in self._infos:
             if sample[0] == stamp_ns:
                 return sample[1]
             if sample[0] > stamp_ns:
-                return None if before is None else _between(before, sample, stamp_ns)
+                return _between(before or sample, sample, stamp_ns)
             before = sample
-        if before is None or stamp_ns - before[0] > _MAX_AGE_NS:
+        if before is None:
             return None
-        return before[1]
+        return before[1] if stamp_ns - before[0] <= _MAX_AGE_NS else UNKNOWN_ATTITUDE
 
 
-def _between(
-    before: tuple[int, Attitude | None], after: tuple[int, Attitude | None], stamp_ns: int
-) -> Attitude | None:
+def _between(before: tuple[int, Attitude], after: tuple[int, Attitude], stamp_ns: int) -> Attitude:
     """Interpolated linearly; attitudes a quarter of a second apart are near each other."""
     one, other = before[1], after[1]
     gap = after[0] - before[0]
-    if one is None or other is None or gap > _MAX_GAP_NS:
-        return None
+    if not (one.valid and other.valid and 0 < gap <= _MAX_GAP_NS):
+        return UNKNOWN_ATTITUDE
     share = (stamp_ns - before[0]) / gap
     first, second = (one.x, one.y, one.z, one.w), (other.x, other.y, other.z, other.w)
     # Opposite quaternions are the same attitude.
     sign = 1.0 if sum(a * b for a, b in zip(first, second, strict=True)) >= 0 else -1.0
     mixed = [a + share * (sign * b - a) for a, b in zip(first, second, strict=True)]
     length = math.hypot(*mixed)
-    return Attitude(*(value / length for value in mixed)) if length > 0 else None
+    return Attitude(*(value / length for value in mixed))
