@@ -56,23 +56,27 @@ class _SetInAnyOrder(ParameterService):
     those (``qos_overrides``), and a file may write them in another way (``fps: 30``).
     """
 
-    def __init__(self, node: Node, convert: Callable[[list[Parameter]], list[Parameter]]) -> None:
+    def __init__(self, node: Node, convert: Callable[[Parameter], Parameter]) -> None:
         super().__init__(node)
         self._convert = convert
 
     def _set_parameters_callback(
         self, request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
-        node = self._get_node()
-        given = self._convert([*map(Parameter.from_parameter_msg, request.parameters)])
-        parameters = [each.to_parameter_msg() for each in given]
+        node, parameters = self._get_node(), list(request.parameters)
         results = [SetParametersResult(successful=True) for _ in parameters]
         waiting = []
         for index, each in enumerate(parameters):
-            if not node.has_parameter(each.name):
-                words = f'{each.name}: this node has no such parameter'
-                results[index] = SetParametersResult(successful=False, reason=words)
-            elif node.get_parameter(each.name).to_parameter_msg().value != each.value:
+            try:
+                if not node.has_parameter(each.name):
+                    raise ParameterError(each.name, 'this node has no such parameter')
+                given = self._convert(Parameter.from_parameter_msg(each)).to_parameter_msg()
+            except ParameterError as error:
+                # rclpy, which looks at the type first, would call 0 the wrong type of a float.
+                results[index] = SetParametersResult(successful=False, reason=str(error))
+                continue
+            parameters[index] = given
+            if node.get_parameter(each.name).to_parameter_msg().value != given.value:
                 waiting.append(index)
         while waiting:
             again = SetParameters.Request(parameters=[parameters[i] for i in waiting])
@@ -122,7 +126,7 @@ class LiveParameters(Generic[P]):
             node.declare_parameter(name, value, _descriptor(spec), ignore_override=True)
         self._node = node
         self.freeze(False)
-        self._service = _SetInAnyOrder(node, self._convert)
+        self._service = _SetInAnyOrder(node, self._converted)
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
@@ -138,14 +142,18 @@ class LiveParameters(Generic[P]):
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Turn whole numbers into floats, say, before rclpy checks the type."""
-        converted = []
-        for given in parameters:
+        converted = list(parameters)
+        for index, given in enumerate(parameters):
             # Where it cannot be converted the check after this says why.
-            with suppress(KeyError, ParameterError):
-                value = self._specs[given.name].convert(given.value)
-                given = Parameter(given.name, value=_for_ros(value))
-            converted.append(given)
+            with suppress(ParameterError):
+                converted[index] = self._converted(given)
         return converted
+
+    def _converted(self, given: Parameter) -> Parameter:
+        spec = self._specs.get(given.name)
+        if spec is None:
+            return given
+        return Parameter(given.name, value=_for_ros(spec.convert(given.value)))
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
