@@ -306,8 +306,13 @@ def _instead(topic: str, others: Sequence[tuple[str, str]]) -> str:
     for transport, other in beside.items():
         if other in others:
             return f'; there is {other[0]}: set image_transport to {transport}'
-    raw = [name for name, kind in others if kind == 'Image']
-    return f'; there is {", ".join(raw[:_MAX_NAMED])}: remap image_raw' if raw else ''
+    if raw := [name for name, kind in others if kind == 'Image']:
+        return f'; there is {", ".join(raw[:_MAX_NAMED])}: remap image_raw'
+    for name, _ in others:
+        if (base := name.removesuffix('/compressed')) != name:
+            more = '' if last == 'compressed' else ' and set image_transport to compressed'
+            return f'; there is {name}: remap image_raw to {base}{more}'
+    return ''
 
 
 def every_second(node: Node, action: Callable[[], None]) -> None:

@@ -211,6 +211,14 @@ def test_reasons_for_silence():
     assert why(raw).endswith('there is /image_raw: set image_transport to raw')
     elsewhere = nothing._replace(others=[('/nose/image', 'Image')])
     assert why(elsewhere).endswith('there is /nose/image: remap image_raw')
+    coded = [('/nose/image/compressed', 'CompressedImage')]
+    # image_raw was remapped to the compressed topic, or not at all.
+    twice = InputState('/nose/image/compressed/compressed', [], events, others=coded)
+    there = 'there is /nose/image/compressed: remap image_raw to /nose/image'
+    assert why(twice).endswith(there)
+    assert why(nothing._replace(others=coded)).endswith(
+        f'{there} and set image_transport to compressed'
+    )
 
 
 def test_what_is_left_out_on_purpose_is_no_gap_of_the_camera(graph):
