@@ -197,8 +197,14 @@ class VisionNode(ManagedNode):
         synchronized = () if self._input is None else self._input.synchronized
         infos = [each.subscription for each in synchronized if each.kind is CameraInfo]
         if has_images and self._processor.lacks_camera_info and infos:
-            topic, count = infos[0].topic_name, infos[0].get_publisher_count()
-            why = f'no camera_info has come on {topic}' if count else f'nothing publishes {topic}'
+            topic = infos[0].topic_name
+            kinds = {
+                each.qos_profile.durability for each in self.get_publishers_info_by_topic(topic)
+            }
+            why = f'no camera_info has come on {topic}' if kinds else f'nothing publishes {topic}'
+            if kinds == {DurabilityPolicy.TRANSIENT_LOCAL}:
+                why += f'; as it is latched, set qos_overrides.{topic}.subscription.durability to '
+                why += 'transient_local, and .reliability to reliable'
             notes.append(f'no pose: {why}')
         for name, conditions in self._live.current.without_effect().items():
             when = '; or '.join(map(condition_text, conditions))

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 from lifecycle_msgs.srv import ChangeState
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from support.graph import CLEAN, image_message
 from support.marker_scenes import draw, tanker_at
@@ -103,6 +103,11 @@ def test_a_running_node_names_each(mistakes):
     depth = Image(width=4, height=1, step=16, encoding='32FC1', data=bytes(16))
     mistakes.sends(publisher, depth, 'holds measured values without a full scale')
     tanker = image_message(draw(tanker_at()), 0)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    infos = probe.create_publisher(CameraInfo, '/camera_info', latched)
+    words = 'as it is latched, set qos_overrides./camera_info'
+    mistakes.sends(publisher, tanker, words)
+    probe.destroy_publisher(infos)
     infos = probe.create_publisher(CameraInfo, '/camera_info', QoSProfile(depth=100))
     graph.until(lambda: infos.get_subscription_count() == 2, 'subscribers of camera_info')
     for camera, words in (
