@@ -227,8 +227,8 @@ def parameter_files(node: Node) -> tuple[list[str], list[str]]:
             try:
                 keys = read_node_keys(Path(file))
             except ParameterError as error:
-                # Its values were taken at the start.
-                files.append(f'{file} (not there any more: {error})')
+                # Its values, if it has some, were taken at the start.
+                files.append(f'{file} ({error.reason})')
                 continue
             is_ours = any(fits(key, name) for key in keys)
             files.append(file if is_ours else f'{file} (nothing in it for {name})')
