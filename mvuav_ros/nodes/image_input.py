@@ -96,6 +96,7 @@ class InputEvents:
     missing: int = 0  # left out in the publisher's own count, for whatever reason
     skipped: int = 0  # taken, and left out as newer ones lay waiting
     size: int = 0  # of the newest image, in bytes
+    alternations: int = 0  # how often an image came from another publisher, which has sent no more
     incompatible: int = 0  # publishers whose QoS did not fit ours
     errors: int = 0
     last_error: str = ''
@@ -574,6 +575,7 @@ class ImageInput(FrameInput):
         """Whether images are missing before this one of the publisher's count."""
         before, self._last_sequence = self._last_sequence, sequence
         is_first, self._is_first = self._is_first, False
+        self._events.alternations += sequence <= before
         # With two publishers the counts of both are mixed and say nothing.
         if sequence > before + 1 > 1 and self._subscription.get_publisher_count() == 1:
             self._events.missing += sequence - before - 1

@@ -166,6 +166,21 @@ def test_problems_are_those_of_the_last_seconds():
     assert last == 'running'
 
 
+def test_a_camera_that_follows_a_dead_one_is_not_mixed_with_it():
+    """The graph has both for 20 s after a crash."""
+    statistics, events = FrameStatistics(), InputEvents()
+    processor = SimpleNamespace(resets=0, calibration='none', status='', frames_problem='')
+    status = DetectorStatus(statistics, processor)
+    images = InputState('/image_raw', ['/cam', '/cam'], events)
+    statistics.arrived()
+    assert status.report('node', images, []).message == 'running'
+    events.alternations += 1
+    assert status.report('node', images, []).message == 'running'
+    events.alternations += 20
+    said = status.report('node', images, []).message
+    assert said == '2 publishers on /image_raw: their images are mixed'
+
+
 def test_a_source_never_warns_without_words(monkeypatch):
     """Its thread notes what went wrong while another one may report."""
     said = []
