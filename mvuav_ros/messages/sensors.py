@@ -159,14 +159,16 @@ _MAX_AGE_NS = 50_000_000  # Of an attitude after which none has come: older ones
 class _Pairing(Generic[InfoT, ImageT]):
     """Holds an image back until what belongs to it has come: results do not depend on the order.
 
-    Where some images in a row have waited in vain, those after them go on at once, until one finds
-    what belongs to it again.
+    Where some images in a row have waited in vain, those after them go on at once, until enough in
+    a row find what belongs to them again.
     """
+
+    _enough = 1
 
     def __init__(self) -> None:
         self._images: deque[tuple[int, ImageT]] = deque()
         self._infos: deque[tuple[int, InfoT]] = deque()
-        self._in_vain = 0
+        self._in_vain = self._found = 0
 
     @property
     def is_idle(self) -> bool:
@@ -201,11 +203,13 @@ class _Pairing(Generic[InfoT, ImageT]):
             return None
         stamp_ns, image = self._images[0]
         if self._has_come(stamp_ns):
-            self._in_vain = 0
+            self._found += 1
+            if self._found >= self._enough:
+                self._in_vain = 0
         elif wait and self._in_vain < _MAX_IN_VAIN and len(self._images) <= MAX_HELD:
             return None
         else:
-            self._in_vain = min(self._in_vain + 1, _MAX_IN_VAIN)
+            self._in_vain, self._found = min(self._in_vain + 1, _MAX_IN_VAIN), 0
         self._images.popleft()
         return self._at(stamp_ns), image
 
@@ -223,6 +227,9 @@ class StampPairing(_Pairing[InfoT, ImageT]):
     stamp or a later one has come. A calibration may be published once, or now and then. From its
     arrival on one holds without a stamp (0), or where all are later: their clock is another one.
     """
+
+    # Of one now and then, the images after each would wait for theirs.
+    _enough = 2
 
     def __init__(self) -> None:
         super().__init__()

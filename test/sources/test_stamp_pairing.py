@@ -69,12 +69,27 @@ def test_a_calibration_published_once_delays_only_the_first_images():
         waited += not pairs
         assert pairs or taken(pairing, wait=False) == [('A', stamp)]
     assert waited == 3
-    pairing.add_info(20, 'B')
-    pairing.add_image(20, 20)
-    assert taken(pairing) == [('B', 20)]
+    for stamp in (20, 21):
+        pairing.add_info(stamp, f'B{stamp}')
+        pairing.add_image(stamp, stamp)
+        assert taken(pairing) == [(f'B{stamp}', stamp)]
     # It comes with its images again: they may wait.
-    pairing.add_image(21, 21)
+    pairing.add_image(22, 22)
     assert taken(pairing) == []
+
+
+def test_a_calibration_now_and_then_delays_only_the_first_images():
+    """Once a second, say: three images after each were held for 0.1 s."""
+    pairing = StampPairing()
+    waited = 0
+    for stamp in range(1, 100):
+        if stamp % 15 == 1:
+            pairing.add_info(stamp, stamp // 15)
+        pairing.add_image(stamp, stamp)
+        pairs = taken(pairing)
+        waited += not pairs
+        assert (pairs or taken(pairing, wait=False)) == [((stamp - 1) // 15, stamp)]
+    assert waited == 3
 
 
 def test_only_some_images_are_held():
