@@ -147,8 +147,7 @@ ImageT = TypeVar('ImageT')
 
 MAX_HELD = 5  # Images held back at a time
 _MAX_IN_VAIN = 3
-_MAX_INFOS = 50
-_MAX_ATTITUDES = 2000
+_MAX_INFOS = 2000
 _MAX_LATE_NS = 250_000_000
 """Of a message behind a later one on its topic, as best effort has them."""
 _MAX_GAP_NS = 250_000_000
@@ -167,7 +166,7 @@ class _Pairing(Generic[InfoT, ImageT]):
 
     def __init__(self) -> None:
         self._images: deque[tuple[int, ImageT]] = deque()
-        self._infos: deque[tuple[int, InfoT]] = deque()
+        self._infos: deque[tuple[int, InfoT]] = deque(maxlen=_MAX_INFOS)
         self._in_vain = self._found = 0
 
     @property
@@ -188,7 +187,7 @@ class _Pairing(Generic[InfoT, ImageT]):
             self._infos.clear()
         self._infos.append((stamp_ns, info))
         if stamp_ns < newest_ns:
-            self._infos = deque(sorted(self._infos, key=itemgetter(0)))
+            self._infos = deque(sorted(self._infos, key=itemgetter(0)), _MAX_INFOS)
 
     def add_image(self, stamp_ns: int, image: ImageT) -> None:
         """Take an image with its stamp, ns."""
@@ -243,17 +242,15 @@ class StampPairing(_Pairing[InfoT, ImageT]):
 
     def add_info(self, stamp_ns: int, info: InfoT) -> None:
         """Take a calibration with its stamp, ns."""
-        if stamp_ns == 0:
+        if stamp_ns:
+            super().add_info(stamp_ns, info)
+        else:
             self._current = info
-            return
-        super().add_info(stamp_ns, info)
-        if len(self._infos) > _MAX_INFOS:
-            self._newest_ns, self._current = self._infos.popleft()
 
     def add_image(self, stamp_ns: int, image: ImageT) -> None:
         """Take an image with its stamp, ns."""
-        if self._current is None and self._infos and not self._images:
-            self._current = self._infos[0][1]
+        if self._newest_ns == 0 and self._infos and not self._images:
+            self._current = self._infos[-1][1]
         super().add_image(stamp_ns, image)
 
     def _has_come(self, stamp_ns: int) -> bool:
@@ -270,12 +267,6 @@ class AttitudePairing(_Pairing[Attitude, ImageT]):
 
     An image without one goes with None before the first message, and with `UNKNOWN_ATTITUDE` after.
     """
-
-    def add_info(self, stamp_ns: int, info: Attitude) -> None:
-        """Take an attitude with its stamp, ns."""
-        super().add_info(stamp_ns, info)
-        if len(self._infos) > _MAX_ATTITUDES:
-            self._infos.popleft()
 
     def _has_come(self, stamp_ns: int) -> bool:
         return bool(self._infos) and self._infos[-1][0] >= stamp_ns

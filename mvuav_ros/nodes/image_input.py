@@ -477,18 +477,12 @@ class ImageInput(FrameInput):
         self._node.get_logger().info(f'{why}: {self.topic} is asked for {how} now')
         self._lost_before = self._events.lost
         self._end_thread()
-        self._leave_events()
         self._node.destroy_subscription(self._subscription)
         self._subscribe(reliability)
         self.start()
 
-    def close(self) -> None:
-        """End the thread, then the subscriptions; images that come later are left."""
-        self._end_thread()
-        self._leave_events()
-        super().close()
-
-    def _leave_events(self) -> None:
+    def _end_thread(self) -> None:
+        super()._end_thread()
         for event in (self._lost, self._incompatible):
             if event is not None:
                 event.destroy_when_not_in_use()

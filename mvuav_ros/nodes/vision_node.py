@@ -193,14 +193,10 @@ class VisionNode(ManagedNode):
     def _notes(self) -> list[str]:
         """What a user may have meant otherwise."""
         notes = [self.overrides_problem] if self.overrides_problem else []
-        has_images = self._answerer.statistics.received > 0
-        synchronized = () if self._input is None else self._input.synchronized
-        infos = [each.subscription for each in synchronized if each.kind is CameraInfo]
-        if has_images and self._processor.lacks_camera_info and infos:
-            topic = infos[0].topic_name
-            kinds = {
-                each.qos_profile.durability for each in self.get_publishers_info_by_topic(topic)
-            }
+        if self._answerer.statistics.received and self._processor.lacks_camera_info:
+            topic = camera_info_topic(self)
+            infos = self.get_publishers_info_by_topic(topic)
+            kinds = {info.qos_profile.durability for info in infos}
             why = f'no camera_info has come on {topic}' if kinds else f'nothing publishes {topic}'
             if kinds == {DurabilityPolicy.TRANSIENT_LOCAL}:
                 why += f'; as it is latched, set qos_overrides.{topic}.subscription.durability to '
