@@ -43,8 +43,7 @@ OVERRIDABLE = QoSOverridingOptions(
 )
 """What users may set of a topic: ``qos_overrides.TOPIC.subscription.reliability``."""
 _ALWAYS_READ_ONLY = 'autostart'
-_READ_ONLY = 'Trying to set a read-only parameter:'
-"""What rclpy says."""
+_UNTIL_CONFIGURED = ' and while the node is unconfigured (ros2 lifecycle set … cleanup)'
 
 
 class _SetInAnyOrder(ParameterService):
@@ -70,14 +69,16 @@ class _SetInAnyOrder(ParameterService):
             try:
                 if not node.has_parameter(each.name):
                     raise ParameterError(each.name, 'this node has no such parameter')
-                given = self._convert(Parameter.from_parameter_msg(each)).to_parameter_msg()
-            except ParameterError as error:
                 # rclpy, which looks at the type first, would call 0 the wrong type of a float.
+                given = self._convert(Parameter.from_parameter_msg(each)).to_parameter_msg()
+                if node.get_parameter(each.name).to_parameter_msg().value != given.value:
+                    if node.describe_parameter(each.name).read_only:
+                        later = '' if each.name == _ALWAYS_READ_ONLY else _UNTIL_CONFIGURED
+                        raise ParameterError(each.name, f'can be set at the start{later}')
+                    waiting.append(index)
+                    parameters[index] = given
+            except ParameterError as error:
                 results[index] = SetParametersResult(successful=False, reason=str(error))
-                continue
-            parameters[index] = given
-            if node.get_parameter(each.name).to_parameter_msg().value != given.value:
-                waiting.append(index)
         while waiting:
             again = SetParameters.Request(parameters=[parameters[i] for i in waiting])
             answer = super()._set_parameters_callback(again, SetParameters.Response())
@@ -87,13 +88,6 @@ class _SetInAnyOrder(ParameterService):
             if rejected == waiting:
                 break
             waiting = rejected
-        for result in results:
-            if result.reason.startswith(_READ_ONLY):
-                name = result.reason.removeprefix(_READ_ONLY).strip(' .')
-                result.reason = f'{name}: can be set at the start'
-                if name != _ALWAYS_READ_ONLY:
-                    words = 'and while the node is unconfigured (ros2 lifecycle set … cleanup)'
-                    result.reason += f', {words}'
         response.results = results
         return response
 
