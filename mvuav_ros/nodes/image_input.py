@@ -297,7 +297,6 @@ _REMEDY_OF_TYPE = (
 )
 _HELD_WAIT_NS = 5_000_000
 _PAUSE_AFTER_ERROR = 0.1
-_MAX_AT_ONCE = 5
 
 
 class FrameInput(ABC):
@@ -552,7 +551,7 @@ class ImageInput(FrameInput):
             return images
         take, kind = self._subscription.handle.take_message, self._kind
         # Bounded, as a publisher could be as fast as we are.
-        for _ in range(self._subscription.qos_profile.depth or _MAX_AT_ONCE):
+        for _ in range(self._subscription.qos_profile.depth or _DEPTH):
             taken = take(kind, True)
             if taken is None:
                 break

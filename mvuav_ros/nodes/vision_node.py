@@ -54,7 +54,6 @@ class VisionNode(ManagedNode):
         self._handed_over = handed_over
         self._results: ResultPublishers | None = None
         self._input: FrameInput | None = None
-        self._static: Any = None
         self._answerer = FrameAnswerer(self, processor)
         self._status = DetectorStatus(self._answerer.statistics, processor)
         self._reported_silence = False
@@ -65,13 +64,15 @@ class VisionNode(ManagedNode):
         self._add_trigger('reset', processor.reset, 'all earlier frames are forgotten')
         for name in processor.triggers:
             self._add_trigger(name, getattr(processor, name))
+        if TF_TYPE is not None:
+            qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            self.create_subscription(TF_TYPE, '/tf_static', self._take_static_transforms, qos)
 
     def open(self) -> None:
         """Open the rig's file and the topics."""
         with self._answerer.lock:
             self._processor.open(self._live.current)
         self._results = ResultPublishers(self, self._processor)
-        self._static = self._follow_static_transforms()
         self._apply(self._live.current)
 
     def begin(self) -> None:
@@ -102,9 +103,6 @@ class VisionNode(ManagedNode):
         if self._results is not None:
             self._results.destroy()
             self._results = None
-        if self._static is not None:
-            self.destroy_subscription(self._static)
-            self._static = None
 
     def take(self, frame: Frame) -> None:
         """Give a frame to a node that was made with ``handed_over``; returns at once."""
@@ -128,17 +126,9 @@ class VisionNode(ManagedNode):
             made.append(SynchronizedTopic(self, Imu, 'imu', lambda: processor.awaits_attitude))
         return made
 
-    def _follow_static_transforms(self) -> Any:
-        """Subscribe to /tf_static, for whose frames must not get a second parent."""
-        if TF_TYPE is None:
-            return None
-
-        def take(message: Any) -> None:
-            with self._answerer.lock:
-                self._processor.static_transforms.add(message)
-
-        qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        return self.create_subscription(TF_TYPE, '/tf_static', take, qos)
+    def _take_static_transforms(self, message: Any) -> None:
+        with self._answerer.lock:
+            self._processor.static_transforms.add(message)
 
     def _announce(self, topic: str) -> None:
         values = self._live.current.as_dict()
