@@ -42,7 +42,7 @@ OVERRIDABLE = QoSOverridingOptions(
     ]
 )
 """What users may set of a topic: ``qos_overrides.TOPIC.subscription.reliability``."""
-_ALWAYS_READ_ONLY = 'autostart'
+_AT_THE_START = ('autostart', 'qos_overrides.', 'start_type_description_service')
 _UNTIL_CONFIGURED = ' and while the node is unconfigured (ros2 lifecycle set … cleanup)'
 
 
@@ -73,7 +73,7 @@ class _SetInAnyOrder(ParameterService):
                 given = self._convert(Parameter.from_parameter_msg(each)).to_parameter_msg()
                 if node.get_parameter(each.name).to_parameter_msg().value != given.value:
                     if node.describe_parameter(each.name).read_only:
-                        later = '' if each.name == _ALWAYS_READ_ONLY else _UNTIL_CONFIGURED
+                        later = '' if each.name.startswith(_AT_THE_START) else _UNTIL_CONFIGURED
                         raise ParameterError(each.name, f'can be set at the start{later}')
                     waiting.append(index)
                     parameters[index] = given
@@ -128,7 +128,7 @@ class LiveParameters(Generic[P]):
     def freeze(self, frozen: bool) -> None:
         """Make what is `read_only` so, from `configure` to `cleanup`, but for what always is."""
         for name, spec in self._specs.items():
-            if spec.read_only and name != _ALWAYS_READ_ONLY:
+            if spec.read_only and not name.startswith(_AT_THE_START):
                 self._node.describe_parameter(name).read_only = frozen
 
     def _ours(self, parameters: Sequence[Parameter]) -> dict[str, object]:

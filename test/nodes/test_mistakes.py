@@ -200,6 +200,11 @@ def test_read_only_until_it_is_cleaned_up(graph, tmp_path):
     topic = '/image_raw/compressed'
     graph.until(lambda: graph.probe.count_subscribers(topic) == 1, f'a subscriber of {topic}')
     assert not graph.set_parameter(MARKERS, 'autostart', True).successful
+    # rclpy reads it once for each topic, whatever the node's state.
+    override = f'qos_overrides.{topic}.subscription.reliability'
+    assert change('deactivate') and change('cleanup')
+    said = graph.set_parameter(MARKERS, override, 'reliable')
+    assert said.reason == f'{override}: can be set at the start'
 
 
 def test_a_camera_is_set_by_its_number_as_at_the_start(graph):
