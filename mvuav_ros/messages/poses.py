@@ -102,9 +102,6 @@ def mount_of(xyz: tuple[float, ...], rpy_deg: tuple[float, ...]) -> Placement:
     return Placement(from_rpy(roll, pitch, yaw), np.array(xyz), _UNKNOWN)
 
 
-NO_MOUNT = mount_of((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
 def body_axes(optical: Placement) -> Placement:
     """A camera's body axes, where its optical frame is."""
     return Placement(optical.rotation @ OPTICAL_FROM_BODY, optical.translation, _UNKNOWN)

@@ -77,13 +77,16 @@ def decode_camera_info(message: Any, image_topic: str = '') -> CameraModel:
     return camera if binning == (1, 1) else camera.binned(*binning)
 
 
-def decode_imu(message: Any) -> Attitude | None:
-    """The orientation of a sensor_msgs/Imu; None where it has none (REP 145), or a wrong one."""
+UNKNOWN_ATTITUDE = Attitude(*[math.nan] * 4)
+"""Where a sensor sends something, and what it sends says nothing of an image."""
+
+
+def decode_imu(message: Any) -> Attitude:
+    """The orientation of a sensor_msgs/Imu, `valid` or not; unknown where it has none (REP 145)."""
     if float(message.orientation_covariance[0]) == -1.0:
-        return None
+        return UNKNOWN_ATTITUDE
     given = message.orientation
-    attitude = Attitude(float(given.x), float(given.y), float(given.z), float(given.w))
-    return attitude if attitude.valid else None
+    return Attitude(float(given.x), float(given.y), float(given.z), float(given.w))
 
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
@@ -144,8 +147,7 @@ ImageT = TypeVar('ImageT')
 
 MAX_HELD = 5  # Images held back at a time
 _MAX_IN_VAIN = 3
-_MAX_INFOS = 50
-_MAX_ATTITUDES = 2000
+_MAX_INFOS = 2000
 _MAX_LATE_NS = 250_000_000
 """Of a message behind a later one on its topic, as best effort has them."""
 _MAX_GAP_NS = 250_000_000
@@ -156,14 +158,16 @@ _MAX_AGE_NS = 50_000_000  # Of an attitude after which none has come: older ones
 class _Pairing(Generic[InfoT, ImageT]):
     """Holds an image back until what belongs to it has come: results do not depend on the order.
 
-    Where some images in a row have waited in vain, those after them go on at once, until one finds
-    what belongs to it again.
+    Where some images in a row have waited in vain, those after them go on at once, until enough in
+    a row find what belongs to them again.
     """
+
+    _enough = 1
 
     def __init__(self) -> None:
         self._images: deque[tuple[int, ImageT]] = deque()
-        self._infos: deque[tuple[int, InfoT]] = deque()
-        self._in_vain = 0
+        self._infos: deque[tuple[int, InfoT]] = deque(maxlen=_MAX_INFOS)
+        self._in_vain = self._found = 0
 
     @property
     def is_idle(self) -> bool:
@@ -183,7 +187,7 @@ class _Pairing(Generic[InfoT, ImageT]):
             self._infos.clear()
         self._infos.append((stamp_ns, info))
         if stamp_ns < newest_ns:
-            self._infos = deque(sorted(self._infos, key=itemgetter(0)))
+            self._infos = deque(sorted(self._infos, key=itemgetter(0)), _MAX_INFOS)
 
     def add_image(self, stamp_ns: int, image: ImageT) -> None:
         """Take an image with its stamp, ns."""
@@ -198,11 +202,13 @@ class _Pairing(Generic[InfoT, ImageT]):
             return None
         stamp_ns, image = self._images[0]
         if self._has_come(stamp_ns):
-            self._in_vain = 0
+            self._found += 1
+            if self._found >= self._enough:
+                self._in_vain = 0
         elif wait and self._in_vain < _MAX_IN_VAIN and len(self._images) <= MAX_HELD:
             return None
         else:
-            self._in_vain = min(self._in_vain + 1, _MAX_IN_VAIN)
+            self._in_vain, self._found = min(self._in_vain + 1, _MAX_IN_VAIN), 0
         self._images.popleft()
         return self._at(stamp_ns), image
 
@@ -217,9 +223,12 @@ class StampPairing(_Pairing[InfoT, ImageT]):
     """Holds an image back until the calibration of its own stamp has come.
 
     An image goes with the newest calibration that is not later than it, as soon as one of its own
-    stamp or a later one has come. A calibration may be published once, or now and then; one
-    without a stamp (0) holds from its arrival on.
+    stamp or a later one has come. A calibration may be published once, or now and then. From its
+    arrival on one holds without a stamp (0), or where all are later: their clock is another one.
     """
+
+    # Of one now and then, the images after each would wait for theirs.
+    _enough = 2
 
     def __init__(self) -> None:
         super().__init__()
@@ -233,12 +242,16 @@ class StampPairing(_Pairing[InfoT, ImageT]):
 
     def add_info(self, stamp_ns: int, info: InfoT) -> None:
         """Take a calibration with its stamp, ns."""
-        if stamp_ns == 0:
+        if stamp_ns:
+            super().add_info(stamp_ns, info)
+        else:
             self._current = info
-            return
-        super().add_info(stamp_ns, info)
-        if len(self._infos) > _MAX_INFOS:
-            self._newest_ns, self._current = self._infos.popleft()
+
+    def add_image(self, stamp_ns: int, image: ImageT) -> None:
+        """Take an image with its stamp, ns."""
+        if self._newest_ns == 0 and self._infos and not self._images:
+            self._current = self._infos[-1][1]
+        super().add_image(stamp_ns, image)
 
     def _has_come(self, stamp_ns: int) -> bool:
         while self._infos and self._infos[0][0] <= stamp_ns:
@@ -249,46 +262,38 @@ class StampPairing(_Pairing[InfoT, ImageT]):
         return self._current
 
 
-class AttitudePairing(_Pairing[Attitude | None, ImageT]):
+class AttitudePairing(_Pairing[Attitude, ImageT]):
     """Holds an image back until an attitude of its stamp or a later one has come.
 
-    An attitude of None is that of a sensor which said that it knows none.
+    An image without one goes with None before the first message, and with `UNKNOWN_ATTITUDE` after.
     """
-
-    def add_info(self, stamp_ns: int, info: Attitude | None) -> None:
-        """Take an attitude with its stamp, ns."""
-        super().add_info(stamp_ns, info)
-        if len(self._infos) > _MAX_ATTITUDES:
-            self._infos.popleft()
 
     def _has_come(self, stamp_ns: int) -> bool:
         return bool(self._infos) and self._infos[-1][0] >= stamp_ns
 
     def _at(self, stamp_ns: int) -> Attitude | None:
-        before: tuple[int, Attitude | None] | None = None
+        before: tuple[int, Attitude] | None = None
         for sample in self._infos:
             if sample[0] == stamp_ns:
                 return sample[1]
             if sample[0] > stamp_ns:
-                return None if before is None else _between(before, sample, stamp_ns)
+                return _between(before or sample, sample, stamp_ns)
             before = sample
-        if before is None or stamp_ns - before[0] > _MAX_AGE_NS:
+        if before is None:
             return None
-        return before[1]
+        return before[1] if stamp_ns - before[0] <= _MAX_AGE_NS else UNKNOWN_ATTITUDE
 
 
-def _between(
-    before: tuple[int, Attitude | None], after: tuple[int, Attitude | None], stamp_ns: int
-) -> Attitude | None:
+def _between(before: tuple[int, Attitude], after: tuple[int, Attitude], stamp_ns: int) -> Attitude:
     """Interpolated linearly; attitudes a quarter of a second apart are near each other."""
     one, other = before[1], after[1]
     gap = after[0] - before[0]
-    if one is None or other is None or gap > _MAX_GAP_NS:
-        return None
+    if not (one.valid and other.valid and 0 < gap <= _MAX_GAP_NS):
+        return UNKNOWN_ATTITUDE
     share = (stamp_ns - before[0]) / gap
     first, second = (one.x, one.y, one.z, one.w), (other.x, other.y, other.z, other.w)
     # Opposite quaternions are the same attitude.
     sign = 1.0 if sum(a * b for a, b in zip(first, second, strict=True)) >= 0 else -1.0
     mixed = [a + share * (sign * b - a) for a, b in zip(first, second, strict=True)]
     length = math.hypot(*mixed)
-    return Attitude(*(value / length for value in mixed)) if length > 0 else None
+    return Attitude(*(value / length for value in mixed))

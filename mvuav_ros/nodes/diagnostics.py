@@ -209,7 +209,7 @@ class DetectorStatus:
         ``notes`` are said beside it, and are no reason for a warning.
         """
         statistics, level = self._statistics, DiagnosticStatus.OK
-        problems = self._input_problems(images.events)
+        problems = self._input_problems(images)
         if statistics.enabled and statistics.silent:
             never = statistics.received == 0
             level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
@@ -217,17 +217,17 @@ class DetectorStatus:
             problems = [f'no images{since}: {self.explain_no_images(images)}']
         elif statistics.enabled:
             problems += statistics.problems()
-            if (count := len(images.publishers)) > 1:
-                problems.append(f'{count} publishers on {images.topic}: their images are mixed')
             problems += filter(None, (self._processor.status, self._processor.frames_problem))
         if problems and level == DiagnosticStatus.OK:
             level = DiagnosticStatus.WARN
         words = '; '.join([*(problems or [self.state]), *notes])
         return status(level, name, words, self._values(images))
 
-    def _input_problems(self, events: InputEvents) -> list[str]:
+    def _input_problems(self, images: InputState) -> list[str]:
         """What became of images in the last seconds, and the remedy."""
+        events = images.events
         counts = {
+            'alternations': events.alternations,
             'lost': events.lost,
             'missing': events.missing,
             'skipped': events.skipped,
@@ -248,6 +248,9 @@ class DetectorStatus:
                 f'gaps in the stamps: {recent["left out"]} images are missing, although no message '
                 'was lost; the camera, its driver or the recording dropped them'
             )
+        # After a crash the graph has the old publisher for a while, beside the one that follows it.
+        if recent['alternations'] > 1 and (count := len(images.publishers)) > 1:
+            problems.append(f'{count} publishers on {images.topic}: their images are mixed')
         if recent['errors']:
             problems.append(f'images could not be received: {events.last_error}')
         return problems
@@ -306,8 +309,13 @@ def _instead(topic: str, others: Sequence[tuple[str, str]]) -> str:
     for transport, other in beside.items():
         if other in others:
             return f'; there is {other[0]}: set image_transport to {transport}'
-    raw = [name for name, kind in others if kind == 'Image']
-    return f'; there is {", ".join(raw[:_MAX_NAMED])}: remap image_raw' if raw else ''
+    if raw := [name for name, kind in others if kind == 'Image']:
+        return f'; there is {", ".join(raw[:_MAX_NAMED])}: remap image_raw'
+    for name, _ in others:
+        if (base := name.removesuffix('/compressed')) != name:
+            more = '' if last == 'compressed' else ' and set image_transport to compressed'
+            return f'; there is {name}: remap image_raw to {base}{more}'
+    return ''
 
 
 def every_second(node: Node, action: Callable[[], None]) -> None:

@@ -96,6 +96,7 @@ class InputEvents:
     missing: int = 0  # left out in the publisher's own count, for whatever reason
     skipped: int = 0  # taken, and left out as newer ones lay waiting
     size: int = 0  # of the newest image, in bytes
+    alternations: int = 0  # how often an image came from another publisher, which has sent no more
     incompatible: int = 0  # publishers whose QoS did not fit ours
     errors: int = 0
     last_error: str = ''
@@ -296,7 +297,6 @@ _REMEDY_OF_TYPE = (
 )
 _HELD_WAIT_NS = 5_000_000
 _PAUSE_AFTER_ERROR = 0.1
-_MAX_AT_ONCE = 5
 
 
 class FrameInput(ABC):
@@ -476,18 +476,12 @@ class ImageInput(FrameInput):
         self._node.get_logger().info(f'{why}: {self.topic} is asked for {how} now')
         self._lost_before = self._events.lost
         self._end_thread()
-        self._leave_events()
         self._node.destroy_subscription(self._subscription)
         self._subscribe(reliability)
         self.start()
 
-    def close(self) -> None:
-        """End the thread, then the subscriptions; images that come later are left."""
-        self._end_thread()
-        self._leave_events()
-        super().close()
-
-    def _leave_events(self) -> None:
+    def _end_thread(self) -> None:
+        super()._end_thread()
         for event in (self._lost, self._incompatible):
             if event is not None:
                 event.destroy_when_not_in_use()
@@ -557,7 +551,7 @@ class ImageInput(FrameInput):
             return images
         take, kind = self._subscription.handle.take_message, self._kind
         # Bounded, as a publisher could be as fast as we are.
-        for _ in range(self._subscription.qos_profile.depth or _MAX_AT_ONCE):
+        for _ in range(self._subscription.qos_profile.depth or _DEPTH):
             taken = take(kind, True)
             if taken is None:
                 break
@@ -574,6 +568,7 @@ class ImageInput(FrameInput):
         """Whether images are missing before this one of the publisher's count."""
         before, self._last_sequence = self._last_sequence, sequence
         is_first, self._is_first = self._is_first, False
+        self._events.alternations += sequence <= before
         # With two publishers the counts of both are mixed and say nothing.
         if sequence > before + 1 > 1 and self._subscription.get_publisher_count() == 1:
             self._events.missing += sequence - before - 1

@@ -42,9 +42,8 @@ OVERRIDABLE = QoSOverridingOptions(
     ]
 )
 """What users may set of a topic: ``qos_overrides.TOPIC.subscription.reliability``."""
-_ALWAYS_READ_ONLY = 'autostart'
-_READ_ONLY = 'Trying to set a read-only parameter:'
-"""What rclpy says."""
+_AT_THE_START = ('autostart', 'qos_overrides.', 'start_type_description_service')
+_UNTIL_CONFIGURED = ' and while the node is unconfigured (ros2 lifecycle set … cleanup)'
 
 
 class _SetInAnyOrder(ParameterService):
@@ -56,24 +55,30 @@ class _SetInAnyOrder(ParameterService):
     those (``qos_overrides``), and a file may write them in another way (``fps: 30``).
     """
 
-    def __init__(self, node: Node, convert: Callable[[list[Parameter]], list[Parameter]]) -> None:
+    def __init__(self, node: Node, convert: Callable[[Parameter], Parameter]) -> None:
         super().__init__(node)
         self._convert = convert
 
     def _set_parameters_callback(
         self, request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
-        node = self._get_node()
-        given = self._convert([*map(Parameter.from_parameter_msg, request.parameters)])
-        parameters = [each.to_parameter_msg() for each in given]
+        node, parameters = self._get_node(), list(request.parameters)
         results = [SetParametersResult(successful=True) for _ in parameters]
         waiting = []
         for index, each in enumerate(parameters):
-            if not node.has_parameter(each.name):
-                words = f'{each.name}: this node has no such parameter'
-                results[index] = SetParametersResult(successful=False, reason=words)
-            elif node.get_parameter(each.name).to_parameter_msg().value != each.value:
-                waiting.append(index)
+            try:
+                if not node.has_parameter(each.name):
+                    raise ParameterError(each.name, 'this node has no such parameter')
+                # rclpy, which looks at the type first, would call 0 the wrong type of a float.
+                given = self._convert(Parameter.from_parameter_msg(each)).to_parameter_msg()
+                if node.get_parameter(each.name).to_parameter_msg().value != given.value:
+                    if node.describe_parameter(each.name).read_only:
+                        later = '' if each.name.startswith(_AT_THE_START) else _UNTIL_CONFIGURED
+                        raise ParameterError(each.name, f'can be set at the start{later}')
+                    waiting.append(index)
+                    parameters[index] = given
+            except ParameterError as error:
+                results[index] = SetParametersResult(successful=False, reason=str(error))
         while waiting:
             again = SetParameters.Request(parameters=[parameters[i] for i in waiting])
             answer = super()._set_parameters_callback(again, SetParameters.Response())
@@ -83,13 +88,6 @@ class _SetInAnyOrder(ParameterService):
             if rejected == waiting:
                 break
             waiting = rejected
-        for result in results:
-            if result.reason.startswith(_READ_ONLY):
-                name = result.reason.removeprefix(_READ_ONLY).strip(' .')
-                result.reason = f'{name}: can be set at the start'
-                if name != _ALWAYS_READ_ONLY:
-                    words = 'and while the node is unconfigured (ros2 lifecycle set … cleanup)'
-                    result.reason += f', {words}'
         response.results = results
         return response
 
@@ -122,7 +120,7 @@ class LiveParameters(Generic[P]):
             node.declare_parameter(name, value, _descriptor(spec), ignore_override=True)
         self._node = node
         self.freeze(False)
-        self._service = _SetInAnyOrder(node, self._convert)
+        self._service = _SetInAnyOrder(node, self._converted)
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
@@ -130,7 +128,7 @@ class LiveParameters(Generic[P]):
     def freeze(self, frozen: bool) -> None:
         """Make what is `read_only` so, from `configure` to `cleanup`, but for what always is."""
         for name, spec in self._specs.items():
-            if spec.read_only and name != _ALWAYS_READ_ONLY:
+            if spec.read_only and not name.startswith(_AT_THE_START):
                 self._node.describe_parameter(name).read_only = frozen
 
     def _ours(self, parameters: Sequence[Parameter]) -> dict[str, object]:
@@ -138,14 +136,18 @@ class LiveParameters(Generic[P]):
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Turn whole numbers into floats, say, before rclpy checks the type."""
-        converted = []
-        for given in parameters:
+        converted = list(parameters)
+        for index, given in enumerate(parameters):
             # Where it cannot be converted the check after this says why.
-            with suppress(KeyError, ParameterError):
-                value = self._specs[given.name].convert(given.value)
-                given = Parameter(given.name, value=_for_ros(value))
-            converted.append(given)
+            with suppress(ParameterError):
+                converted[index] = self._converted(given)
         return converted
+
+    def _converted(self, given: Parameter) -> Parameter:
+        spec = self._specs.get(given.name)
+        if spec is None:
+            return given
+        return Parameter(given.name, value=_for_ros(spec.convert(given.value)))
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -219,8 +221,8 @@ def parameter_files(node: Node) -> tuple[list[str], list[str]]:
             try:
                 keys = read_node_keys(Path(file))
             except ParameterError as error:
-                # Its values were taken at the start.
-                files.append(f'{file} (not there any more: {error})')
+                # Its values, if it has some, were taken at the start.
+                files.append(f'{file} ({error.reason})')
                 continue
             is_ours = any(fits(key, name) for key in keys)
             files.append(file if is_ours else f'{file} (nothing in it for {name})')

@@ -233,7 +233,7 @@ class FrameDecoder:
 
 def _completed(frame: Frame, received: ReceivedImage) -> Frame:
     """With the calibration and attitude that came with it, or beside it."""
-    camera, attitude = received.camera or frame.camera, received.attitude or frame.attitude
+    camera, attitude = received.camera or frame.camera, frame.attitude or received.attitude
     return replace(frame, camera=camera, attitude=attitude)
 
 

@@ -54,7 +54,6 @@ class VisionNode(ManagedNode):
         self._handed_over = handed_over
         self._results: ResultPublishers | None = None
         self._input: FrameInput | None = None
-        self._static: Any = None
         self._answerer = FrameAnswerer(self, processor)
         self._status = DetectorStatus(self._answerer.statistics, processor)
         self._reported_silence = False
@@ -65,13 +64,15 @@ class VisionNode(ManagedNode):
         self._add_trigger('reset', processor.reset, 'all earlier frames are forgotten')
         for name in processor.triggers:
             self._add_trigger(name, getattr(processor, name))
+        if TF_TYPE is not None:
+            qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            self.create_subscription(TF_TYPE, '/tf_static', self._take_static_transforms, qos)
 
     def open(self) -> None:
         """Open the rig's file and the topics."""
         with self._answerer.lock:
             self._processor.open(self._live.current)
         self._results = ResultPublishers(self, self._processor)
-        self._static = self._follow_static_transforms()
         self._apply(self._live.current)
 
     def begin(self) -> None:
@@ -102,9 +103,6 @@ class VisionNode(ManagedNode):
         if self._results is not None:
             self._results.destroy()
             self._results = None
-        if self._static is not None:
-            self.destroy_subscription(self._static)
-            self._static = None
 
     def take(self, frame: Frame) -> None:
         """Give a frame to a node that was made with ``handed_over``; returns at once."""
@@ -128,17 +126,9 @@ class VisionNode(ManagedNode):
             made.append(SynchronizedTopic(self, Imu, 'imu', lambda: processor.awaits_attitude))
         return made
 
-    def _follow_static_transforms(self) -> Any:
-        """Subscribe to /tf_static, for whose frames must not get a second parent."""
-        if TF_TYPE is None:
-            return None
-
-        def take(message: Any) -> None:
-            with self._answerer.lock:
-                self._processor.static_transforms.add(message)
-
-        qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        return self.create_subscription(TF_TYPE, '/tf_static', take, qos)
+    def _take_static_transforms(self, message: Any) -> None:
+        with self._answerer.lock:
+            self._processor.static_transforms.add(message)
 
     def _announce(self, topic: str) -> None:
         values = self._live.current.as_dict()
@@ -193,12 +183,14 @@ class VisionNode(ManagedNode):
     def _notes(self) -> list[str]:
         """What a user may have meant otherwise."""
         notes = [self.overrides_problem] if self.overrides_problem else []
-        has_images = self._answerer.statistics.received > 0
-        synchronized = () if self._input is None else self._input.synchronized
-        infos = [each.subscription for each in synchronized if each.kind is CameraInfo]
-        if has_images and self._processor.lacks_camera_info and infos:
-            topic, count = infos[0].topic_name, infos[0].get_publisher_count()
-            why = f'no camera_info has come on {topic}' if count else f'nothing publishes {topic}'
+        if self._answerer.statistics.received and self._processor.lacks_camera_info:
+            topic = camera_info_topic(self)
+            infos = self.get_publishers_info_by_topic(topic)
+            kinds = {info.qos_profile.durability for info in infos}
+            why = f'no camera_info has come on {topic}' if kinds else f'nothing publishes {topic}'
+            if kinds == {DurabilityPolicy.TRANSIENT_LOCAL}:
+                why += f'; as it is latched, set qos_overrides.{topic}.subscription.durability to '
+                why += 'transient_local, and .reliability to reliable'
             notes.append(f'no pose: {why}')
         for name, conditions in self._live.current.without_effect().items():
             when = '; or '.join(map(condition_text, conditions))

@@ -89,8 +89,8 @@ def base_frame(make: Callable[..., Any]) -> Any:
     return make(
         '',
         "Frame of the vehicle, such as base_link: ~/vision_pose is then the vehicle's pose, by the "
-        "camera's mount: camera_mount_xyz and camera_mount_rpy_deg, or where both are 0 the "
-        "transforms on /tf_static. Empty: ~/vision_pose is the pose of the camera's body axes.",
+        "camera's mount: camera_mount_xyz and camera_mount_rpy_deg, or if both are 0 /tf_static; "
+        "nothing until that is known. Empty: it is the pose of the camera's body axes.",
         read_only=True,
     )
 

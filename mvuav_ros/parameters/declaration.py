@@ -98,9 +98,8 @@ class ParameterSpec:
         is_list = isinstance(value, Sequence) and not isinstance(value, str)
         given: list[Any] = [*map(_of_python, value)] if is_list else []  # type: ignore[call-overload]
         if len(given) != length or any(type(number) not in (int, float) for number in given):
-            raise ParameterError(
-                self.name, f'takes {length} numbers, not {given if is_list else value!r}'
-            )
+            shown = given if is_list else f'{value!r} (ROS has them all alike: [0.0, 20.5, 0.0])'
+            raise ParameterError(self.name, f'takes {length} numbers, not {shown}')
         return tuple(self._checked(float(number)) for number in given)
 
     def _checked(self, value: Any) -> Any:

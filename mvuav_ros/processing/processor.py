@@ -114,20 +114,21 @@ class Processor(ABC):
 
         The ``target`` is that frame in the camera's optical one.
         """
-        given, vehicle = self._parameters, camera
+        given, outputs = self._parameters, []
         # tf2 takes neither a frame without a name nor one that begins with a slash.
         own = given.camera_frame or frame.frame_id.lstrip('/')
-        if given.base_frame:
-            vehicle = poses.vehicle_of(camera, self._mount(own))
-        make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
-        outputs = [Output('vision_pose', make)]
-        if poses.TF_TOPIC not in self.topics:
-            return outputs
-        parent, child, placed = own, name, target
+        vehicle = self._vehicle(camera, own)
+        if vehicle is not None:
+            make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
+            outputs.append(Output('vision_pose', make))
+        placed: poses.Placement | None = target
+        parent, child = own, name
         if given.publish_tf == 'body_to_camera':
             parent, child, placed = name, own, target.inverse
             if given.base_frame:
                 child, placed = given.base_frame, vehicle
+        if poses.TF_TOPIC not in self.topics or placed is None:
+            return outputs
         others = self.static_transforms.parent(child)
         if others not in ('', parent):
             self.frames_problem = (
@@ -142,21 +143,23 @@ class Processor(ABC):
             outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
 
-    def _mount(self, camera_frame: str) -> poses.Placement:
-        """The camera's body axes on what ``~/vision_pose`` is the pose of."""
+    def _vehicle(self, camera: poses.Placement, camera_frame: str) -> poses.Placement | None:
+        """What ``~/vision_pose`` is the pose of; None where that is not known."""
         given = self._parameters
         xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
+        if not given.base_frame:
+            return camera
         if any(xyz) or any(rpy_deg):
-            return poses.mount_of(xyz, rpy_deg)
+            return poses.vehicle_of(camera, poses.mount_of(xyz, rpy_deg))
         found = self.static_transforms.find(camera_frame, given.base_frame)
-        if found is None:
-            self.frames_problem = (
-                f'{given.base_frame} is taken for the camera: camera_mount_xyz and '
-                f'camera_mount_rpy_deg are 0, and /tf_static does not lead from '
-                f'{given.base_frame} to {camera_frame or "a camera without frame_id"}'
-            )
-            return poses.NO_MOUNT
-        return poses.body_axes(found)
+        if found is not None:
+            return poses.vehicle_of(camera, poses.body_axes(found))
+        self.frames_problem = (
+            f'no ~/vision_pose of {given.base_frame}: camera_mount_xyz and camera_mount_rpy_deg '
+            f'are 0, and /tf_static does not lead from {given.base_frame} to '
+            f'{camera_frame or "a camera without frame_id"}'
+        )
+        return None
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:

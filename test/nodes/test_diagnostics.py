@@ -166,6 +166,21 @@ def test_problems_are_those_of_the_last_seconds():
     assert last == 'running'
 
 
+def test_a_camera_that_follows_a_dead_one_is_not_mixed_with_it():
+    """The graph has both for 20 s after a crash."""
+    statistics, events = FrameStatistics(), InputEvents()
+    processor = SimpleNamespace(resets=0, calibration='none', status='', frames_problem='')
+    status = DetectorStatus(statistics, processor)
+    images = InputState('/image_raw', ['/cam', '/cam'], events)
+    statistics.arrived()
+    assert status.report('node', images, []).message == 'running'
+    events.alternations += 1
+    assert status.report('node', images, []).message == 'running'
+    events.alternations += 20
+    said = status.report('node', images, []).message
+    assert said == '2 publishers on /image_raw: their images are mixed'
+
+
 def test_a_source_never_warns_without_words(monkeypatch):
     """Its thread notes what went wrong while another one may report."""
     said = []
@@ -211,6 +226,14 @@ def test_reasons_for_silence():
     assert why(raw).endswith('there is /image_raw: set image_transport to raw')
     elsewhere = nothing._replace(others=[('/nose/image', 'Image')])
     assert why(elsewhere).endswith('there is /nose/image: remap image_raw')
+    coded = [('/nose/image/compressed', 'CompressedImage')]
+    # image_raw was remapped to the compressed topic, or not at all.
+    twice = InputState('/nose/image/compressed/compressed', [], events, others=coded)
+    there = 'there is /nose/image/compressed: remap image_raw to /nose/image'
+    assert why(twice).endswith(there)
+    assert why(nothing._replace(others=coded)).endswith(
+        f'{there} and set image_transport to compressed'
+    )
 
 
 def test_what_is_left_out_on_purpose_is_no_gap_of_the_camera(graph):

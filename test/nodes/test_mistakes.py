@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 from lifecycle_msgs.srv import ChangeState
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from support.graph import CLEAN, image_message
 from support.marker_scenes import draw, tanker_at
@@ -103,6 +103,11 @@ def test_a_running_node_names_each(mistakes):
     depth = Image(width=4, height=1, step=16, encoding='32FC1', data=bytes(16))
     mistakes.sends(publisher, depth, 'holds measured values without a full scale')
     tanker = image_message(draw(tanker_at()), 0)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    infos = probe.create_publisher(CameraInfo, '/camera_info', latched)
+    words = 'as it is latched, set qos_overrides./camera_info'
+    mistakes.sends(publisher, tanker, words)
+    probe.destroy_publisher(infos)
     infos = probe.create_publisher(CameraInfo, '/camera_info', QoSProfile(depth=100))
     graph.until(lambda: infos.get_subscription_count() == 2, 'subscribers of camera_info')
     for camera, words in (
@@ -124,7 +129,8 @@ def test_a_running_node_names_each(mistakes):
     mistakes.says('stamp 0 ns came twice')
     second = graph.add_node('second').create_publisher(Image, '/image_raw', 10)
     graph.until(lambda: second.get_subscription_count() == 2, 'the detectors')
-    mistakes.sends(publisher, tanker, 'publishers on /image_raw: their images are mixed')
+    words = 'publishers on /image_raw: their images are mixed'
+    mistakes.sends(publisher, tanker, words, inform=lambda _: second.publish(tanker))
 
 
 def refused(words, *arguments, name=MARKERS):
@@ -194,6 +200,11 @@ def test_read_only_until_it_is_cleaned_up(graph, tmp_path):
     topic = '/image_raw/compressed'
     graph.until(lambda: graph.probe.count_subscribers(topic) == 1, f'a subscriber of {topic}')
     assert not graph.set_parameter(MARKERS, 'autostart', True).successful
+    # rclpy reads it once for each topic, whatever the node's state.
+    override = f'qos_overrides.{topic}.subscription.reliability'
+    assert change('deactivate') and change('cleanup')
+    said = graph.set_parameter(MARKERS, override, 'reliable')
+    assert said.reason == f'{override}: can be set at the start'
 
 
 def test_a_camera_is_set_by_its_number_as_at_the_start(graph):

@@ -200,9 +200,10 @@ def test_a_parameter_that_a_node_does_not_have_is_named(graph):
 def test_the_terminal_tells_the_start_the_first_image_and_silence(graph, tmp_path):
     settings = tmp_path / 'mine.yaml'
     settings.write_text('/**:\n  ros__parameters:\n    mode: detect\n')
-    process = start(
-        'marker_tracker', 'python -m', '--params-file', str(settings), domain=graph.domain_id
-    )
+    empty = tmp_path / 'empty.yaml'
+    empty.touch()
+    files = [word for file in (settings, empty) for word in ('--params-file', str(file))]
+    process = start('marker_tracker', 'python -m', *files, domain=graph.domain_id)
     graph.until(lambda: graph.probe.count_subscribers('/image_raw') == 1, 'the node')
     logs = graph.listen('/rosout', Log)
     graph.until(lambda: any('no images' in log.msg for log in logs), 'the warning')
@@ -211,7 +212,8 @@ def test_the_terminal_tells_the_start_the_first_image_and_silence(graph, tmp_pat
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=120)
     lines = [line.partition('[marker_tracker]: ')[2] for line in output.strip().splitlines()]
-    begin = f'mode detect, images from /image_raw, parameter files: {settings}'
+    begin = f'mode detect, images from /image_raw, parameter files: {settings}, '
+    begin += f'{empty} (is not a ROS 2 parameter file)'
     assert lines[0].removesuffix('; no /tf, as tf2_msgs is not installed') == begin
     assert lines[1:] == [
         'no images for 5 s: nothing publishes /image_raw',

@@ -18,13 +18,21 @@ FRAMES = 4
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
     path = tmp_path_factory.mktemp('flight') / 'flight.mcap'
+    write_flight(path)
+    return path
+
+
+def write_flight(path, sensor_ahead_s=0):
+    """A bag whose attitude has stamps of a clock so many seconds ahead."""
     flight = make_flight('runway', {'frames': FRAMES, 'width': 320, 'height': 240})
     camera = camera_model(flight.camera)
     with RecordingWriter(path) as writer:
         for frame in flight:
             for topic, kind, data in simulated_messages(frame, camera, seed=1):
+                if topic == '/imu':
+                    seconds = int.from_bytes(data[4:8], 'little') + sensor_ahead_s
+                    data = data[:4] + seconds.to_bytes(4, 'little') + data[8:]
                 writer.write(topic, kind, frame.stamp_ns, data)
-    return path
 
 
 def test_frames_of_the_bag_have_the_attitude_that_was_written(bag):
@@ -50,6 +58,17 @@ def test_the_node_says_that_attitude_was_lost(bag):
     assert 'attitude' not in processor.status
     list(processor.process(replace(frames[1], attitude=None)))
     assert 'no attitude' in processor.status
+
+
+@pytest.mark.parametrize('ahead_s', [1000, -1000])
+def test_the_node_says_that_attitude_has_another_clock(tmp_path, ahead_s):
+    """It flew without the sensor, and all seemed well."""
+    write_flight(tmp_path / 'flight.mcap', ahead_s)
+    frames = list(BagImages(tmp_path / 'flight.mcap').frames())
+    processor = RunwayDetectorProcessor(RunwayDetectorParameters(mode='approach'))
+    for frame in frames[1:]:
+        list(processor.process(frame))
+        assert "no attitude for this image: the horizon is the image's" in processor.status
 
 
 def test_waiting_for_attitude_depends_on_the_mode():

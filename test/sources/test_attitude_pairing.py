@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mvuav_ros.messages.sensors import MAX_HELD, AttitudePairing
+from mvuav_ros.messages.sensors import MAX_HELD, UNKNOWN_ATTITUDE, AttitudePairing
 from mvuav_ros.vision.frames import Attitude
 
 MS = 1_000_000
@@ -68,15 +68,15 @@ def test_a_gap_or_a_stale_attitude_is_none(before, after, known):
     if after is not None:
         pairing.add_info(after * MS, rolled(1.0))
     pairing.add_image(100 * MS, 0)
-    assert (taken(pairing, wait=False)[0][0] is not None) is known
+    assert taken(pairing, wait=False)[0][0].valid is known
 
 
 def test_a_sensor_that_says_that_it_knows_none_is_believed():
     pairing = AttitudePairing()
     pairing.add_info(0, rolled(1.0))
-    pairing.add_info(20 * MS, None)
+    pairing.add_info(20 * MS, UNKNOWN_ATTITUDE)
     pairing.add_image(10 * MS, 0)
-    assert taken(pairing, wait=True) == [(None, 0)]
+    assert taken(pairing, wait=True) == [(UNKNOWN_ATTITUDE, 0)]
 
 
 def test_images_do_not_wait_for_ever():

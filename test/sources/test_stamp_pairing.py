@@ -47,6 +47,19 @@ def test_a_calibration_without_a_stamp_holds_from_now_on():
     assert taken(pairing, wait=False) == [('A', 'a')]
 
 
+def test_calibrations_of_another_clock_hold_from_their_arrival_on():
+    """Stamped when they were sent, say, and the images by the camera: there was never a pose."""
+    pairing = StampPairing()
+    pairing.add_info(9_000, 'A')
+    for stamp in (10, 20):
+        pairing.add_image(stamp, stamp)
+        assert taken(pairing) == [('A', stamp)]
+    # Another lens, say.
+    pairing.add_info(9_020, 'B')
+    pairing.add_image(30, 30)
+    assert taken(pairing) == [('B', 30)]
+
+
 def test_a_calibration_published_once_delays_only_the_first_images():
     pairing = StampPairing()
     pairing.add_info(1, 'A')
@@ -57,12 +70,27 @@ def test_a_calibration_published_once_delays_only_the_first_images():
         waited += not pairs
         assert pairs or taken(pairing, wait=False) == [('A', stamp)]
     assert waited == 3
-    pairing.add_info(20, 'B')
-    pairing.add_image(20, 20)
-    assert taken(pairing) == [('B', 20)]
+    for stamp in (20, 21):
+        pairing.add_info(stamp, f'B{stamp}')
+        pairing.add_image(stamp, stamp)
+        assert taken(pairing) == [(f'B{stamp}', stamp)]
     # It comes with its images again: they may wait.
-    pairing.add_image(21, 21)
+    pairing.add_image(22, 22)
     assert taken(pairing) == []
+
+
+def test_a_calibration_now_and_then_delays_only_the_first_images():
+    """Once a second, say: three images after each were held for 0.1 s."""
+    pairing = StampPairing()
+    waited = 0
+    for stamp in range(1, 100):
+        if stamp % 15 == 1:
+            pairing.add_info(stamp, stamp // 15)
+        pairing.add_image(stamp, stamp)
+        pairs = taken(pairing)
+        waited += not pairs
+        assert (pairs or taken(pairing, wait=False)) == [((stamp - 1) // 15, stamp)]
+    assert waited == 3
 
 
 def test_only_some_images_are_held():

@@ -101,7 +101,7 @@ MESSAGES = (
         '',
     ),
     (
-        '… is taken for the camera: camera_mount_xyz …',
+        'no ~/vision_pose of …: camera_mount_xyz …',
         '`base_frame` is set, and nobody tells where the camera is on it',
         '',
     ),

@@ -153,8 +153,8 @@ class ApproachDetector:
         source = self._parameters.horizon_source
         if source == 'image':
             return None, ''
-        if attitude is None:
-            missed = source == 'imu' or self._had_attitude
+        if attitude is None or (isinstance(attitude, Attitude) and not attitude.valid):
+            missed = source == 'imu' or self._had_attitude or attitude is not None
             return None, "no attitude for this image: the horizon is the image's" if missed else ''
         self._had_attitude = True
         if isinstance(attitude, HorizonLine):
