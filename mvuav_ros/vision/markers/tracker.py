@@ -97,6 +97,7 @@ class MarkerTracker:
         Raises:
             ParameterError: ``layout`` is another one; that takes another tracker.
         """
+        parameters = MarkerTrackerParameters.given(parameters)
         if parameters.layout != self.parameters.layout:
             raise ParameterError('layout', 'cannot be changed; make another MarkerTracker')
         programs = [(p.mode, p.prediction == 'kalman') for p in (self.parameters, parameters)]
