@@ -154,8 +154,10 @@ def guess_body(
         named = NamedPlaces(pairs[..., 0], places[pairs[..., 1]].reshape(len(same), -1))
         fits = _fit(shape, named, prior, scale, views)
         # Logarithms of how probable strays are in so many places, and in one place less.
+        # They are not rare where more lights have no name than have one.
+        density = strays if len(spots) <= 2 * number else max(strays, STRAY)
         others, fewer = (
-            k * math.log(strays)
+            k * math.log(density)
             + math.log(math.comb(len(shape.points), k))
             + math.log(math.perm(len(spots), k))
             for k in (number, number - 1)
