@@ -59,6 +59,7 @@ _KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights
 _MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED, _FEW_SPOTS, _TRIED_AMONG_MANY = 16, 5, 10
 """Ways of naming that are fitted where there are so few spots, and where there are more."""
+_MANY_HIDDEN = 6  # Of twelve markers among more spots: 41 threes instead of 220 are tried
 ABSENT = 22.0  # Squared distance over variance from which on a marker has no light
 STRAY = 1e-5  # Density of lights that are none of the body's, per px²
 MAX_AWAY, ROUGHLY_AWAY = 40.0, 120.0
@@ -257,7 +258,10 @@ def _views_of_threes(
     shape: WeakPerspective, places: Complex, prior: Prior, hidden: int, may_be: NDArray[np.bool_]
 ) -> Array:
     """Views (v, 8) in which three markers are any three of the spots that may be by `_pairs`."""
-    triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
+    hidden = min(hidden, max(len(shape.points) - 3, 0))
+    if len(places) > _FEW_SPOTS:
+        hidden = min(hidden, _MANY_HIDDEN)
+    triangles = shape.triangles(hidden)
     markers, orders = np.reshape(triangles, (-1, 3)).astype(np.intp), _orders(len(places))
     first, second, third = markers.T[..., None]
     a, b, c = orders.T
