@@ -2,9 +2,9 @@
 
     python tools/ablate_approach.py ../shared/footage OUT [--only NAME ...]
 
-Prints a table for docs/runway.md. OUT keeps a JSON file for each mechanism; what is there stays
-as it is. What chance does is measured as well: nothing is switched off, but every image has noise
-of up to one grey level.
+Prints a table for docs/decisions/approach-mechanisms.md. OUT keeps a JSON file for each mechanism;
+what is there stays as it is. What chance does is measured as well: nothing is switched off, but
+every image has noise of up to one grey level.
 """
 
 from __future__ import annotations

@@ -154,7 +154,7 @@ def marker_names(recording: Recording, tracker: str) -> dict[int, str]:
 def _with_tanker(names: dict[int, str]) -> dict[int, str]:
     """With the tanker's names of markers that were never seen, if the others have those."""
     tanker = dict(enumerate(TANKER_NAMES))
-    return {**tanker, **names} if names.items() <= tanker.items() else names
+    return {**tanker, **names} if names and names.items() <= tanker.items() else names
 
 
 def _markers(message: Any, names: dict[int, str]) -> tuple[Columns, Iterator[Row]]:

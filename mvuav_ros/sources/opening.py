@@ -51,7 +51,7 @@ def open_source(
         read, with the ``reason``.
 
     Raises:
-        SourceError: there is no such thing, or nothing in it can be read.
+        SourceError: there is no such thing, nothing in it can be read, or the rate is none.
 
     Examples:
         >>> from mvuav_ros import open_source
@@ -61,6 +61,8 @@ def open_source(
         (180, 1700000000000000000, 640, 'mono8')
     """
     text = str(text)
+    if rate is not None and not 0.0 < rate <= 1e9:
+        raise SourceError(f'{text}: rate must be above 0 Hz, not {rate}')
     if text.startswith(SIMULATED):
         return SimulatedFlight(text, rate)
     if is_url(text):
@@ -189,9 +191,5 @@ def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFli
 
 def camera_model(camera: PinholeCamera) -> CameraModel:
     """The simulator's camera as a calibration."""
-    return CameraModel(
-        width=camera.width,
-        height=camera.height,
-        k=tuple(float(value) for value in camera.matrix.ravel()),
-        d=camera.distortion,
-    )
+    k = tuple(camera.matrix.ravel().tolist())
+    return CameraModel(camera.width, camera.height, k, camera.distortion)

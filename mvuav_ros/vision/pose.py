@@ -157,7 +157,7 @@ class PoseEstimator:
             camera: calibrated (see `CameraModel.check`).
             labels: of the markers seen, by their place in the rig.
             pixels: (n, 2), where, px.
-            stamp_ns: the frame's time, ns, later than the last one's.
+            stamp_ns: the frame's time, ns. One that jumps back continues no pose.
 
         Returns:
             The pose, or None where the markers are too few, do not fit or do not determine it well
@@ -180,7 +180,7 @@ class PoseEstimator:
         if not math.isfinite(sum(map(sum, image.tolist()))):
             self.reason = 'the positions of the markers are not finite'
             return None
-        if time - self._last_time > TUNING.holds:
+        if not 0.0 <= time - self._last_time <= TUNING.holds:
             self._last = None
         if time - self._vouched_time > TUNING.holds:
             self._vouched = frozenset()

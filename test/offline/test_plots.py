@@ -111,14 +111,19 @@ def test_markers_have_names_and_states(tables: Path) -> None:
     assert {row['state_name'] for row in rows} == {'detected'}
 
 
-def test_names_of_another_rig_are_those_of_its_topics(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('in_sight', 'names'), [(((1, 2), (0, 1, 2)), ['nose', 'left', 'right', '']), (((),), [''] * 4)]
+)
+def test_names_of_another_rig_are_those_of_its_topics(
+    tmp_path: Path, in_sight: tuple[tuple[int, ...], ...], names: list[str]
+) -> None:
     """Also where the first one is seen late; a marker that is never seen has none."""
     markers = {'nose': [0, 0, 0], 'left': [0, 1, 0], 'right': [0.2, -1.5, 0], 'top': [0, 0, 2]}
     rig = parse_rig({'markers': markers})
     result = MarkerTracker(rig=rig).process(Image(np.zeros((480, 640), np.uint8), 'mono8'), 0)
     path = tmp_path / 'results.mcap'
     with RecordingWriter(path) as writer:
-        for index, seen in enumerate(((1, 2), (0, 1, 2))):
+        for index, seen in enumerate(in_sight):
             shown = [
                 m._replace(x=10.1 + 7 * m.label, y=20.3, state=MarkerState.DETECTED)
                 if m.label in seen
@@ -133,7 +138,7 @@ def test_names_of_another_rig_are_those_of_its_topics(tmp_path: Path) -> None:
                 writer.write(topic, POINT, index, encode_marker(shown[label], header))
     assert mvuav('export', path, '-o', tmp_path / 'out').status == 0
     rows = read(tmp_path / 'out' / 'ns_marker_tracker_markers.csv')
-    assert [row['name'] for row in rows] == ['nose', 'left', 'right', ''] * 2
+    assert [row['name'] for row in rows] == names * len(in_sight)
 
 
 @pytest.mark.parametrize(

@@ -297,3 +297,7 @@ def test_a_source_is_named_by_a_text_a_path_or_a_number(tmp_path: Path) -> None:
 def test_parameters_of_another_kind_are_refused_at_once(made: Any, wrong: object) -> None:
     with pytest.raises(TypeError, match=r'must be .*DetectorParameters|must be MarkerTrackerP'):
         made(wrong)
+    detector = made()
+    with pytest.raises(TypeError, match=r'must be .*DetectorParameters|must be MarkerTrackerP'):
+        detector.configure(wrong)
+    assert detector.process(GRAY, 0).status

@@ -1,5 +1,6 @@
 """What a user may name as a source, and what comes out."""
 
+import math
 import os
 import shutil
 import struct
@@ -74,6 +75,13 @@ def test_an_image_that_does_not_decode_is_a_bad_frame(tmp_path):
     assert isinstance(frames[1], BadFrame)
     assert 'image_1.png' in frames[1].reason
     assert frames[2].stamp_ns == round(2e9 / 30)
+
+
+@pytest.mark.parametrize('rate', [0, -1.0, math.nan, math.inf])
+def test_a_rate_that_is_none_is_refused(tmp_path, rate):
+    """At -1 Hz each image came before the one before it."""
+    with pytest.raises(SourceError, match='rate must be above 0 Hz'):
+        open_source(str(write_images(tmp_path / 'images')), rate=rate)
 
 
 def test_a_video_and_its_own_rate(tmp_path):

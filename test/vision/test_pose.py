@@ -234,6 +234,7 @@ def test_three_of_five_lights_only_continue_a_pose():
     assert not told([0, 1, 4], 0.4)
     assert told([0, 1, 3, 4], 0.5)
     assert told([0, 1, 4], 0.6)
+    assert not told([0, 1, 4], 0.2), 'of a recording that begins anew'
 
 
 def test_three_lights_continue_a_pose_for_half_a_second():

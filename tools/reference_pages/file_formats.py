@@ -174,7 +174,7 @@ Angles are in rad, and in degrees where the name ends in `_deg`. `roll`, `pitch`
 `marker_tracker` are those against a body that flies straight ahead; of other poses they are those of the quaternion.
 `cov_x_y` is the covariance of x and y (m²); `rx`, `ry`, `rz` are small turns about the axes of the pose's frame (rad). In
 `~/pose` of `runway_detector` they are its roll, pitch and yaw.
-The rows of `markers` end with the marker's `name` and with `state` in words. Units are those of the
+The rows of `markers` end with the marker's `name`, empty where the recording does not show it, and with `state` in words. Units are those of the
 [topics](topics.md). The columns of `integrity` are those of [Protection levels](../integrity.md).
 
 | file | columns after these |

@@ -69,6 +69,7 @@ class ApproachDetector:
 
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """Use other parameters from the next frame on; another target is searched afresh."""
+        parameters = RunwayDetectorParameters.given(parameters)
         if parameters.target != self._parameters.target:
             self.reset()
         self._parameters = parameters
@@ -190,7 +191,6 @@ class ApproachDetector:
     def _with_shape(
         self, empty: ApproachResult, track: FollowedStrip, found: Found
     ) -> ApproachResult:
-        """A result with the track's edges, ends and guidance."""
         level = found.level
         x, y, left, right, far, near = (float(v) for v in track.strip())
         (far_left, near_left), (far_right, near_right), along_middle = (

@@ -58,7 +58,6 @@ class CalibratedTracker:
             self._begin((0, 0))
 
     def _begin(self, size: tuple[int, int]) -> None:
-        """Begin with images of a size, px."""
         self._size = size
         self._tracker = IdentityTracker(self._rig, self._camera)
         self._check: SelfCalibration | None = None

@@ -159,7 +159,6 @@ class IdentityTracker:
         return self._conclude(frame, memory, search, windows, status)
 
     def _give_up(self) -> MarkerResult:
-        """Forget a body that was none."""
         self._start_again(was_wrong=True)
         return self._nothing('the lights are not those of one body')
 

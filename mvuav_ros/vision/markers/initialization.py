@@ -59,6 +59,7 @@ _KNOWN_LENS = 0.1  # Of the logarithm of the focal length (1 sigma): four lights
 _MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED, _FEW_SPOTS, _TRIED_AMONG_MANY = 16, 5, 10
 """Ways of naming that are fitted where there are so few spots, and where there are more."""
+_MANY_HIDDEN = 6  # Of twelve markers among more spots: 41 threes instead of 220 are tried
 ABSENT = 22.0  # Squared distance over variance from which on a marker has no light
 STRAY = 1e-5  # Density of lights that are none of the body's, per px²
 MAX_AWAY, ROUGHLY_AWAY = 40.0, 120.0
@@ -154,8 +155,10 @@ def guess_body(
         named = NamedPlaces(pairs[..., 0], places[pairs[..., 1]].reshape(len(same), -1))
         fits = _fit(shape, named, prior, scale, views)
         # Logarithms of how probable strays are in so many places, and in one place less.
+        # They are not rare where more lights have no name than have one.
+        density = strays if len(spots) <= 2 * number else max(strays, STRAY)
         others, fewer = (
-            k * math.log(strays)
+            k * math.log(density)
             + math.log(math.comb(len(shape.points), k))
             + math.log(math.perm(len(spots), k))
             for k in (number, number - 1)
@@ -255,7 +258,10 @@ def _views_of_threes(
     shape: WeakPerspective, places: Complex, prior: Prior, hidden: int, may_be: NDArray[np.bool_]
 ) -> Array:
     """Views (v, 8) in which three markers are any three of the spots that may be by `_pairs`."""
-    triangles = shape.triangles(min(hidden, max(len(shape.points) - 3, 0)))
+    hidden = min(hidden, max(len(shape.points) - 3, 0))
+    if len(places) > _FEW_SPOTS:
+        hidden = min(hidden, _MANY_HIDDEN)
+    triangles = shape.triangles(hidden)
     markers, orders = np.reshape(triangles, (-1, 3)).astype(np.intp), _orders(len(places))
     first, second, third = markers.T[..., None]
     a, b, c = orders.T

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -37,6 +37,7 @@ class WeakPerspective:
     # (n,), by how much the markers of a body that is not what its rig says are seen beside it:
     # x + iy in units of the scale, turned with the roll.
     offsets: Complex | None = None
+    _triangles: dict[int, list[tuple[int, int, int]]] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, rig: MarkerRig, lens: Lens) -> WeakPerspective:
@@ -53,15 +54,13 @@ class WeakPerspective:
         turn = np.exp(complex(*view.parameters[[SCALE, ROLL]]))
         return replace(self, offsets=(beside[:, 0] + 1j * beside[:, 1]) / turn)
 
-    @cached_property
-    def triangles(self) -> Callable[[int], list[tuple[int, int, int]]]:
+    def triangles(self, hidden: int) -> list[tuple[int, int, int]]:
         """Threes of markers, not on one line, of which some are left whichever so many are hidden.
 
         The largest as seen from behind of those that are left most often.
         """
-        return cache(self._triangles)
-
-    def _triangles(self, hidden: int) -> list[tuple[int, int, int]]:
+        if hidden in self._triangles:
+            return self._triangles[hidden]
         flat = self.points[:, 0] + 1j * self.points[:, 1]
         threes = np.array([*combinations(range(len(flat)), 3)], np.intp).reshape(-1, 3)
         a, b, c = flat[threes].T
@@ -82,7 +81,7 @@ class WeakPerspective:
             chosen.append((first, second, third))
             left -= shows[best] & (left > 0)
             shows[best] = False
-        return chosen
+        return self._triangles.setdefault(hidden, chosen)
 
     @cached_property
     def _max_nearness(self) -> float:

@@ -38,7 +38,8 @@ class MarkerTracker:
     """Finds the markers in one frame after the other, in the mode that the parameters name.
 
     It is what the node marker_tracker runs. Positions are px on the frame, (0, 0) the centre of
-    the top-left pixel; roll is in radians, right wing down positive.
+    the top-left pixel; roll is in radians, right wing down positive. Not safe for calls from
+    several threads at once.
 
     Examples:
         >>> import cv2, numpy as np
@@ -97,6 +98,7 @@ class MarkerTracker:
         Raises:
             ParameterError: ``layout`` is another one; that takes another tracker.
         """
+        parameters = MarkerTrackerParameters.given(parameters)
         if parameters.layout != self.parameters.layout:
             raise ParameterError('layout', 'cannot be changed; make another MarkerTracker')
         programs = [(p.mode, p.prediction == 'kalman') for p in (self.parameters, parameters)]

@@ -41,7 +41,7 @@ class RunwayDetector:
         Raises:
             ParameterError: the mode is ``approach``, which `ApproachDetector` runs.
         """
-        self._parameters = _of_thesis(RunwayDetectorParameters.given(parameters))
+        self._parameters = _of_thesis(parameters)
         self._last_stamp_ns: int | None = None
         self._correction = RhoThetaCorrection(self._parameters)
         self._statistics = RunwayStatistics()
@@ -64,7 +64,7 @@ class RunwayDetector:
             ParameterError: the mode is ``approach``.
         """
         self._parameters = _of_thesis(parameters)
-        self._correction.configure(parameters)
+        self._correction.configure(self._parameters)
 
     def reset(self) -> None:
         """Forget the lines of earlier frames; statistics go on."""
@@ -167,7 +167,8 @@ class RunwayDetector:
         return self._hough
 
 
-def _of_thesis(parameters: RunwayDetectorParameters) -> RunwayDetectorParameters:
+def _of_thesis(given: RunwayDetectorParameters | None) -> RunwayDetectorParameters:
+    parameters = RunwayDetectorParameters.given(given)
     if parameters.mode == 'approach':
         raise ParameterError('mode', "approach is ApproachDetector's; RunwayDetector runs thesis")
     return parameters

@@ -82,12 +82,7 @@ class RunwayLine(NamedTuple):
     @property
     def flags(self) -> LineFlag:
         """The flags as bits: 1 rho error, 2 theta error, 4 corrected."""
-        flags = LineFlag(0)
-        if self.rho_flag:
-            flags |= LineFlag.RHO_ERROR | LineFlag.CORRECTED
-        if self.theta_flag:
-            flags |= LineFlag.THETA_ERROR | LineFlag.CORRECTED
-        return flags
+        return LineFlag(self.rho_flag + 2 * self.theta_flag + 4 * self.corrected)
 
     @property
     def raw(self) -> NormalForm:

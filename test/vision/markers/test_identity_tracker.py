@@ -13,16 +13,18 @@ from support.marker_scores import FlightScore
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.initialization import Attempts
 from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import TANKER_747
 from mvuav_thesis.identity_runs import IdentityTask, fly_names
-from mvuav_thesis.light_flights import LightFlight, LightScene
+from mvuav_thesis.light_flights import LightFlight, LightScene, random_rig
 
 DETECTED, PREDICTED, LOST = MarkerState.DETECTED, MarkerState.PREDICTED, MarkerState.LOST
 FPS = 30.0
+CAMERA = CameraModel(640, 480, (554.0, 0.0, 320.0, 0.0, 554.0, 240.0, 0.0, 0.0, 1.0))
 
 
 def fly(parameters=None, **settings):
@@ -327,6 +329,41 @@ def test_four_strangers_and_one_marker_are_no_tanker():
         for marker, true in zip(result.markers, tanker_at(300, 240), strict=True):
             if marker.state is DETECTED:
                 assert math.hypot(marker.x - true[0], marker.y - true[1]) < 4.0
+
+
+@pytest.mark.parametrize('seed', [0, 2])
+def test_twelve_strangers_are_no_body_of_twelve_that_was_out_of_sight(seed):
+    """Some four of them nearly always look like some four of its markers."""
+    rig = random_rig(12, seed)
+    ahead = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], (0.0, 0.0, 6.0 * np.abs(rig.positions).max())
+    own = CAMERA.project(rig.positions, *ahead)
+    others = np.random.default_rng(seed).uniform((40, 40), (600, 440), (12, 2))
+    tracker, stamp_ns, named = MarkerTracker(rig=rig), 0, []
+    among = np.vstack((own, others[:3]))
+    for frames, places in ((15, own), (20, own[:0]), (3, others), (2, among)):
+        for _ in range(frames):
+            stamp_ns += 33_000_000 if len(places) else 200_000_000
+            result = tracker.process(Image(draw(places, radius=2), 'mono8'), stamp_ns)
+        named.append([(marker.label, marker.x, marker.y) for marker in result.named])
+    assert [len(each) for each in named] == [12, 0, 0, 12]
+    assert all(math.dist(own[label], place) < 1.0 for label, *place in named[3])
+
+
+@pytest.mark.parametrize(('visible', 'strangers'), [(6, 6), (5, 3)])
+def test_half_of_twelve_markers_are_found_again_among_strangers(visible, strangers):
+    """Not every three of the markers are tried on every three of so many lights."""
+    rig, rng = random_rig(12, 1), np.random.default_rng(1)
+    ahead = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], (0.0, 0.0, 6.0 * np.abs(rig.positions).max())
+    own = CAMERA.project(rig.positions, *ahead)
+    back = rng.choice(12, visible, replace=False)
+    others = rng.uniform((40, 40), (600, 440), (strangers, 2))
+    tracker = MarkerTracker(rig=rig)
+    tracker.set_camera(CAMERA)
+    for step in range(50):
+        places = own if step < 15 else own[:0] if step < 45 else np.vstack((own[back], others))
+        result = tracker.process(Image(draw(places, radius=2), 'mono8'), step * 33_000_000)
+    assert {marker.label for marker in result.named} == {*back.tolist()}
+    assert all(math.dist(own[m.label], (m.x, m.y)) < 1.0 for m in result.named)
 
 
 @pytest.mark.parametrize('seed', range(6))

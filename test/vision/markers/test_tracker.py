@@ -1,5 +1,8 @@
 """The marker programs behind one call: in what of a colour image lights are looked for."""
 
+import copy
+import pickle
+
 import cv2
 import numpy as np
 import pytest
@@ -109,3 +112,15 @@ def test_where_all_is_too_dark_the_status_says_so(mode):
     tracker = MarkerTracker(MarkerTrackerParameters(mode=mode))
     assert tracker.process(lights, 0).status.endswith('no pixel is above the threshold')
     assert 'threshold' not in tracker.process(16 * lights, 33_000_000).status
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('handed_over', [copy.deepcopy, lambda t: pickle.loads(pickle.dumps(t))])
+def test_a_tracker_that_is_handed_to_another_process_goes_on_as_it_would_have(mode, handed_over):
+    tracker = MarkerTracker(MarkerTrackerParameters(mode=mode))
+    for frame in range(8):
+        tracker.process(Image(lights(WHITE, 2 * frame), 'bgr8'), frame * 33_000_000)
+    other = handed_over(tracker)
+    for frame in range(8, 12):
+        image, stamp_ns = Image(lights(WHITE, 2 * frame), 'bgr8'), frame * 33_000_000
+        assert repr(other.process(image, stamp_ns)) == repr(tracker.process(image, stamp_ns))
