@@ -124,6 +124,12 @@ class Board:
         dictionary = aruco.getPredefinedDictionary(getattr(aruco, known[name]))
         sides = self.square, self.marker * self.square
         size = self.columns + 1, self.rows + 1
+        markers, most = size[0] * size[1] // 2, len(dictionary.bytesList)
+        if markers > most:
+            raise BoardError(
+                f'{self.columns}x{self.rows} inner corners need {markers} markers, and '
+                f'{known[name]} has {most}'
+            )
         if not hasattr(aruco, 'CharucoDetector'):  # before OpenCV 4.7
             return (_OldCharucoDetector(aruco.CharucoBoard_create(*size, *sides, dictionary)),)
         boards = [aruco.CharucoBoard(size, *sides, dictionary)]

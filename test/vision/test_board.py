@@ -84,6 +84,14 @@ def test_boards_that_cannot_be():
         Board(9, 6, 0.03, 'DICT_NONE')
 
 
+@pytest.mark.skipif(NO_ARUCO, reason='this OpenCV has no aruco')
+def test_a_charuco_board_has_no_more_markers_than_its_dictionary():
+    with pytest.raises(BoardError, match='56 markers, and DICT_4X4_50 has 50'):
+        Board(13, 7, 0.03, 'DICT_4X4_50')
+    # 14 x 7 squares have 49.
+    assert Board(13, 6, 0.03, 'DICT_4X4_50').find(np.full((100, 100), 90, np.uint8)) is None
+
+
 def test_views_that_differ_are_chosen_and_those_alike_are_not():
     camera = LENSES['plumb_bob']
     places = (-0.1, -0.05, 0.0, 0.05, 0.1)

@@ -91,7 +91,7 @@ def calibrate(
     try:
         printed = Board(int(columns), int(rows), square, charuco or '', marker)
     except BoardError as error:
-        raise ParameterError('--board, --square, --marker', str(error)) from error
+        raise ParameterError('--board, --square, --charuco, --marker', str(error)) from error
     report = _report_folder(report, output, force, source)
     with closing(open_source(source, topic=topic)) as images, frame_progress() as progress:
         task = progress.add_task('frames', total=images.count)
