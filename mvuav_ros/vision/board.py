@@ -21,7 +21,9 @@ SEARCH_SIDE = 800
 the whole image. A search takes 0.1 s at this size, and 0.4 s at 1920 x 1440."""
 MIN_CORNERS = 12
 """Of a board that is seen in part; a homography takes four, and a pose should be sure."""
-_WINDOW = 0.4  # Of the distance between corners: half the side of the window of the refinement
+_WINDOW = 0.4
+"""Of the distance between corners: half the side of the window of the refinement. A ChArUco board's
+ends where its markers begin: their edges would draw the corner aside."""
 _REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-4)
 
 
@@ -92,7 +94,8 @@ class Board:
             return None
         apart = np.linalg.norm(pixels[:, None] - pixels, axis=2)
         np.fill_diagonal(apart, np.inf)
-        radius = int(np.clip(_WINDOW * apart.min(), 2, 15))
+        window = 0.5 * (1.0 - self.marker) if self.dictionary else _WINDOW
+        radius = int(np.clip(window * apart.min(), 2, 15))
         rough = np.ascontiguousarray(pixels.reshape(-1, 1, 2), np.float32)
         refined = cv2.cornerSubPix(gray, rough, (radius, radius), (-1, -1), _REFINEMENT)
         refined = np.asarray(refined, np.float64).reshape(-1, 2)
