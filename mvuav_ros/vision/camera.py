@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
@@ -24,10 +25,7 @@ COEFFICIENTS: dict[str, tuple[int, ...]] = {
 
 _NOWHERE = (0.0, 0.0, 0.0)
 _WIDEST_TURN = math.radians(89.0)
-"""Rad off the axis: what a fisheye sees farther out has no place on an image plane."""
-_WIDEST_POLYNOMIAL = 1.5
-"""Tangent of the angle off the axis, for frames that do not show as much: far outside of them the
-polynomials turn back."""
+"""Rad off the axis: what is seen farther out has no place on an image plane."""
 _MAX_SKEW = 0.5
 """px: what OpenCV leaves out then moves a light by less than a principal point is known to."""
 _undistort: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
@@ -251,15 +249,22 @@ class CameraModel:
 
     @cached_property
     def widest(self) -> float:
-        """Greatest x / z and y / z for `project`: beyond, a lens model may turn back."""
+        """Tangent of the angle off the axis from which on the lens model turns back, or of 89°."""
+        d = np.append(self.distortion, np.zeros(8))
         if self.is_fisheye:
-            return math.tan(_WIDEST_TURN)
-        right, bottom = self.width - 1.0, self.height - 1.0
-        corners = np.array([(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)])
-        rays = self.undistort(corners)
-        # Where a model has turned back before them, that says nothing.
-        off = np.abs(self.project(np.column_stack((rays, np.ones(4)))) - corners).max()
-        return max(_WIDEST_POLYNOMIAL, float(np.abs(rays).max()) if off < 1.0 else 0.0)
+            slope = Polynomial(np.append(1.0, d[:4] * (3, 5, 7, 9)))
+        else:
+            # Of r a(r²) / b(r²); tangential distortion is small.
+            a, b = (Polynomial(np.append(1.0, d[kept])) for kept in ([0, 1, 4], [5, 6, 7]))
+            slope = (a * b + Polynomial((0.0, 2.0)) * (a.deriv() * b - a * b.deriv())) * b
+        roots = slope.trim().roots()
+        least = math.sqrt(min(roots[np.isreal(roots) & (roots.real > 0)].real, default=math.inf))
+        turn = least if self.is_fisheye else math.atan(least)
+        return math.tan(min(turn, _WIDEST_TURN))
+
+    def shows(self, places: Array) -> NDArray[np.bool_]:
+        """Which of some places (n, 3), m, are ahead, and no farther aside than `widest`."""
+        return np.asarray(np.hypot(*places[:, :2].T) <= self.widest * places[:, 2])
 
 
 def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = ()) -> Any:

@@ -268,9 +268,7 @@ class PoseEstimator:
         if labels != self._all:
             places = self._points.dot(rotation.T) + translation
             seen = camera.project(places)
-            # Behind the camera, or where its lens model may turn back.
-            ahead = np.abs(places[:, :2]) <= camera.widest * places[:, 2:]
-            seen[~ahead.all(axis=1)] = math.nan
+            seen[~camera.shows(places)] = math.nan
         misfit = math.sqrt(squares / count)
         return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, misfit)
 
