@@ -242,7 +242,7 @@ class PoseEstimator:
             return None
         solutions = view.solve() + ([followed] if followed else [])
         least = min((solution.squares for solution in solutions), default=math.inf)
-        if least > count * _most_misfit(image) ** 2:
+        if math.sqrt(least / count) > _most_misfit(image):
             self.reason = 'no pose fits the markers'
             return None
         chosen = _choose(solutions, self.noise, count, last and last.rotation)
