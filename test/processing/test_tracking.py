@@ -75,6 +75,14 @@ def test_a_rig_that_cannot_be_told_apart_is_refused() -> None:
     assert 'symmetric' in allowed.doubts[0]
 
 
+def test_a_rig_of_more_markers_than_there_are_labels_is_refused() -> None:
+    for count in (1, 256):
+        markers = tuple((f'm{i}', (0, i, i * i)) for i in range(count))
+        rig = MarkerRig('many', markers, (0, 0, 0), (0, 0, 0))
+        with pytest.raises(ParameterError, match='many: tracking needs 2 to 255 markers'):
+            MarkerTracker(MarkerTrackerParameters(allow_ambiguous=True), rig)
+
+
 @pytest.mark.parametrize(
     'markers',
     [
