@@ -87,6 +87,23 @@ def test_nothing_to_calibrate_from(rendered, tmp_path):
     assert 'not a video' in refused(tmp_path, tmp_path / 'broken.mp4')
     mixed = write(tmp_path / 'mixed', [empty, empty[:60]])
     assert '160 x 120 px and of 160 x 60 px' in refused(tmp_path, mixed)
+    cut = write(tmp_path / 'cut', [empty])
+    (cut / '000.png').write_bytes(b'cut off')
+    why = 'there is no image to read; 1 image left out: 000.png'
+    assert why in refused(tmp_path, cut)
+    rig = 'rig', 'calibrate', cut, '--rig', TANKER, '-o', tmp_path / 'rig.yaml'
+    assert why in mvuav(*rig).error
+
+
+def test_images_that_are_left_out_are_counted(rendered, tmp_path):
+    _, stills, _ = rendered
+    source = write(tmp_path / 'images', stills)
+    for name in ('cut.png', 'text.png'):
+        (source / name).write_bytes(b'none')
+    command = 'calibrate', source, '--board', '9x6', '--square', 0.03, '-o', tmp_path / 'c.yaml'
+    run = mvuav(*command)
+    assert run.status == 0
+    assert run.err.startswith('note: 2 images left out: cut.png: ')
 
 
 def test_the_folder_where_one_is_is_no_calibration_file(tmp_path, monkeypatch):
