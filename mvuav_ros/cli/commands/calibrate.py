@@ -6,7 +6,7 @@ import math
 from contextlib import closing
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
@@ -21,6 +21,9 @@ from mvuav_ros.cli.options import (
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import SourceError
+
+if TYPE_CHECKING:
+    from mvuav_ros.vision.rig_examination import PoseError
 
 _LITTLE = 0.6
 """Part of the image below which its coverage is worth a word."""
@@ -148,6 +151,7 @@ def check(
     """
     from mvuav_ros.messages.marker_messages import refused_names
     from mvuav_ros.vision.camera import CameraModel
+    from mvuav_ros.vision.reprojection import MIN_MARKERS
     from mvuav_ros.vision.rig import RigError, load_rig
     from mvuav_ros.vision.rig_examination import (
         confusions,
@@ -166,33 +170,27 @@ def check(
         raise ParameterError('rig', str(error)) from error
     size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
     words = f'{body.name}: {len(body.names)} markers, {size:g} m across'
-    if len(body.names) >= 3 and is_flat(body):
+    if len(body.names) == MIN_MARKERS:
+        words += ': names, but no pose, which takes four'
+    elif len(body.names) > MIN_MARKERS and is_flat(body):
         words += ', all in one plane: the tilt is ambiguous'
     say(words)
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
-    if len(body.names) >= 3 and not is_straight(body):
+    if len(body.names) >= MIN_MARKERS and not is_straight(body):
         focal = 0.5 * width / math.tan(math.radians(0.5 * fov))
         height = round(0.75 * width)
         middle = 0.5 * (width - 1), 0.5 * (height - 1)
         k = (focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0)
         camera = CameraModel(width, height, k)
         distances = distance or [size * reach for reach in _REACHES]
-        say('')
-        say(f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
-        say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
-        in_view = []
-        for value in distances:
-            e = pose_error(body, camera, value, noise)
-            if math.isnan(e.span):
-                say(f'{value:10.4g}  too near: not all markers are in view')
-                continue
-            in_view.append(value)
-            say(
-                f'{e.distance:10.4g} {e.span:9.1f} {e.along:8.3g} {e.across:9.3g} '
-                f'{e.roll:9.3g} {e.tilt:15.3g}'
-            )
+        errors = [pose_error(body, camera, value, noise) for value in distances]
+        in_view = [e.distance for e in errors if not math.isnan(e.span)]
+        if len(body.names) > MIN_MARKERS:
+            say('', f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
+            say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
+            say(*map(_error_line, errors))
         exchanges = confusions(body, camera, in_view[0]) if in_view else []
         if in_view:
             say('', f'exchanged names with the smallest residuals, at {in_view[0]:.4g} m')
@@ -206,6 +204,15 @@ def check(
             )
     if doubts:
         raise typer.Exit(1)
+
+
+def _error_line(e: PoseError) -> str:
+    if math.isnan(e.span):
+        return f'{e.distance:10.4g}  too near: not all markers are in view'
+    return (
+        f'{e.distance:10.4g} {e.span:9.1f} {e.along:8.3g} {e.across:9.3g} {e.roll:9.3g} '
+        f'{e.tilt:15.3g}'
+    )
 
 
 @rig.command('calibrate')
