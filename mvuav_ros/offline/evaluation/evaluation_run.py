@@ -29,16 +29,24 @@ from mvuav_ros.recordings.tables import marker_names
 from mvuav_ros.sources.opening import camera_model, looks_like_bag, open_source, planned_flight
 from mvuav_ros.sources.source import SourceError
 
-MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
-TRUTH_TOPICS = {'/truth/markers': MARKERS, '/truth/rpy': RPY, '/truth/lines': LINES}
+MARKERS, RPY, LINES, POSE, TRUE_POSE = 'markers', 'rpy', 'lines', 'pose', 'true pose'
+TRUTH_TOPICS = {
+    '/truth/markers': MARKERS,
+    '/truth/rpy': RPY,
+    '/truth/lines': LINES,
+    '/truth/pose': TRUE_POSE,
+}
 _TYPES = {
     MARKERS: 'sensor_msgs/msg/PointCloud2',
     RPY: 'geometry_msgs/msg/Vector3Stamped',
     LINES: 'sensor_msgs/msg/PointCloud2',
+    POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    TRUE_POSE: 'geometry_msgs/msg/PoseStamped',
 }
 RESULT_TOPICS = {
     '/marker_tracker/markers': MARKERS,
     '/marker_tracker/rpy': RPY,
+    '/marker_tracker/pose': POSE,
     '/runway_detector/line_params': LINES,
 }
 _FIELDS = {
@@ -52,11 +60,15 @@ ONE_MARKER = '/marker_tracker/marker/'
 
 @dataclass
 class Observations:
-    """By stamp (ns): marker rows, roll (rad), line rows."""
+    """By stamp (ns): marker rows, roll (rad), line rows, poses.
+
+    A pose is its frame's name, and x, y, z (m) and the quaternion's x, y, z, w, (7,).
+    """
 
     markers: dict[int, Rows] = field(default_factory=dict)
     rpy: dict[int, float] = field(default_factory=dict)
     lines: dict[int, Rows] = field(default_factory=dict)
+    poses: dict[int, tuple[str, NDArray[np.float64]]] = field(default_factory=dict)
 
     def add(self, kind: str, data: bytes | memoryview) -> None:
         """Take in a message's CDR.
@@ -69,13 +81,19 @@ class Observations:
         if kind == RPY:
             self.rpy[stamp_ns] = float(message.vector.x)
             return
+        if kind in (POSE, TRUE_POSE):
+            pose = message.pose.pose if kind == POSE else message.pose
+            p, q = pose.position, pose.orientation
+            numbers = np.array((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+            self.poses[stamp_ns] = message.header.frame_id, numbers
+            return
         rows = view_points(message)
         if missing := _FIELDS[kind] - {*(rows.dtype.names or ())}:
             raise MalformedMessageError(f'it has no {", ".join(sorted(missing))}')
         getattr(self, kind)[stamp_ns] = rows
 
     def __len__(self) -> int:
-        return len(self.markers) + len(self.rpy) + len(self.lines)
+        return len(self.markers) + len(self.rpy) + len(self.lines) + len(self.poses)
 
     @property
     def stamps(self) -> set[int]:

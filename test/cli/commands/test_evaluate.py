@@ -261,8 +261,8 @@ def test_the_loss_of_an_input_is_said_once_however_often_it_is_read(tmp_path):
         lines = done.err.splitlines()
         assert done.status == 0 and len(set(lines)) == len(lines) == 3
         (account,) = json.loads(done.out)['accounts']
-        # Of each frame the truth and the results: markers and roll.
-        assert account['kept'] == 4 * 6
+        # Of each frame the truth and the results: markers and roll, and the true pose.
+        assert account['kept'] == 5 * 6
     flights = [tmp_path / name / 'flight.avi' for name in ('one', 'two')]
     for flight in flights:
         flight.parent.mkdir()
