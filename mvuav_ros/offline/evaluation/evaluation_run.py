@@ -30,12 +30,8 @@ from mvuav_ros.sources.opening import camera_model, looks_like_bag, open_source,
 from mvuav_ros.sources.source import SourceError
 
 MARKERS, RPY, LINES, POSE, TRUE_POSE = 'markers', 'rpy', 'lines', 'pose', 'true pose'
-TRUTH_TOPICS = {
-    '/truth/markers': MARKERS,
-    '/truth/rpy': RPY,
-    '/truth/lines': LINES,
-    '/truth/pose': TRUE_POSE,
-}
+TRUTH_TOPICS = {f'/truth/{kind}': kind for kind in (MARKERS, RPY, LINES)}
+TRUTH_TOPICS['/truth/pose'] = TRUE_POSE
 _TYPES = {
     MARKERS: 'sensor_msgs/msg/PointCloud2',
     RPY: 'geometry_msgs/msg/Vector3Stamped',
@@ -43,12 +39,8 @@ _TYPES = {
     POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
     TRUE_POSE: 'geometry_msgs/msg/PoseStamped',
 }
-RESULT_TOPICS = {
-    '/marker_tracker/markers': MARKERS,
-    '/marker_tracker/rpy': RPY,
-    '/marker_tracker/pose': POSE,
-    '/runway_detector/line_params': LINES,
-}
+RESULT_TOPICS = {f'/marker_tracker/{kind}': kind for kind in (MARKERS, RPY, POSE)}
+RESULT_TOPICS['/runway_detector/line_params'] = LINES
 _FIELDS = {
     MARKERS: {'x', 'y', 'label', 'state'},
     LINES: {'x', 'y', 'x2', 'y2', 'rho', 'theta', 'flags'},
@@ -92,13 +84,10 @@ class Observations:
             raise MalformedMessageError(f'it has no {", ".join(sorted(missing))}')
         getattr(self, kind)[stamp_ns] = rows
 
-    def __len__(self) -> int:
-        return len(self.markers) + len(self.rpy) + len(self.lines) + len(self.poses)
-
     @property
     def stamps(self) -> set[int]:
         """Of all frames."""
-        return {*self.markers, *self.rpy, *self.lines}
+        return {*self.markers, *self.rpy, *self.lines, *self.poses}
 
 
 def names_of(processors: Iterable[Processor]) -> dict[int, str]:
