@@ -248,8 +248,8 @@ class CameraModel:
         return seen.reshape(-1, 2), by_pose, by_camera
 
     @cached_property
-    def widest(self) -> float:
-        """Tangent of the angle off the axis from which on the lens model turns back, or of 89°."""
+    def fold(self) -> float:
+        """Tangent of the angle off the axis where the lens model turns back, or infinite."""
         d = np.append(self.distortion, np.zeros(8))
         if self.is_fisheye:
             slope = Polynomial(np.append(1.0, d[:4] * (3, 5, 7, 9)))
@@ -259,8 +259,12 @@ class CameraModel:
             slope = (a * b + Polynomial((0.0, 2.0)) * (a.deriv() * b - a * b.deriv())) * b
         roots = slope.trim().roots()
         least = math.sqrt(min(roots[np.isreal(roots) & (roots.real > 0)].real, default=math.inf))
-        turn = least if self.is_fisheye else math.atan(least)
-        return math.tan(min(turn, _WIDEST_TURN))
+        return math.tan(min(least, _WIDEST_TURN)) if self.is_fisheye else least
+
+    @cached_property
+    def widest(self) -> float:
+        """The `fold`, or the tangent of 89° where that is nearer to the axis."""
+        return min(self.fold, math.tan(_WIDEST_TURN))
 
     def shows(self, places: Array) -> NDArray[np.bool_]:
         """Which of some places (n, 3), m, are ahead, and no farther aside than `widest`."""

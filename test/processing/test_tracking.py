@@ -34,7 +34,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.simulation.light_drawing import Light, LightProfile, add_lights
-from mvuav_ros.sources.opening import camera_model, make_flight
+from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
@@ -162,7 +162,7 @@ def test_a_calibration_as_opencv_gives_it_is_used() -> None:
     settings = {'motion': 'docking', 'frames': 20, 'distortion': '-0.2,0.05,0,0'}
     flight = make_flight('tanker', settings)
     name = 'sim:tanker?' + '&'.join(f'{key}={value}' for key, value in settings.items())
-    known = camera_model(flight.camera)
+    known = flight.camera
     given = CameraModel(640, 480, k=known.matrix, d=known.distortion.reshape(5, 1))
     frames, other = list(track(name)), list(track(open_source(name), given))
     for frame, same, true in zip(frames, other, flight, strict=True):

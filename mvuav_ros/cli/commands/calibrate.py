@@ -150,7 +150,7 @@ def check(
     The exit status is 1 if marker_tracker refuses the rig unless allow_ambiguous is set.
     """
     from mvuav_ros.messages.marker_messages import refused_names
-    from mvuav_ros.vision.camera import CameraModel
+    from mvuav_ros.simulation.pinhole import pinhole_camera
     from mvuav_ros.vision.reprojection import MIN_MARKERS
     from mvuav_ros.vision.rig import RigError, load_rig
     from mvuav_ros.vision.rig_examination import (
@@ -179,11 +179,7 @@ def check(
     for doubt in doubts:
         say(f'refused: {doubt}')
     if len(body.names) >= MIN_MARKERS and not is_straight(body):
-        focal = 0.5 * width / math.tan(math.radians(0.5 * fov))
-        height = round(0.75 * width)
-        middle = 0.5 * (width - 1), 0.5 * (height - 1)
-        k = (focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0)
-        camera = CameraModel(width, height, k)
+        camera = pinhole_camera(width, round(0.75 * width), fov)
         distances = distance or [size * reach for reach in _REACHES]
         errors = [pose_error(body, camera, value, noise) for value in distances]
         in_view = [e.distance for e in errors if not math.isnan(e.span)]

@@ -64,13 +64,13 @@ def _parse_size(text: str) -> tuple[int, int]:
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
     from mvuav_ros.offline.simulated_messages import simulated_messages
     from mvuav_ros.recordings.writing import RecordingWriter
-    from mvuav_ros.sources.opening import camera_model, make_flight
+    from mvuav_ros.sources.opening import make_flight
 
     flight = make_flight(kind, given)
     if output.is_dir():
         raise RecordingError(f'{output} is a folder; give the name of a file, such as flight.mcap')
     refuse_to_overwrite(output, force)
-    camera = camera_model(flight.camera)
+    camera = flight.camera
     seed = flight.settings.seed
     with (
         stop_on_signals() as stop,

@@ -26,7 +26,7 @@ from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.remote import is_url, local_copy
 from mvuav_ros.recordings.tables import marker_names
-from mvuav_ros.sources.opening import camera_model, looks_like_bag, open_source, planned_flight
+from mvuav_ros.sources.opening import looks_like_bag, open_source, planned_flight
 from mvuav_ros.sources.source import SourceError
 
 MARKERS, RPY, LINES, POSE, TRUE_POSE = 'markers', 'rpy', 'lines', 'pose', 'true pose'
@@ -178,7 +178,7 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
     """The input's frames; its truth goes to ``run`` meanwhile."""
     if text.startswith(SIMULATED):
         flight = planned_flight(text)
-        camera = camera_model(flight.camera)
+        camera = flight.camera
         for flown in flight:
             for name, _, data in truth_messages(flown):
                 if name in TRUTH_TOPICS:
