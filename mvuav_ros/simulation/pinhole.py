@@ -12,13 +12,11 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Matrix, Vector
 
-Distortion = tuple[float, float, float, float, float]
-NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 _MAX_COEFFICIENT = 1e6  # of any distortion that a lens might have, and far below what overflows
 
 
 def pinhole_camera(
-    width: int, height: int, fov_deg: float, distortion: Distortion = NO_DISTORTION
+    width: int, height: int, fov_deg: float, distortion: tuple[float, ...] = ()
 ) -> CameraModel:
     """A camera of square pixels, with its axis in the middle of the image.
 
@@ -30,23 +28,16 @@ def pinhole_camera(
     focal = 0.5 * width / math.tan(math.radians(0.5 * fov_deg))
     k = (focal, 0.0, 0.5 * (width - 1), 0.0, focal, 0.5 * (height - 1), 0.0, 0.0, 1.0)
     camera = CameraModel(width, height, k, distortion)
-    if camera.fold <= 0.5 * math.hypot(width, height) / focal:
+    if camera.widest <= 0.5 * math.hypot(width, height) / focal:
         reason = 'folds the image onto itself within the field of view'
         raise ParameterError('distortion', reason)
     return camera
 
 
 def seen_by(camera: CameraModel, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where points (n, 3), m, in the optical frame are seen.
-
-    Returns:
-        (n, 2), px; NaN for points that are not in front of the camera, or farther from its axis
-        than where its distortion would turn back.
-    """
-    pixels, ahead = camera.project(points), points[:, 2] > 0.0
-    with np.errstate(divide='ignore', invalid='ignore'):
-        ahead &= np.hypot(points[:, 0], points[:, 1]) / points[:, 2] < camera.fold
-    pixels[~ahead] = np.nan
+    """Where points (n, 3), m, in the optical frame are seen, (n, 2) px; NaN where they are not."""
+    pixels = camera.project(points)
+    pixels[~camera.shows(points)] = np.nan
     return pixels
 
 
@@ -66,14 +57,14 @@ class CameraPose(NamedTuple):
     rotation: Matrix  # (3, 3), runway's from the camera's optical frame
 
 
-def parse_distortion(text: str) -> Distortion:
+def parse_distortion(text: str) -> tuple[float, ...]:
     """Read ``k1, k2, p1, p2`` or ``k1, k2, p1, p2, k3``; nothing means no distortion.
 
     Raises:
         ParameterError: it is anything else.
     """
     if not text.strip():
-        return NO_DISTORTION
+        return (0.0,) * 5
     try:
         numbers = [float(word) for word in text.replace(',', ' ').split()]
     except ValueError:
@@ -81,5 +72,4 @@ def parse_distortion(text: str) -> Distortion:
     if len(numbers) not in (4, 5) or not all(abs(number) < _MAX_COEFFICIENT for number in numbers):
         reason = f'takes k1, k2, p1, p2 and perhaps k3, not {text!r}'
         raise ParameterError('distortion', reason)
-    k1, k2, p1, p2, k3 = (*numbers, 0.0)[:5]
-    return k1, k2, p1, p2, k3
+    return (*numbers, 0.0)[:5]

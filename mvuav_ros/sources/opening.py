@@ -141,12 +141,11 @@ class SimulatedFlight(FrameSource):
         self.account = Account(self.name)
         self.rate: float | None = self._flight.rate
         self.count: int | None = len(self._flight)
-        self._camera = self._flight.camera
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Fly it from the start."""
         for frame in self._flight:
-            yield Frame(frame.stamp_ns, OPTICAL_FRAME, frame.image, self._camera)
+            yield Frame(frame.stamp_ns, OPTICAL_FRAME, frame.image, self._flight.camera)
 
 
 def planned_flight(

@@ -6,7 +6,7 @@ import math
 from contextlib import closing
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import Annotated, Optional
 
 import typer
 
@@ -21,9 +21,6 @@ from mvuav_ros.cli.options import (
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import SourceError
-
-if TYPE_CHECKING:
-    from mvuav_ros.vision.rig_examination import PoseError
 
 _LITTLE = 0.6
 """Part of the image below which its coverage is worth a word."""
@@ -126,11 +123,6 @@ _REACHES = (2.0, 5.0, 10.0, 20.0)
 _LISTED = 6
 
 
-@rig.callback()
-def _rig() -> None:
-    pass
-
-
 @rig.command()
 def check(
     file: Annotated[Path, typer.Argument(help='A rig file like config/tanker_747.yaml.')],
@@ -186,7 +178,11 @@ def check(
         if len(body.names) > MIN_MARKERS:
             say('', f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
             say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
-            say(*map(_error_line, errors))
+            for e in errors:
+                numbers = f'{e.span:9.1f} {e.along:8.3g} {e.across:9.3g} {e.roll:9.3g}'
+                near = ' too near: not all markers are in view'
+                said = near if math.isnan(e.span) else f'{numbers} {e.tilt:15.3g}'
+                say(f'{e.distance:10.4g} {said}')
         exchanges = confusions(body, camera, in_view[0]) if in_view else []
         if in_view:
             say('', f'exchanged names with the smallest residuals, at {in_view[0]:.4g} m')
@@ -200,15 +196,6 @@ def check(
             )
     if doubts:
         raise typer.Exit(1)
-
-
-def _error_line(e: PoseError) -> str:
-    if math.isnan(e.span):
-        return f'{e.distance:10.4g}  too near: not all markers are in view'
-    return (
-        f'{e.distance:10.4g} {e.span:9.1f} {e.along:8.3g} {e.across:9.3g} {e.roll:9.3g} '
-        f'{e.tilt:15.3g}'
-    )
 
 
 @rig.command('calibrate')

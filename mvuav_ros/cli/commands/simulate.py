@@ -70,7 +70,6 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     if output.is_dir():
         raise RecordingError(f'{output} is a folder; give the name of a file, such as flight.mcap')
     refuse_to_overwrite(output, force)
-    camera = flight.camera
     seed = flight.settings.seed
     with (
         stop_on_signals() as stop,
@@ -79,7 +78,7 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     ):
         frames: Iterable[SimulatedFrame[Any]] = flight
         for frame in progress.track(frames, total=len(flight), description=f'sim:{kind}'):
-            for topic, type_name, data in simulated_messages(frame, camera, seed):
+            for topic, type_name, data in simulated_messages(frame, flight.camera, seed):
                 writer.write(topic, type_name, frame.stamp_ns, data)
             if stop:
                 break

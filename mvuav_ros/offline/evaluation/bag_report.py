@@ -49,7 +49,7 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     elif run.results.rpy:
         sections.append(Section('Roll', ('The truth holds no roll for these frames.',)))
     if (pose := pose_errors(run)) is not None:
-        sections.append(Section('Pose', (), (_pose_table(pose), _pose_figure(pose))))
+        sections.append(Section('Pose', (), (_pose_table(pose),)))
     if lines is not None:
         sections.append(Section('Runway lines', (), (_line_table(lines),)))
     return Report(
@@ -159,18 +159,6 @@ def _pose_table(errors: PoseErrors) -> Table:
         '| greatest [%] .3 | attitude, RMS error [°] .3 | greatest [°] .3',
         [tuple(row)],
     )
-
-
-def _pose_figure(errors: PoseErrors) -> Figure:
-    with drawing(9.6, 4.6) as canvas:
-        upper, lower = canvas.figure.subplots(2, 1, sharex=True)
-        upper.plot(errors.time, 1000.0 * errors.place, color=COLORS[0])
-        lower.plot(errors.time, np.degrees(errors.turn), color=COLORS[1])
-        upper.set_ylim(bottom=0)
-        lower.set_ylim(bottom=0)
-        label(upper, '', '', 'error [mm]')
-        label(lower, '', 'time [s]', 'error of attitude [°]')
-    return Figure('pose_over_time', 'Error of the pose', canvas.png)
 
 
 def _line_table(errors: LineErrors) -> Table:

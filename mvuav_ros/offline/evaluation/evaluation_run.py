@@ -178,12 +178,11 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
     """The input's frames; its truth goes to ``run`` meanwhile."""
     if text.startswith(SIMULATED):
         flight = planned_flight(text)
-        camera = flight.camera
         for flown in flight:
             for name, _, data in truth_messages(flown):
                 if name in TRUTH_TOPICS:
                     run.truth.add(TRUTH_TOPICS[name], data)
-            yield Frame(flown.stamp_ns, OPTICAL_FRAME, flown.image, camera)
+            yield Frame(flown.stamp_ns, OPTICAL_FRAME, flown.image, flight.camera)
         return
     if is_url(text):
         with local_copy(text) as copied:

@@ -149,7 +149,6 @@ class RollErrors:
 class PoseErrors:
     """By frame, (n,) each; NaN without a pose."""
 
-    time: Array  # s since the first of them
     place: Array  # m
     share: Array  # of the true distance
     turn: Array  # rad
@@ -209,7 +208,7 @@ def pose_errors(run: EvaluationRun) -> PoseErrors | None:
         lengths = np.linalg.norm(found[:, 3:], axis=1) * np.linalg.norm(true[:, 3:], axis=1)
         # Opposite quaternions are the same attitude; one of zeros is none.
         half = np.arccos(np.minimum(np.abs((found * true)[:, 3:].sum(axis=1)) / lengths, 1.0))
-        return PoseErrors(_seconds(stamps), place, place / distance, 2.0 * half)
+        return PoseErrors(place, place / distance, 2.0 * half)
 
 
 def line_errors(run: EvaluationRun) -> LineErrors | None:
