@@ -138,11 +138,12 @@ def calibrate_from(
     """
     found = len(search.views)
     if not found:
+        whole = ', and the whole board must be in view'
         raise CalibrationError(
             f'no board of {board.columns}x{board.rows} inner corners in any of the '
             f'{search.searched} images looked at, of {search.frames}: --board counts the corners '
-            'where four squares meet, and the whole board must be in view'
-            + ('' if not board.dictionary else '; --charuco names its dictionary')
+            'where four squares meet'
+            f'{"; --charuco names its dictionary" if board.dictionary else whole}'
         )
     chosen = search.different(most)
     if len(chosen) < MIN_VIEWS:

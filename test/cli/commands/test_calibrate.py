@@ -81,6 +81,11 @@ def test_nothing_to_calibrate_from(rendered, tmp_path):
     empty = np.full((120, 160), 90, np.uint8)
     source = write(tmp_path / 'none', [empty] * 4)
     assert 'no board of 9x6 inner corners in any of the 4 images' in refused(tmp_path, source)
+    assert 'and the whole board must be in view' in refused(tmp_path, source)
+    if hasattr(cv2, 'aruco'):
+        # Which is found in part as well.
+        coded = refused(tmp_path, source, '--charuco', 'DICT_5X5_100')
+        assert coded.endswith('where four squares meet; --charuco names its dictionary')
     (tmp_path / 'empty').mkdir()
     assert 'no images and no bag there' in refused(tmp_path, tmp_path / 'empty')
     (tmp_path / 'broken.mp4').write_bytes(b'\0' * 5000)
