@@ -13,7 +13,6 @@ import numpy as np
 from mvuav_ros.offline.evaluation.metrics import Array
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
-from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.frames import Matrix, Vector
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.marker_results import MarkerResult, MarkerState
@@ -65,7 +64,7 @@ def fly_poses(task: PoseTask) -> FlownPoses:
             motion='docking', frames=task.frames, seed=task.seed, distortion=task.distortion
         )
     )
-    camera, estimator = camera_model(flight.camera), PoseEstimator(flight.rig)
+    camera, estimator = flight.camera, PoseEstimator(flight.rig)
     rng = np.random.default_rng(task.seed)
     rows = np.full((task.frames, 4), np.nan)
     for index in range(task.frames):

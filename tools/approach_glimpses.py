@@ -61,7 +61,7 @@ class GlimpsesBefore(Glimpses):
         down = math.radians(math.exp(rng.uniform(math.log(5.0), math.log(40.0))))
         away = height / math.tan(down)
         aside = width * float(rng.uniform(-1.5, 1.5))
-        view = 2.0 * math.atan(0.5 * self.camera.height / self.camera.fy)
+        view = 2.0 * math.atan(0.5 * self.camera.height / self.camera.k[4])
         pitch = down + view * float(rng.uniform(-0.3, 0.42))
         roll, turned = (math.radians(degrees) * rng.normal() for degrees in (6.0, 4.0))
         yaw = rng.uniform(0.3, 1.0) * math.atan2(-aside, away) + turned

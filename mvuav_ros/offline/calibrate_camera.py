@@ -88,7 +88,8 @@ def search_board(
         ):
             break
     if not search.frames:
-        raise SourceError(f'{source.name}: there is no image to read')
+        none = f'{source.name}: there is no image to read'
+        raise SourceError('; '.join((none, *source.account.warnings)))
     return search
 
 
@@ -100,11 +101,12 @@ def _sharpest(
     first_ns, inside = None, 0
     for frame in source.frames():
         advance()
-        if isinstance(frame, BadFrame):
-            continue
         try:
+            if isinstance(frame, BadFrame):
+                raise ImageError(frame.reason)
             gray = frame.image.gray()
-        except ImageError:
+        except ImageError as error:
+            source.account.leave_out(frame.stamp_ns, str(error))
             continue
         first_ns = frame.stamp_ns if first_ns is None else first_ns
         size = frame.image.width, frame.image.height
@@ -136,11 +138,12 @@ def calibrate_from(
     """
     found = len(search.views)
     if not found:
+        whole = ', and the whole board must be in view'
         raise CalibrationError(
             f'no board of {board.columns}x{board.rows} inner corners in any of the '
             f'{search.searched} images looked at, of {search.frames}: --board counts the corners '
-            'where four squares meet, and the whole board must be in view'
-            + ('' if not board.dictionary else '; --charuco names its dictionary')
+            'where four squares meet'
+            f'{"; --charuco names its dictionary" if board.dictionary else whole}'
         )
     chosen = search.different(most)
     if len(chosen) < MIN_VIEWS:

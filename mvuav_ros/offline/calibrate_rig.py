@@ -132,7 +132,10 @@ def name_lights(
     tracker, last_ns, count = MarkerTracker(parameters, rig), -1, 0
     rows: list[tuple[int, int, float, float]] = []
     for frame in source.frames():
-        if isinstance(frame, BadFrame) or frame.stamp_ns <= last_ns:
+        if isinstance(frame, BadFrame):
+            source.account.leave_out(frame.stamp_ns, frame.reason)
+            continue
+        if frame.stamp_ns <= last_ns:
             continue
         last_ns, count = frame.stamp_ns, count + 1
         width, height = frame.image.width, frame.image.height
@@ -149,12 +152,14 @@ def name_lights(
         advance(count)
         try:
             result = tracker.process(frame.image, frame.stamp_ns)
-        except ImageError:
+        except ImageError as error:
+            source.account.leave_out(frame.stamp_ns, str(error))
             continue
         labels, places = named_places(result, (width, height))
         rows += [(count, label, *place) for label, place in zip(labels, places, strict=True)]
     if camera is None or not count:
-        raise SourceError(f'{source.name}: there is no image to read')
+        none = f'{source.name}: there is no image to read'
+        raise SourceError('; '.join((none, *source.account.warnings)))
     if not rows:
         raise RigCalibrationError(
             f'no light of {rig.name} is named in {count} images: see mvuav rig check, and the '

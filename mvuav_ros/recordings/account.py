@@ -50,6 +50,7 @@ class Account:
         # What was said under a file and a key, and of how many messages.
         self._entries: dict[tuple[Hashable, Hashable], tuple[str, int | None]] = {}
         self._notes: dict[Hashable, str] = {}
+        self._left_out: dict[int, str] = {}
         self._missing: dict[Hashable, int] = {}
         self._promised: dict[Hashable, int] = {}
         self._is_full = False
@@ -74,6 +75,12 @@ class Account:
         """Say what is unusual, though nothing is lost by it."""
         if len(self._notes) < _MAX_TEXTS:
             self._notes[key] = words(text, MAX_LINE)
+
+    def leave_out(self, stamp_ns: int, reason: str) -> None:
+        """Say that the image of a stamp (ns) cannot be used."""
+        self._left_out.setdefault(stamp_ns, reason)
+        first = next(iter(self._left_out.values()))
+        self.note('left out', f'{counted(len(self._left_out), "image")} left out: {first}')
 
     def promise(self, file: Hashable, written: int) -> None:
         """Take what a list of files says of one, which counts where that has no index itself."""

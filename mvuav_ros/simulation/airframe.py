@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.pinhole import PinholeCamera
+from mvuav_ros.simulation.pinhole import seen_by
 from mvuav_ros.simulation.settings import ScheduleEntry
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Matrix, Vector, read_only
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -40,7 +41,7 @@ class Lighting:
 
 def paint_tanker(
     image: Pixels,
-    camera: PinholeCamera,
+    camera: CameraModel,
     pose: tuple[Matrix, Vector],
     lighting: Lighting,
     level: Matrix,
@@ -53,7 +54,7 @@ def paint_tanker(
     rotation, translation = pose
     corners, normals, albedo = _tanker_mesh()
     corners = corners @ rotation.T + translation
-    pixels = camera.project(corners.reshape(-1, 3)).reshape(-1, 4, 2)
+    pixels = seen_by(camera, corners.reshape(-1, 3)).reshape(-1, 4, 2)
     keep = (corners[:, :, 2].min(axis=1) > MIN_DEPTH) & np.isfinite(pixels).all(axis=(1, 2))
     if not keep.any():
         return

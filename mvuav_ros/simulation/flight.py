@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.simulation.settings import FlightSettings
 from mvuav_ros.simulation.shake import VIBRATIONS, Shake
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -123,7 +123,7 @@ class Flight(ABC, Generic[TruthT]):
     """
 
     def __init__(
-        self, settings: FlightSettings, camera: PinholeCamera, encoding: str = 'bgr8'
+        self, settings: FlightSettings, camera: CameraModel, encoding: str = 'bgr8'
     ) -> None:
         self.camera, self.encoding = camera, encoding
         self.settings = settings

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.airfield import TERRAIN_ORIGIN, TERRAIN_STEP, Surface, draw_terrain
-from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera
+from mvuav_ros.simulation.pinhole import CameraPose, seen_by
 from mvuav_ros.simulation.sky import HORIZON
 from mvuav_ros.simulation.texture import tileable_noise, to_bytes
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Matrix, read_only
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -162,7 +163,7 @@ def load_ground(width: float, length: float, detail: float, seed: int) -> Ground
 class GroundPainter:
     """Draws the ground below the horizon into images of one camera."""
 
-    def __init__(self, ground: Ground, camera: PinholeCamera, visibility: float) -> None:
+    def __init__(self, ground: Ground, camera: CameraModel, visibility: float) -> None:
         self._ground = ground
         self._camera = camera
         self._visibility = visibility
@@ -176,7 +177,7 @@ class GroundPainter:
         # How far a ray of unit depth falls; depth is height / fall.
         fall_x, fall_y, fall_1 = -rays[2]
         least = np.float32(height / MAX_DEPTH)
-        table = _FootprintTable(height, self._camera.fx, self._visibility)
+        table = _FootprintTable(height, self._camera.k[0], self._visibility)
         strip = self._strip_mask(pose)
         for first in range(0, self._camera.height, _BAND_ROWS):
             last = min(first + _BAND_ROWS, self._camera.height)
@@ -228,7 +229,7 @@ class GroundPainter:
             cv2.copyTo(runway, strip[part], band[part])
         # The nearest pixels of a band lie at its bottom, or at a side of it when banking.
         nearest = float(max(fall[-1, 0], fall[-1, -1], fall[0, 0], fall[0, -1]))
-        covered = pose.position[2] / (self._camera.fx * nearest * min(nearest, 1.0))
+        covered = pose.position[2] / (self._camera.k[0] * nearest * min(nearest, 1.0))
         if self._ground.grain is not None and covered < _GRAIN_REACH:
             grain = self._ground.grain.sample(x, y, bins, table.along, table.across)
             cv2.multiply(band, grain, dst=band, scale=1.0 / 128.0)
@@ -240,15 +241,13 @@ class GroundPainter:
         polygon = (self._ground.corners - pose.position) @ pose.rotation
         polygon = _cut(polygon, polygon[:, 2] - MIN_DEPTH)
         # To the frame and somewhat more, since OpenCV's coordinates overflow.
-        for axis, focal, centre, size in (
-            (0, self._camera.fx, self._camera.cx, self._camera.width),
-            (1, self._camera.fy, self._camera.cy, self._camera.height),
-        ):
+        for axis, size in enumerate((self._camera.width, self._camera.height)):
+            focal, centre = self._camera.matrix[axis, (axis, 2)].tolist()
             for sign, limit in ((1.0, -float(size)), (-1.0, 2.0 * size)):
                 beyond = focal * polygon[:, axis] + (centre - limit) * polygon[:, 2]
                 polygon = _cut(polygon, sign * beyond)
         if len(polygon) >= 3:
-            places = np.rint(self._camera.project(polygon) * 16).astype(np.int32)
+            places = np.rint(seen_by(self._camera, polygon) * 16).astype(np.int32)
             cv2.fillConvexPoly(mask, places, 255, cv2.LINE_8, 4)
         return mask
 

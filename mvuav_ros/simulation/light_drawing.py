@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.pinhole import PinholeCamera
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import read_only
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -140,7 +140,7 @@ class _Window:
 
 
 def drifting_glares(
-    count: int, camera: PinholeCamera, paths: NDArray[np.float64], rng: np.random.Generator
+    count: int, camera: CameraModel, paths: NDArray[np.float64], rng: np.random.Generator
 ) -> Callable[[float], NDArray[np.float64]]:
     """Reflections that look like markers and drift slowly, clear of the markers' paths.
 

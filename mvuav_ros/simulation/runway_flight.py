@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation.flight import Flight, RandomStream, apply_gain, motion_blur
 from mvuav_ros.simulation.ground import GroundPainter, load_ground
-from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera
+from mvuav_ros.simulation.pinhole import CameraPose, seen_by
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.simulation.shake import random_wave
 from mvuav_ros.simulation.sky import Panorama
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy, quaternion, rpy
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.normal_form import NormalForm
@@ -47,7 +48,7 @@ class RunwayTruth:
     horizon: tuple[float, float]  # rho (px) and theta (rad) of the ground's horizon
     pose: CameraPose  # in the runway's frame, shake included
     gain: float  # by which the camera's image is brighter than usual
-    camera: PinholeCamera  # with its matrix K
+    camera: CameraModel  # with its matrix K
 
     def line(self, role: LineRole) -> LineTruth:
         """The line of that role."""
@@ -55,7 +56,7 @@ class RunwayTruth:
 
 
 def true_lines(
-    camera: PinholeCamera, pose: CameraPose, width: float, length: float
+    camera: CameraModel, pose: CameraPose, width: float, length: float
 ) -> tuple[LineTruth, ...]:
     """The runway's lines as seen by a camera without distortion."""
     left, right = 0.5 * width, -0.5 * width
@@ -78,21 +79,19 @@ def normal_form(line: NDArray[np.floating[Any]]) -> tuple[float, float]:
     return NormalForm(-c / size, math.atan2(b, a)).normalised()
 
 
-def vanishing_point(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
+def vanishing_point(camera: CameraModel, pose: CameraPose) -> tuple[float, float]:
     """Where lines along the runway meet, px."""
-    ((x, y),) = camera.project(pose.rotation[:1]).tolist()
+    ((x, y),) = seen_by(camera, pose.rotation[:1]).tolist()
     return x, y
 
 
-def horizon(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
+def horizon(camera: CameraModel, pose: CameraPose) -> tuple[float, float]:
     """The horizon of the runway's plane: rho (px) and theta (rad)."""
     up = pose.rotation.T[:, 2]
     return normal_form(np.linalg.inv(camera.matrix).T @ up)
 
 
-def _project_line(
-    camera: PinholeCamera, pose: CameraPose, role: LineRole, ends: Matrix
-) -> LineTruth:
+def _project_line(camera: CameraModel, pose: CameraPose, role: LineRole, ends: Matrix) -> LineTruth:
     points = (ends - pose.position) @ pose.rotation
     depth, cut = points[:, 2] - MIN_DEPTH, points.copy()
     # Moved along their line until both are in front of the camera.
@@ -100,7 +99,7 @@ def _project_line(
         if depth[end] < 0.0 < depth[1 - end]:
             part = depth[end] / (depth[end] - depth[1 - end])
             cut[end] = points[end] + part * (points[1 - end] - points[end])
-    (x1, y1), (x2, y2) = camera.project(cut).tolist()
+    (x1, y1), (x2, y2) = seen_by(camera, cut).tolist()
     segment = None
     if depth.max() > 0.0:
         segment = clip_segment(x1, y1, x2, y2, camera.width - 1.0, camera.height - 1.0)

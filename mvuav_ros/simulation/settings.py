@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 
 if TYPE_CHECKING:
-    from mvuav_ros.simulation.pinhole import PinholeCamera
+    from mvuav_ros.vision.camera import CameraModel
 
 ALL = 'all'
 _NUMBER = r'\d+(?:\.\d*)?|\.\d+'
@@ -127,13 +127,12 @@ class FlightSettings(ParameterSet):
         thesis="about 10, by the thesis's camera",
     )
 
-    def _camera(self, usual_fov_deg: float, distortion: str = '') -> PinholeCamera:
+    def _camera(self, usual_fov_deg: float, distortion: str = '') -> CameraModel:
         # With NumPy, which who only asks for --help does not wait for.
-        from mvuav_ros.simulation.pinhole import PinholeCamera, parse_distortion
+        from mvuav_ros.simulation.pinhole import parse_distortion, pinhole_camera
 
         fov = self.fov_deg or usual_fov_deg
-        lens = parse_distortion(distortion)
-        return PinholeCamera.with_field_of_view(self.width, self.height, fov, lens)
+        return pinhole_camera(self.width, self.height, fov, parse_distortion(distortion))
 
     def _check_together(self) -> None:
         if 0.0 < self.fov_deg < 5.0:
@@ -226,7 +225,7 @@ class TankerSettings(FlightSettings):
             return self.background
         return 'foam' if self.actual_view == 'lab' else 'sky'
 
-    def camera(self) -> PinholeCamera:
+    def camera(self) -> CameraModel:
         """The camera that takes the images."""
         return self._camera(VIEW_FOV_DEG[self.actual_view], self.distortion)
 
@@ -262,6 +261,6 @@ class RunwaySettings(FlightSettings):
         unit='m',
     )
 
-    def camera(self) -> PinholeCamera:
+    def camera(self) -> CameraModel:
         """The camera that takes the images."""
         return self._camera(RUNWAY_FOV_DEG)

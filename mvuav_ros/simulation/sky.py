@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera
+from mvuav_ros.simulation.pinhole import CameraPose, seen_by
 from mvuav_ros.simulation.texture import smooth_noise, smoothstep, to_bytes
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Matrix
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -84,20 +85,20 @@ def draw_sky(
 class Panorama:
     """Sky and hills, drawn once, then turned and moved under the camera."""
 
-    def __init__(self, camera: PinholeCamera, detail: float, rng: np.random.Generator) -> None:
+    def __init__(self, camera: CameraModel, detail: float, rng: np.random.Generator) -> None:
         self._camera = camera
-        width = camera.width + min(round(2 * TURN * camera.fx), 2 * _FRAMES * camera.width)
-        rise = min(RISE * camera.fx, _FRAMES * camera.height)
+        width = camera.width + min(round(2 * TURN * camera.k[0]), 2 * _FRAMES * camera.width)
+        rise = min(RISE * camera.k[0], _FRAMES * camera.height)
         self._horizon_row = round(camera.height + rise)
         self._middle = 0.5 * (width - 1)
         size = width, self._horizon_row + _BELOW
-        sky = draw_sky(size, self._horizon_row, camera.fx, rng, cloudiness=detail)
-        ridge = smooth_noise((2, width), 0.12 * camera.fx, rng, octaves=5)[0]
-        top = self._horizon_row - HILLS * camera.fx * np.clip(0.5 + 0.3 * ridge, 0.05, 1.0)
+        sky = draw_sky(size, self._horizon_row, camera.k[0], rng, cloudiness=detail)
+        ridge = smooth_noise((2, width), 0.12 * camera.k[0], rng, octaves=5)[0]
+        top = self._horizon_row - HILLS * camera.k[0] * np.clip(0.5 + 0.3 * ridge, 0.05, 1.0)
         highest = math.floor(top.min())
         rows = np.arange(highest, sky.shape[0], dtype=np.float32)[:, None]
         cover = np.clip(rows - top + 0.5, 0.0, 1.0)[:, :, None]
-        fade = np.clip((self._horizon_row - rows) / (HILLS * camera.fx), 0.0, 1.0)[:, :, None]
+        fade = np.clip((self._horizon_row - rows) / (HILLS * camera.k[0]), 0.0, 1.0)[:, :, None]
         hill = HORIZON + (0.35 + 0.65 * fade) * (_HILL - HORIZON)
         low = sky[highest:]
         low[...] = np.rint(low + cover * (hill - low)).astype(np.uint8)
@@ -107,10 +108,10 @@ class Panorama:
         """A new sky, (height, width, 3), of the sky; below the horizon there is haze."""
         # Where the horizon is straight ahead, and its slope in the image.
         ahead = pose.rotation.T @ (pose.rotation[:, 2] * (1.0, 1.0, 0.0))
-        ((x, y),) = self._camera.project(ahead[None]).tolist()
+        ((x, y),) = seen_by(self._camera, ahead[None]).tolist()
         slope = math.atan2(pose.rotation[2, 0], -pose.rotation[2, 1])
         c, s = math.cos(slope), math.sin(slope)
-        centre = self._middle - self._camera.fx * pose.yaw
+        centre = self._middle - self._camera.k[0] * pose.yaw
         row = self._horizon_row + s * x - c * y
         level = np.array([(c, s, centre - c * x - s * y), (-s, c, row)])
         image = np.empty((self._camera.height, self._camera.width, 3), np.uint8)
@@ -127,7 +128,7 @@ class Background:
     """An image at infinity, seen by a camera that turns a little."""
 
     def __init__(
-        self, kind: str, camera: PinholeCamera, color: bool, detail: float, rng: np.random.Generator
+        self, kind: str, camera: CameraModel, color: bool, detail: float, rng: np.random.Generator
     ) -> None:
         self._camera = camera
         size = camera.width + 2 * MARGIN, camera.height + 2 * MARGIN
@@ -150,12 +151,12 @@ class Background:
 
 
 def _draw(
-    kind: str, size: tuple[int, int], camera: PinholeCamera, detail: float, rng: np.random.Generator
+    kind: str, size: tuple[int, int], camera: CameraModel, detail: float, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     if kind == 'sky':
         clouds = CLOUDINESS * detail
         return draw_sky(
-            size, 1.25 * size[1], camera.fx, rng, brightness=SKY_BRIGHTNESS, cloudiness=clouds
+            size, 1.25 * size[1], camera.k[0], rng, brightness=SKY_BRIGHTNESS, cloudiness=clouds
         )
     if kind == 'plain':
         return np.full((*size[::-1], 3), round(PLAIN), np.uint8)

@@ -21,7 +21,7 @@ from mvuav_ros.simulation.light_drawing import (
     add_lights,
     drifting_glares,
 )
-from mvuav_ros.simulation.pinhole import PinholeCamera
+from mvuav_ros.simulation.pinhole import seen_by
 from mvuav_ros.simulation.settings import (
     ALL,
     ScheduleEntry,
@@ -31,6 +31,7 @@ from mvuav_ros.simulation.settings import (
 )
 from mvuav_ros.simulation.shake import random_wave
 from mvuav_ros.simulation.sky import Background
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, Vector, about_y, from_rpy
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
@@ -61,7 +62,7 @@ class TankerTruth:
     translation: Vector  # m, of the body's origin in the optical frame
     distance: float  # from the camera to the body's dock point, m
     gain: float  # by which the camera's image is brighter than usual
-    camera: PinholeCamera  # with its matrix K and distortion
+    camera: CameraModel  # with its matrix K and distortion
 
     def marker(self, name: str) -> MarkerTruth:
         """The light of that name.
@@ -338,7 +339,7 @@ class TankerFlight(Flight[TankerTruth]):
         return self.rig.positions @ pose.rotation.T + pose.translation
 
     def _project(self, pose: BodyPose) -> NDArray[np.float64]:
-        return self.camera.project(self._optical(pose))
+        return seen_by(self.camera, self._optical(pose))
 
     def _boom(self, pose: BodyPose, places: NDArray[np.float64], time: float) -> Boom | None:
         if not self._occlusions and self.settings.actual_view == 'lab':
@@ -346,10 +347,10 @@ class TankerFlight(Flight[TankerTruth]):
         boom = np.array(self.rig.boom)
         below = boom + self.rig.reach * np.array((-0.1, 0.0, -0.2))
         points = np.stack((boom, below)) @ pose.rotation.T + pose.translation
-        pivot, end = self.camera.project(points)
+        pivot, end = seen_by(self.camera, points)
         if not np.all(np.isfinite((pivot, end))) or not np.all(np.isfinite(places)):
             return None
-        half = 0.5 * BOOM_WIDTH * self.camera.fx / float(points[0, 2])
+        half = 0.5 * BOOM_WIDTH * self.camera.k[0] / float(points[0, 2])
         if self._occlusions:
             half = max(half, max(profile.core for profile in self._profiles(pose)) + 1.5)
         lights = dict(zip(self.rig.names, places, strict=True))
@@ -361,7 +362,8 @@ class TankerFlight(Flight[TankerTruth]):
         if affected(self._failures, name, time) or not np.all(np.isfinite(place)):
             return False
         corners = np.stack((place - radius, place + radius))
-        if not self.camera.contains(corners).all():
+        ends = self.camera.width - 0.5, self.camera.height - 0.5
+        if not ((corners >= -0.5) & (corners < ends)).all():
             return False
         return boom is None or boom.distance(place) > radius
 

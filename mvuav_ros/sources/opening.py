@@ -17,14 +17,12 @@ from mvuav_ros.parameters.yaml_text import read_yaml
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file
 from mvuav_ros.recordings.remote import fetch, is_url
-from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.sources.v4l2_camera import Camera
-from mvuav_ros.vision.camera import CameraModel
 
 
 def open_source(
@@ -145,12 +143,11 @@ class SimulatedFlight(FrameSource):
         self.account = Account(self.name)
         self.rate: float | None = self._flight.rate
         self.count: int | None = len(self._flight)
-        self._camera = camera_model(self._flight.camera)
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Fly it from the start."""
         for frame in self._flight:
-            yield Frame(frame.stamp_ns, OPTICAL_FRAME, frame.image, self._camera)
+            yield Frame(frame.stamp_ns, OPTICAL_FRAME, frame.image, self._flight.camera)
 
 
 def planned_flight(
@@ -187,9 +184,3 @@ def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFli
     except ParameterError as error:
         raise SourceError(f'{SIMULATED}{kind}: {error}') from error
     raise SourceError(f'{SIMULATED}{kind}: there are sim:tanker and sim:runway')
-
-
-def camera_model(camera: PinholeCamera) -> CameraModel:
-    """The simulator's camera as a calibration."""
-    k = tuple(camera.matrix.ravel().tolist())
-    return CameraModel(camera.width, camera.height, k, camera.distortion)

@@ -21,7 +21,9 @@ SEARCH_SIDE = 800
 the whole image. A search takes 0.1 s at this size, and 0.4 s at 1920 x 1440."""
 MIN_CORNERS = 12
 """Of a board that is seen in part; a homography takes four, and a pose should be sure."""
-_WINDOW = 0.4  # Of the distance between corners: half the side of the window of the refinement
+_WINDOW = 0.4
+"""Of the distance between corners: half the side of the window of the refinement. A ChArUco board's
+ends where its markers begin: their edges would draw the corner aside."""
 _REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-4)
 
 
@@ -92,7 +94,8 @@ class Board:
             return None
         apart = np.linalg.norm(pixels[:, None] - pixels, axis=2)
         np.fill_diagonal(apart, np.inf)
-        radius = int(np.clip(_WINDOW * apart.min(), 2, 15))
+        window = 0.5 * (1.0 - self.marker) if self.dictionary else _WINDOW
+        radius = int(np.clip(window * apart.min(), 2, 15))
         rough = np.ascontiguousarray(pixels.reshape(-1, 1, 2), np.float32)
         refined = cv2.cornerSubPix(gray, rough, (radius, radius), (-1, -1), _REFINEMENT)
         refined = np.asarray(refined, np.float64).reshape(-1, 2)
@@ -124,6 +127,12 @@ class Board:
         dictionary = aruco.getPredefinedDictionary(getattr(aruco, known[name]))
         sides = self.square, self.marker * self.square
         size = self.columns + 1, self.rows + 1
+        markers, most = size[0] * size[1] // 2, len(dictionary.bytesList)
+        if markers > most:
+            raise BoardError(
+                f'{self.columns}x{self.rows} inner corners need {markers} markers, and '
+                f'{known[name]} has {most}'
+            )
         if not hasattr(aruco, 'CharucoDetector'):  # before OpenCV 4.7
             return (_OldCharucoDetector(aruco.CharucoBoard_create(*size, *sides, dictionary)),)
         boards = [aruco.CharucoBoard(size, *sides, dictionary)]

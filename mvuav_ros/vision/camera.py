@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
@@ -25,9 +26,6 @@ COEFFICIENTS: dict[str, tuple[int, ...]] = {
 _NOWHERE = (0.0, 0.0, 0.0)
 _WIDEST_TURN = math.radians(89.0)
 """Rad off the axis: what a fisheye sees farther out has no place on an image plane."""
-_WIDEST_POLYNOMIAL = 1.5
-"""Tangent of the angle off the axis, for frames that do not show as much: far outside of them the
-polynomials turn back."""
 _MAX_SKEW = 0.5
 """px: what OpenCV leaves out then moves a light by less than a principal point is known to."""
 _undistort: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
@@ -126,7 +124,7 @@ class CameraModel:
 
     def cropped(self, x: int, y: int, width: int, height: int) -> CameraModel:
         """The calibration of a part of the images: CameraInfo's ``roi``, px."""
-        k, p = (_shifted(matrix, -x, -y) for matrix in (self.k, self.p))
+        k, p = (_moved(matrix, x, y) for matrix in (self.k, self.p))
         return replace(self, width=width, height=height, k=k, p=p)
 
     def binned(self, x: int, y: int) -> CameraModel:
@@ -135,10 +133,8 @@ class CameraModel:
         The centre of the first pixel is (0, 0) before and after, so that of x pixels is at
         (x - 1) / 2 before it becomes 0.
         """
-        k, p = (
-            _scaled(_shifted(matrix, -0.5 * (x - 1), -0.5 * (y - 1)), x, y)
-            for matrix in (self.k, self.p)
-        )
+        first = 0.5 * (x - 1), 0.5 * (y - 1)
+        k, p = (_moved(matrix, *first, x, y) for matrix in (self.k, self.p))
         return replace(self, width=self.width // x, height=self.height // y, k=k, p=p)
 
     def check(self, width: int, height: int) -> None:
@@ -251,15 +247,24 @@ class CameraModel:
 
     @cached_property
     def widest(self) -> float:
-        """Greatest x / z and y / z for `project`: beyond, a lens model may turn back."""
+        """Tangent of the angle off the axis where the lens model turns back, or infinite.
+
+        Of a fisheye it is at most that of 89°.
+        """
+        d = np.append(self.distortion, np.zeros(8))
         if self.is_fisheye:
-            return math.tan(_WIDEST_TURN)
-        right, bottom = self.width - 1.0, self.height - 1.0
-        corners = np.array([(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)])
-        rays = self.undistort(corners)
-        # Where a model has turned back before them, that says nothing.
-        off = np.abs(self.project(np.column_stack((rays, np.ones(4)))) - corners).max()
-        return max(_WIDEST_POLYNOMIAL, float(np.abs(rays).max()) if off < 1.0 else 0.0)
+            slope = Polynomial(np.append(1.0, d[:4] * (3, 5, 7, 9)))
+        else:
+            # Of r a(r²) / b(r²); tangential distortion is small.
+            a, b = (Polynomial(np.append(1.0, d[kept])) for kept in ([0, 1, 4], [5, 6, 7]))
+            slope = (a * b + Polynomial((0.0, 2.0)) * (a.deriv() * b - a * b.deriv())) * b
+        roots = slope.trim().roots()
+        least = math.sqrt(min(roots[np.isreal(roots) & (roots.real > 0)].real, default=math.inf))
+        return math.tan(min(least, _WIDEST_TURN)) if self.is_fisheye else least
+
+    def shows(self, places: Array) -> NDArray[np.bool_]:
+        """Which of some places (n, 3), m, are ahead, and not as far aside as `widest`."""
+        return np.asarray(np.hypot(*places[:, :2].T) / self.widest < places[:, 2])
 
 
 def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = ()) -> Any:
@@ -277,14 +282,10 @@ def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = (
     return tuple(math.nan if math.isnan(value) else value for value in plain)
 
 
-def _shifted(matrix: tuple[float, ...], x: float, y: float) -> tuple[float, ...]:
-    """K or P with its principal point moved, px."""
+def _moved(
+    matrix: tuple[float, ...], x: float, y: float, across: int = 1, down: int = 1
+) -> tuple[float, ...]:
+    """K or P of images that begin at a pixel, and are so many times smaller."""
     moved = np.reshape(matrix, (3, -1))
-    moved[:2, 2:3] += (x,), (y,)
-    return tuple(moved.ravel().tolist())
-
-
-def _scaled(matrix: tuple[float, ...], x: int, y: int) -> tuple[float, ...]:
-    """K or P of images that are so many times smaller."""
-    scaled = np.reshape(matrix, (3, -1)) / ((x,), (y,), (1,))
-    return tuple(scaled.ravel().tolist())
+    moved[:2, 2:3] -= (x,), (y,)
+    return tuple((moved / ((across,), (down,), (1,))).ravel().tolist())

@@ -187,11 +187,7 @@ class _Fit:
 
 
 def _fit(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> _Fit:
-    """OpenCV's fit.
-
-    Raises:
-        CalibrationError: it fails.
-    """
+    """OpenCV's fit; a CalibrationError where it fails."""
     if lens.model == EQUIDISTANT:
         return _fit_fisheye(views, size)
     points = [view.points.reshape(-1, 1, 3).astype(np.float32) for view in views]

@@ -249,7 +249,7 @@ class PoseEstimator:
             return None
         solutions = view.solve() + ([followed] if followed else [])
         least = min((solution.squares for solution in solutions), default=math.inf)
-        if least > count * _most_misfit(image) ** 2:
+        if math.sqrt(least / count) > _most_misfit(image):
             self.reason = 'no pose fits the markers'
             return None
         chosen = _choose(solutions, self.noise, count, last and last.rotation)
@@ -275,9 +275,7 @@ class PoseEstimator:
         if labels != self._all:
             places = self._points.dot(rotation.T) + translation
             seen = camera.project(places)
-            # Behind the camera, or where its lens model may turn back.
-            ahead = np.abs(places[:, :2]) <= camera.widest * places[:, 2:]
-            seen[~ahead.all(axis=1)] = math.nan
+            seen[~camera.shows(places)] = math.nan
         misfit = math.sqrt(squares / count)
         return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, misfit)
 

@@ -17,7 +17,6 @@ from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
-from mvuav_ros.sources.opening import camera_model
 
 KINDS = {name: f'vision_msgs/msg/Detection{n}Array' for name, n in
          (('detections', '2D'), ('detections_3d', '3D'))}  # fmt: skip
@@ -34,7 +33,7 @@ def vision_msgs(monkeypatch):
 
 def fly(processor, flight):
     for frame in flight:
-        camera = camera_model(flight.camera)
+        camera = flight.camera
         outputs = dict(processor.process(Frame(frame.stamp_ns, 'nose', frame.image, camera)))
         said = {}
         for topic in KINDS.keys() & outputs.keys():

@@ -28,7 +28,6 @@ from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
-from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, about_x, about_y, about_z
 from mvuav_ros.vision.markers.marker_results import MarkerState
@@ -87,13 +86,13 @@ def project(point, place, info):
 
 
 def camera_info(flight):
-    return encode_camera_info(camera_model(flight.camera), make_header(0, CAMERA_FRAME))
+    return encode_camera_info(flight.camera, make_header(0, CAMERA_FRAME))
 
 
 def fly(processor, flight, *, camera=True, frame_id=CAMERA_FRAME):
     """The outputs of every frame, as bytes by topic."""
     said = []
-    model = camera_model(flight.camera) if camera else None
+    model = flight.camera if camera else None
     for frame in flight:
         outputs = processor.process(Frame(frame.stamp_ns, frame_id, frame.image, model))
         said.append({topic: make() for topic, make in outputs})
@@ -211,7 +210,7 @@ def test_the_covariance_follows_the_change_of_frame():
 
 @pytest.mark.parametrize('mode', ['thesis', 'approach'])
 def test_lines_on_the_plane_overlay_those_on_the_image(mode):
-    model = camera_model(RUNWAY.camera)
+    model = RUNWAY.camera
     plain, drawn = (
         [
             deserialize_message(outputs['lines'], Marker)

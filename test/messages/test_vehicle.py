@@ -21,7 +21,6 @@ from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
-from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.approach.approach_results import Guidance
 from mvuav_ros.vision.frames import (
     OPTICAL_FROM_BODY,
@@ -60,9 +59,9 @@ def tanker(**values):
 
 
 RUNWAY = list(RunwayFlight(RunwaySettings(frames=8, runway_width=WIDTH, camera_pitch_deg=20.0)))
-RUNWAY_CAMERA = camera_model(
-    RunwayFlight(RunwaySettings(frames=1, runway_width=WIDTH, camera_pitch_deg=20.0)).camera
-)
+RUNWAY_CAMERA = RunwayFlight(
+    RunwaySettings(frames=1, runway_width=WIDTH, camera_pitch_deg=20.0)
+).camera
 TANKER_FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=90, seed=3))
 
 
@@ -75,7 +74,7 @@ def fly(processor, frames, camera, frame_id=CAMERA):
 
 
 def fly_tanker(processor, frame_id=CAMERA):
-    return fly(processor, islice(TANKER_FLIGHT, 4), camera_model(TANKER_FLIGHT.camera), frame_id)
+    return fly(processor, islice(TANKER_FLIGHT, 4), TANKER_FLIGHT.camera, frame_id)
 
 
 def place(data):

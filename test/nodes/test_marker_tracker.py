@@ -22,7 +22,6 @@ from mvuav_ros.messages.sensors import encode_camera_info
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
-from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.camera import CameraModel
 
 NODE = 'marker_tracker'
@@ -72,7 +71,7 @@ def test_an_image_waits_for_the_camera_info_of_its_stamp(graph):
     for index, frame in enumerate(islice(flown, 10)):
         image = image_message(frame.image.pixels, index)
         graph.publish_images([image], hz=1e6)
-        infos.publish(encode_camera_info(camera_model(flown.camera), image.header))
+        infos.publish(encode_camera_info(flown.camera, image.header))
         graph.spin(0.02)
     graph.until(lambda: len(rpy) == 10, '10 answers')
     assert not any(math.isnan(message.vector.y) for message in rpy)
@@ -81,7 +80,7 @@ def test_an_image_waits_for_the_camera_info_of_its_stamp(graph):
 def test_images_whose_topic_says_so_are_rectified(graph):
     """P holds for them, not the K and d beside it; /diagnostics says so."""
     flown = TankerFlight(TankerSettings(motion='docking', frames=90))
-    right = camera_model(flown.camera)
+    right = flown.camera
     fx, _, cx, _, fy, cy, *_ = right.k
     p = (fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0)
     wrong_k = tuple(0.5 * value for value in right.k[:8])

@@ -9,7 +9,7 @@ from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.bag import BagImages
-from mvuav_ros.sources.opening import camera_model, make_flight
+from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.vision.approach.attitude import horizon_from, mount_matrix
 
 FRAMES = 4
@@ -25,7 +25,7 @@ def bag(tmp_path_factory):
 def write_flight(path, sensor_ahead_s=0):
     """A bag whose attitude has stamps of a clock so many seconds ahead."""
     flight = make_flight('runway', {'frames': FRAMES, 'width': 320, 'height': 240})
-    camera = camera_model(flight.camera)
+    camera = flight.camera
     with RecordingWriter(path) as writer:
         for frame in flight:
             for topic, kind, data in simulated_messages(frame, camera, seed=1):

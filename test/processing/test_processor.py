@@ -15,7 +15,6 @@ from mvuav_ros.processing.processor import DuplicateStampError, resolve
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, ImageError
 from mvuav_ros.vision.pose import PoseEstimator
@@ -108,7 +107,7 @@ def test_a_stamp_behind_that_of_an_image_that_is_refused_is_a_jump_back():
 def test_mode_approach_says_why_a_calibration_gives_no_pose():
     """With one of another image size all seemed well, and there was no pose."""
     flight = RunwayFlight(RunwaySettings(frames=1, width=320, height=240))
-    camera = camera_model(flight.camera)
+    camera = flight.camera
     (seen,) = (Frame(each.stamp_ns, 'camera', each.image, camera) for each in flight)
     other = replace(seen, camera=replace(camera, width=640, height=480))
     for shown, width, words in ((seen, 30.0, ''), (other, 0.0, ''), (other, 30.0, 'no pose: ')):

@@ -34,7 +34,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.simulation.light_drawing import Light, LightProfile, add_lights
-from mvuav_ros.sources.opening import camera_model, make_flight
+from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
@@ -73,6 +73,14 @@ def test_a_rig_that_cannot_be_told_apart_is_refused() -> None:
         MarkerTracker(rig=square)
     allowed = MarkerTracker(MarkerTrackerParameters(allow_ambiguous=True), square)
     assert 'symmetric' in allowed.doubts[0]
+
+
+def test_a_rig_of_more_markers_than_there_are_labels_is_refused() -> None:
+    for count in (1, 256):
+        markers = tuple((f'm{i}', (0, i, i * i)) for i in range(count))
+        rig = MarkerRig('many', markers, (0, 0, 0), (0, 0, 0))
+        with pytest.raises(ParameterError, match='many: tracking needs 2 to 255 markers'):
+            MarkerTracker(MarkerTrackerParameters(allow_ambiguous=True), rig)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +162,7 @@ def test_a_calibration_as_opencv_gives_it_is_used() -> None:
     settings = {'motion': 'docking', 'frames': 20, 'distortion': '-0.2,0.05,0,0'}
     flight = make_flight('tanker', settings)
     name = 'sim:tanker?' + '&'.join(f'{key}={value}' for key, value in settings.items())
-    known = camera_model(flight.camera)
+    known = flight.camera
     given = CameraModel(640, 480, k=known.matrix, d=known.distortion.reshape(5, 1))
     frames, other = list(track(name)), list(track(open_source(name), given))
     for frame, same, true in zip(frames, other, flight, strict=True):

@@ -46,20 +46,22 @@ def test_an_image_of_one_row_has_none(shape):
     assert BOARD.find(line) is None and sharpness(line) == 0.0
 
 
-@pytest.mark.skipif(NO_ARUCO, reason='this OpenCV has no aruco')
-@pytest.mark.parametrize('rows', [6, 7])
-def test_a_charuco_board_is_found_in_part_as_well(rows):
-    board = Board(9, rows, 0.03, 'DICT_5X5_100')
-    side = 60
+def charuco_picture(rows, side):
+    """A board of 9 by so many inner corners, with so many px along a square."""
     aruco = cv2.aruco
     dictionary = aruco.getPredefinedDictionary(aruco.DICT_5X5_100)
     sides = (10, rows + 1), 0.03, 0.75 * 0.03, dictionary
     drawn = (10 * side, (rows + 1) * side)
     if hasattr(aruco, 'CharucoBoard_create'):
-        picture = aruco.CharucoBoard_create(*sides[0], *sides[1:]).draw(drawn)
-    else:
-        picture = aruco.CharucoBoard(*sides).generateImage(drawn)
-    image = np.pad(picture, 40, constant_values=255)
+        return aruco.CharucoBoard_create(*sides[0], *sides[1:]).draw(drawn)
+    return aruco.CharucoBoard(*sides).generateImage(drawn)
+
+
+@pytest.mark.skipif(NO_ARUCO, reason='this OpenCV has no aruco')
+@pytest.mark.parametrize('rows', [6, 7])
+def test_a_charuco_board_is_found_in_part_as_well(rows):
+    board = Board(9, rows, 0.03, 'DICT_5X5_100')
+    image = np.pad(charuco_picture(rows, 60), 40, constant_values=255)
     view = board.find(image)
     assert len(view.points) == 9 * rows
     assert view.pixels[0] == pytest.approx((99.5, 99.5), abs=0.3)
@@ -82,6 +84,27 @@ def test_boards_that_cannot_be():
         Board(9, 6, 0.0)
     with pytest.raises(BoardError, match=r'no ArUco dictionary|has no aruco'):
         Board(9, 6, 0.03, 'DICT_NONE')
+
+
+@pytest.mark.skipif(NO_ARUCO, reason='this OpenCV has no aruco')
+def test_the_markers_of_a_charuco_board_draw_no_corner_aside():
+    # Seen obliquely, at four times the resolution.
+    picture = np.pad(charuco_picture(6, 160), 160, constant_values=255)
+    plane = np.array([(1.7, 0.3, 200.0), (-0.3, 1.5, 500.0), (2e-4, 2e-4, 1.0)])
+    fine = cv2.warpPerspective(picture, plane, (2560, 1920), borderValue=110)
+    image = cv2.resize(fine, (640, 480), interpolation=cv2.INTER_AREA)
+    view = Board(9, 6, 0.03, 'DICT_5X5_100').find(image)
+    corners = (view.points[:, :2] / 0.03 + 2) * 160 - 0.5
+    true = cv2.perspectiveTransform(corners[None], plane)[0]
+    assert np.abs(view.pixels - ((true + 0.5) / 4 - 0.5)).max() < 0.3
+
+
+@pytest.mark.skipif(NO_ARUCO, reason='this OpenCV has no aruco')
+def test_a_charuco_board_has_no_more_markers_than_its_dictionary():
+    with pytest.raises(BoardError, match='56 markers, and DICT_4X4_50 has 50'):
+        Board(13, 7, 0.03, 'DICT_4X4_50')
+    # 14 x 7 squares have 49.
+    assert Board(13, 6, 0.03, 'DICT_4X4_50').find(np.full((100, 100), 90, np.uint8)) is None
 
 
 def test_views_that_differ_are_chosen_and_those_alike_are_not():

@@ -140,8 +140,34 @@ def test_the_markers_lens_goes_there_and_back_in_a_frame_of_125_degrees():
     lens = Lens((640, 480), CameraModel(640, 480, k, d, 'rational_polynomial'))
     sides = np.array([(0.0, 240.0), (639.0, 479.0), (20.0, 100.0)])
     assert lens.to_image(np.array(lens.straightened(sides))) == pytest.approx(sides, abs=1e-3)
-    # One that turns back within the frame is not followed there.
-    assert CameraModel(640, 480, k, (-0.4, 0.2, 0, 0, -0.05)).widest == 1.5
+
+
+@pytest.mark.parametrize(
+    ('model', 'd'),
+    [
+        ('plumb_bob', (-0.4, 0.2, 0, 0, -0.05)),
+        ('plumb_bob', (-0.3, 0, 0, 0)),
+        ('rational_polynomial', (-0.2, -0.1, 0, 0, 0, 0.1, 0.05, 0.01)),
+        ('equidistant', (-0.1, -0.05, 0, 0)),
+    ],
+)
+def test_a_lens_is_followed_until_it_turns_back(model, d):
+    camera = CameraModel(640, 480, K, d, model)
+    x = camera.widest * np.array((0.9, 0.99, 1.01, 1.1))
+    places = np.column_stack((x, np.zeros(4), np.ones(4)))
+    before, at, after, beyond = camera.project(places)[:, 0]
+    assert before < at and after > beyond
+    assert camera.shows(places).tolist() == [True, True, False, False]
+    # What is predicted farther out stays at the last place that there is.
+    lens = Lens((640, 480), camera)
+    far = lens.centre + lens.focal * np.array([(3.0, 0.0), (9.0, 0.0)])
+    assert lens.to_image(far) == pytest.approx(camera.project([(camera.widest, 0, 1)] * 2), abs=0.1)
+
+
+def test_lenses_that_do_not_turn_back_show_what_is_ahead():
+    for d in ((), (-0.2, 0.05, 0, 0)):
+        places = np.array([(5.0, 0.0, 1.0), (0.0, 0.0, -1.0), (3.0, 4.0, 0.0)])
+        assert CameraModel(640, 480, K, d).shows(places).tolist() == [True, False, False]
 
 
 def test_a_rigs_errors_are_predicted_through_a_fisheye():

@@ -342,6 +342,10 @@ def test_what_cannot_be_a_pose():
     in_one_place = np.full((5, 2), 300.0)
     pose = estimator.estimate(CAMERA, range(5), in_one_place, 300_000_000)
     assert pose is None or np.isfinite(pose.translation).all()
+    # As a lens of senseless coefficients projects.
+    estimator.reset()
+    assert estimator.estimate(CAMERA, range(5), 1e200 * pixels, 400_000_000) is None
+    assert estimator.reason == 'no pose fits the markers'
 
 
 def test_a_light_behind_the_camera_is_seen_nowhere():

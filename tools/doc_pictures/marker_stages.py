@@ -11,7 +11,7 @@ import numpy as np
 from doc_pictures.style import image_row, save
 from mvuav_ros import MarkerTracker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.sources.opening import camera_model, make_flight
+from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.lights import Blobs
 from mvuav_ros.vision.markers.marker_results import MarkerResult
@@ -25,7 +25,7 @@ _CROP = slice(0, 450)
 def marker_pipeline(path: Path) -> None:
     """Frame, threshold, blobs, names, windows of the next frame, pose."""
     flight = make_flight('tanker', {**_FLIGHT, 'encoding': 'bgr8'})
-    camera = camera_model(flight.camera)
+    camera = flight.camera
     tracker = MarkerTracker()
     tracker.set_camera(camera)
     estimator = PoseEstimator(tracker.rig)

@@ -11,7 +11,7 @@ import numpy as np
 from doc_pictures.style import image_row, save
 from mvuav_ros import ApproachDetector, RunwayDetector
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.sources.opening import camera_model, make_flight
+from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.vision.approach.evidence import gather_evidence, shrink_levels
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.runway.debug_images import draw_confined, draw_edges, draw_hough, draw_overlay
@@ -69,7 +69,7 @@ def approach_pipeline(path: Path) -> None:
     """Evidence, horizon and vanishing point, the shape, the guidance."""
     flight = make_flight('runway', _APPROACH)
     detector = ApproachDetector(RunwayDetectorParameters(mode='approach', runway_width=30.0))
-    detector.set_camera(camera_model(flight.camera))
+    detector.set_camera(flight.camera)
     result: Any = None
     for frame in flight:
         result = detector.process(frame.image.bgr(), frame.stamp_ns)

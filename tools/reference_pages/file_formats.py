@@ -17,7 +17,7 @@ from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
 from mvuav_ros.offline.simulated_messages import simulated_messages
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.tables import ANGLE_COLUMNS, POSE_COLUMNS
-from mvuav_ros.sources.opening import camera_model, make_flight
+from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.vision.integrity import ProtectionLevels, RunwayLevels
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -151,7 +151,7 @@ def _flight_topics() -> dict[str, str]:
     topics: dict[str, str] = {}
     for kind in ('tanker', 'runway'):
         flight = make_flight(kind, {'frames': 1, 'width': 64, 'height': 64, 'detail': 0.0})
-        messages = simulated_messages(next(iter(flight)), camera_model(flight.camera), seed=0)
+        messages = simulated_messages(next(iter(flight)), flight.camera, seed=0)
         topics |= {name: type_name for name, type_name, _ in messages}
     return topics
 

@@ -91,7 +91,7 @@ def calibrate(
     try:
         printed = Board(int(columns), int(rows), square, charuco or '', marker)
     except BoardError as error:
-        raise ParameterError('--board, --square, --marker', str(error)) from error
+        raise ParameterError('--board, --square, --charuco, --marker', str(error)) from error
     report = _report_folder(report, output, force, source)
     with closing(open_source(source, topic=topic)) as images, frame_progress() as progress:
         task = progress.add_task('frames', total=images.count)
@@ -123,11 +123,6 @@ _REACHES = (2.0, 5.0, 10.0, 20.0)
 _LISTED = 6
 
 
-@rig.callback()
-def _rig() -> None:
-    pass
-
-
 @rig.command()
 def check(
     file: Annotated[Path, typer.Argument(help='A rig file like config/tanker_747.yaml.')],
@@ -147,7 +142,8 @@ def check(
     The exit status is 1 if marker_tracker refuses the rig unless allow_ambiguous is set.
     """
     from mvuav_ros.messages.marker_messages import refused_names
-    from mvuav_ros.vision.camera import CameraModel
+    from mvuav_ros.simulation.pinhole import pinhole_camera
+    from mvuav_ros.vision.reprojection import MIN_MARKERS
     from mvuav_ros.vision.rig import RigError, load_rig
     from mvuav_ros.vision.rig_examination import (
         confusions,
@@ -166,33 +162,27 @@ def check(
         raise ParameterError('rig', str(error)) from error
     size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
     words = f'{body.name}: {len(body.names)} markers, {size:g} m across'
-    if len(body.names) >= 3 and is_flat(body):
+    if len(body.names) == MIN_MARKERS:
+        words += ': names, but no pose, which takes four'
+    elif len(body.names) > MIN_MARKERS and is_flat(body):
         words += ', all in one plane: the tilt is ambiguous'
     say(words)
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
-    if len(body.names) >= 3 and not is_straight(body):
-        focal = 0.5 * width / math.tan(math.radians(0.5 * fov))
-        height = round(0.75 * width)
-        middle = 0.5 * (width - 1), 0.5 * (height - 1)
-        k = (focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0)
-        camera = CameraModel(width, height, k)
+    if len(body.names) >= MIN_MARKERS and not is_straight(body):
+        camera = pinhole_camera(width, round(0.75 * width), fov)
         distances = distance or [size * reach for reach in _REACHES]
-        say('')
-        say(f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
-        say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
-        in_view = []
-        for value in distances:
-            e = pose_error(body, camera, value, noise)
-            if math.isnan(e.span):
-                say(f'{value:10.4g}  too near: not all markers are in view')
-                continue
-            in_view.append(value)
-            say(
-                f'{e.distance:10.4g} {e.span:9.1f} {e.along:8.3g} {e.across:9.3g} '
-                f'{e.roll:9.3g} {e.tilt:15.3g}'
-            )
+        errors = [pose_error(body, camera, value, noise) for value in distances]
+        in_view = [e.distance for e in errors if not math.isnan(e.span)]
+        if len(body.names) > MIN_MARKERS:
+            say('', f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
+            say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
+            for e in errors:
+                numbers = f'{e.span:9.1f} {e.along:8.3g} {e.across:9.3g} {e.roll:9.3g}'
+                near = ' too near: not all markers are in view'
+                said = near if math.isnan(e.span) else f'{numbers} {e.tilt:15.3g}'
+                say(f'{e.distance:10.4g} {said}')
         exchanges = confusions(body, camera, in_view[0]) if in_view else []
         if in_view:
             say('', f'exchanged names with the smallest residuals, at {in_view[0]:.4g} m')

@@ -244,8 +244,8 @@ def bag(
 ) -> None:
     """Compare the nodes' results in a bag with the bag's truth.
 
-    Truth is /truth/markers, /truth/rpy and /truth/lines, as `mvuav simulate` writes them. Where
-    the bag has no results of any node, the nodes run on its images.
+    Truth is /truth/markers, /truth/rpy, /truth/pose and /truth/lines, as `mvuav simulate` writes
+    them. Where the bag has no results of any node, the nodes run on its images.
     """
     from mvuav_ros.offline.evaluation import evaluation_run as running
     from mvuav_ros.offline.evaluation.bag_report import bag_report
@@ -260,7 +260,7 @@ def bag(
         run = running.read_bag(Path(source).expanduser())
         _require_truth(run)
     parameters: dict[str, dict[str, Any]] = {}
-    if run is None or not len(run.results):
+    if run is None or not run.results.stamps:
         parameters = _parameters(source, param or [], params_file)
         run = running.replay(source, parameters, image_topic)
         _require_truth(run)
@@ -288,8 +288,8 @@ def _parameters(
 
 
 def _require_truth(run: EvaluationRun) -> None:
-    if not len(run.truth):
+    if not run.truth.stamps:
         raise RecordingError(
-            f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/lines); '
+            f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/pose, /truth/lines); '
             + '; '.join(['mvuav simulate writes bags that do', *run.errors])
         )

@@ -64,13 +64,12 @@ def _parse_size(text: str) -> tuple[int, int]:
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
     from mvuav_ros.offline.simulated_messages import simulated_messages
     from mvuav_ros.recordings.writing import RecordingWriter
-    from mvuav_ros.sources.opening import camera_model, make_flight
+    from mvuav_ros.sources.opening import make_flight
 
     flight = make_flight(kind, given)
     if output.is_dir():
         raise RecordingError(f'{output} is a folder; give the name of a file, such as flight.mcap')
     refuse_to_overwrite(output, force)
-    camera = camera_model(flight.camera)
     seed = flight.settings.seed
     with (
         stop_on_signals() as stop,
@@ -79,7 +78,7 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     ):
         frames: Iterable[SimulatedFrame[Any]] = flight
         for frame in progress.track(frames, total=len(flight), description=f'sim:{kind}'):
-            for topic, type_name, data in simulated_messages(frame, camera, seed):
+            for topic, type_name, data in simulated_messages(frame, flight.camera, seed):
                 writer.write(topic, type_name, frame.stamp_ns, data)
             if stop:
                 break

@@ -13,13 +13,16 @@ from mvuav_ros.offline.evaluation.metrics import (
     DISTANCE_LIMIT,
     NEAR,
     THETA_LIMIT,
+    Array,
     LineErrors,
     MarkerErrors,
+    PoseErrors,
     RollErrors,
     distance_rms,
     line_errors,
     marker_errors,
     metrics_of,
+    pose_errors,
     rms,
     roll_errors,
 )
@@ -45,6 +48,8 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
         sections.append(Section('Roll', (), (_roll_table(roll), roll_figure(roll))))
     elif run.results.rpy:
         sections.append(Section('Roll', ('The truth holds no roll for these frames.',)))
+    if (pose := pose_errors(run)) is not None:
+        sections.append(Section('Pose', (), (_pose_table(pose),)))
     if lines is not None:
         sections.append(Section('Runway lines', (), (_line_table(lines),)))
     return Report(
@@ -115,7 +120,7 @@ def _roll_table(errors: RollErrors) -> Table:
         100.0 * known.size / len(errors.time),
         math.degrees(float(np.mean(known))) if known.size else math.nan,
         math.degrees(rms(known)),
-        math.degrees(float(np.max(np.abs(known)))) if known.size else math.nan,
+        math.degrees(_greatest(known)),
     )
     return Table.of(
         'roll',
@@ -123,6 +128,10 @@ def _roll_table(errors: RollErrors) -> Table:
         'frames | measured [%] .1 | mean error [°] .4 | RMS error [°] .4 | greatest error [°] .4',
         [row],
     )
+
+
+def _greatest(values: Array) -> float:
+    return float(max(np.abs(values[np.isfinite(values)]), default=math.nan))
 
 
 def roll_figure(errors: RollErrors) -> Figure:
@@ -136,6 +145,20 @@ def roll_figure(errors: RollErrors) -> Figure:
         label(lower, '', 'time [s]', 'error [°]')
         legend_below(canvas.figure, upper, lower)
     return Figure('roll_over_time', 'Roll and its error', canvas.png)
+
+
+def _pose_table(errors: PoseErrors) -> Table:
+    known = np.isfinite(errors.place)
+    row: list[Cell] = [len(known), 100.0 * float(known.mean())]
+    for values in (1000.0 * errors.place, 100.0 * errors.share, np.degrees(errors.turn)):
+        row += [rms(values), _greatest(values)]
+    return Table.of(
+        'pose',
+        'Pose',
+        'frames | poses [%] .1 | RMS error [mm] .2 | greatest [mm] .2 | RMS error/distance [%] .3 '
+        '| greatest [%] .3 | attitude, RMS error [°] .3 | greatest [°] .3',
+        [tuple(row)],
+    )
 
 
 def _line_table(errors: LineErrors) -> Table:

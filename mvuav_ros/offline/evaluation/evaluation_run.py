@@ -26,21 +26,21 @@ from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.remote import is_url, local_copy
 from mvuav_ros.recordings.tables import marker_names
-from mvuav_ros.sources.opening import camera_model, looks_like_bag, open_source, planned_flight
+from mvuav_ros.sources.opening import looks_like_bag, open_source, planned_flight
 from mvuav_ros.sources.source import SourceError
 
-MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
-TRUTH_TOPICS = {'/truth/markers': MARKERS, '/truth/rpy': RPY, '/truth/lines': LINES}
+MARKERS, RPY, LINES, POSE, TRUE_POSE = 'markers', 'rpy', 'lines', 'pose', 'true pose'
+TRUTH_TOPICS = {f'/truth/{kind}': kind for kind in (MARKERS, RPY, LINES)}
+TRUTH_TOPICS['/truth/pose'] = TRUE_POSE
 _TYPES = {
     MARKERS: 'sensor_msgs/msg/PointCloud2',
     RPY: 'geometry_msgs/msg/Vector3Stamped',
     LINES: 'sensor_msgs/msg/PointCloud2',
+    POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    TRUE_POSE: 'geometry_msgs/msg/PoseStamped',
 }
-RESULT_TOPICS = {
-    '/marker_tracker/markers': MARKERS,
-    '/marker_tracker/rpy': RPY,
-    '/runway_detector/line_params': LINES,
-}
+RESULT_TOPICS = {f'/marker_tracker/{kind}': kind for kind in (MARKERS, RPY, POSE)}
+RESULT_TOPICS['/runway_detector/line_params'] = LINES
 _FIELDS = {
     MARKERS: {'x', 'y', 'label', 'state'},
     LINES: {'x', 'y', 'x2', 'y2', 'rho', 'theta', 'flags'},
@@ -52,11 +52,15 @@ ONE_MARKER = '/marker_tracker/marker/'
 
 @dataclass
 class Observations:
-    """By stamp (ns): marker rows, roll (rad), line rows."""
+    """By stamp (ns): marker rows, roll (rad), line rows, poses.
+
+    A pose is its frame's name, and x, y, z (m) and the quaternion's x, y, z, w, (7,).
+    """
 
     markers: dict[int, Rows] = field(default_factory=dict)
     rpy: dict[int, float] = field(default_factory=dict)
     lines: dict[int, Rows] = field(default_factory=dict)
+    poses: dict[int, tuple[str, NDArray[np.float64]]] = field(default_factory=dict)
 
     def add(self, kind: str, data: bytes | memoryview) -> None:
         """Take in a message's CDR.
@@ -69,18 +73,21 @@ class Observations:
         if kind == RPY:
             self.rpy[stamp_ns] = float(message.vector.x)
             return
+        if kind in (POSE, TRUE_POSE):
+            pose = message.pose.pose if kind == POSE else message.pose
+            p, q = pose.position, pose.orientation
+            numbers = np.array((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+            self.poses[stamp_ns] = message.header.frame_id, numbers
+            return
         rows = view_points(message)
         if missing := _FIELDS[kind] - {*(rows.dtype.names or ())}:
             raise MalformedMessageError(f'it has no {", ".join(sorted(missing))}')
         getattr(self, kind)[stamp_ns] = rows
 
-    def __len__(self) -> int:
-        return len(self.markers) + len(self.rpy) + len(self.lines)
-
     @property
     def stamps(self) -> set[int]:
         """Of all frames."""
-        return {*self.markers, *self.rpy, *self.lines}
+        return {*self.markers, *self.rpy, *self.lines, *self.poses}
 
 
 def names_of(processors: Iterable[Processor]) -> dict[int, str]:
@@ -171,12 +178,11 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
     """The input's frames; its truth goes to ``run`` meanwhile."""
     if text.startswith(SIMULATED):
         flight = planned_flight(text)
-        camera = camera_model(flight.camera)
         for flown in flight:
             for name, _, data in truth_messages(flown):
                 if name in TRUTH_TOPICS:
                     run.truth.add(TRUTH_TOPICS[name], data)
-            yield Frame(flown.stamp_ns, OPTICAL_FRAME, flown.image, camera)
+            yield Frame(flown.stamp_ns, OPTICAL_FRAME, flown.image, flight.camera)
         return
     if is_url(text):
         with local_copy(text) as copied:

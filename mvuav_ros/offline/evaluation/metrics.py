@@ -145,6 +145,15 @@ class RollErrors:
         return angle_difference(self.measured, self.true)
 
 
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """By frame, (n,) each; NaN without a pose."""
+
+    place: Array  # m
+    share: Array  # of the true distance
+    turn: Array  # rad
+
+
 def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
     """Markers against truth; None where one of them is missing, or the markers have no names."""
     results, truth = run.results.markers, run.truth.markers
@@ -185,6 +194,21 @@ def roll_errors(run: EvaluationRun) -> RollErrors | None:
         np.array([results[stamp] for stamp in stamps]),
         np.array([truth[stamp] for stamp in stamps]),
     )
+
+
+def pose_errors(run: EvaluationRun) -> PoseErrors | None:
+    """Poses against truth; None where one of them is missing, or in another frame."""
+    results, truth = run.results.poses, run.truth.poses
+    stamps = sorted(s for s in results.keys() & truth.keys() if results[s][0] == truth[s][0])
+    if not stamps:
+        return None
+    found, true = (np.array([poses[stamp][1] for stamp in stamps]) for poses in (results, truth))
+    place, distance = (np.linalg.norm(p[:, :3], axis=1) for p in (found - true, true))
+    with np.errstate(invalid='ignore', divide='ignore'):
+        lengths = np.linalg.norm(found[:, 3:], axis=1) * np.linalg.norm(true[:, 3:], axis=1)
+        # Opposite quaternions are the same attitude; one of zeros is none.
+        half = np.arccos(np.minimum(np.abs((found * true)[:, 3:].sum(axis=1)) / lengths, 1.0))
+        return PoseErrors(place, place / distance, 2.0 * half)
 
 
 def line_errors(run: EvaluationRun) -> LineErrors | None:
@@ -335,6 +359,14 @@ def _errors(run: EvaluationRun) -> list[Metric]:
     if roll is not None:
         error = math.degrees(rms(roll.error))
         metrics.append(Metric('error of roll', 'roll, RMS error', '°', error))
+    pose = pose_errors(run)
+    if pose is not None:
+        metrics += [
+            Metric('poses', 'poses', '%', 100.0 * float(np.isfinite(pose.place).mean())),
+            Metric('error of pose', 'pose, RMS error', 'mm', 1000.0 * rms(pose.place)),
+            Metric('relative error', 'pose, RMS error/distance', '%', 100.0 * rms(pose.share)),
+            Metric('error of attitude', 'attitude, RMS error', '°', math.degrees(rms(pose.turn))),
+        ]
     lines = line_errors(run)
     if lines is not None:
         share, distance, turned = lines.numbers()

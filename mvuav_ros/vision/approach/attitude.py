@@ -57,7 +57,7 @@ def horizon_from(
     level /= np.linalg.norm(level)
     right = np.cross(level, up)
     rays = np.stack([level - HORIZON.half_base * right, level + HORIZON.half_base * right])
-    if (rays[:, 2] <= 0).any():
+    if not camera.shows(rays).all():
         return None
     (x1, y1), (x2, y2) = camera.project(rays)
     if x2 <= x1:

@@ -56,10 +56,10 @@ class Lens:
         camera = self._camera
         if camera is None or self.focal is None or not len(ideal):
             return ideal
-        rays = np.column_stack(((ideal - self.centre) / self.focal, np.ones(len(ideal))))
+        flat = (ideal - self.centre) / self.focal
         # Nothing is seen beyond anyway.
-        np.clip(rays[:, :2], -camera.widest, camera.widest, out=rays[:, :2])
-        return camera.project(rays)
+        ahead = np.maximum(1.0, np.hypot(*flat.T) / camera.widest)
+        return camera.project(np.column_stack((flat, ahead)))
 
 
 # Beyond these a frame is noise or glare, not lights, and grouping it would stall the stream.

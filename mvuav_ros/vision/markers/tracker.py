@@ -67,14 +67,16 @@ class MarkerTracker:
             rig: the body whose markers are named; if None that of the parameter ``layout``.
 
         Raises:
-            ParameterError: the rig's file cannot be used, or its names or pose are ambiguous and
-                the parameter ``allow_ambiguous`` is not set.
+            ParameterError: the rig's file cannot be used, it has too few or too many markers, or
+                its names or pose are ambiguous and ``allow_ambiguous`` is not set.
         """
         self.parameters = MarkerTrackerParameters.given(parameters)
         self.rig = rig or rig_of(self.parameters)
+        name = self.parameters.layout or self.rig.name
+        if not 2 <= len(self.rig.names) <= Label.UNLABELLED:
+            raise ParameterError('layout', f'{name}: tracking needs 2 to 255 markers')
         self.doubts = examine(self.rig)
         if self.doubts and not self.parameters.allow_ambiguous:
-            name = self.parameters.layout or self.rig.name
             raise ParameterError('layout', f'{name}: {self.doubts[0]} (see allow_ambiguous)')
         self._camera: CameraModel | None = None
         self.reset()
@@ -215,17 +217,14 @@ def rig_of(parameters: MarkerTrackerParameters) -> MarkerRig:
     """The rig that the parameter ``layout`` names.
 
     Raises:
-        ParameterError: its file cannot be used, or it has too few or too many markers.
+        ParameterError: its file cannot be used.
     """
     if not parameters.layout:
         return TANKER_747
     try:
-        rig = load_rig(parameters.layout)
+        return load_rig(parameters.layout)
     except RigError as error:
         raise ParameterError('layout', str(error)) from error
-    if not 2 <= len(rig.names) <= Label.UNLABELLED:
-        raise ParameterError('layout', f'{parameters.layout}: tracking needs 2 to 255 markers')
-    return rig
 
 
 def _finds(result: MarkerResult) -> bool:

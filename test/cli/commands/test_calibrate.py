@@ -81,12 +81,34 @@ def test_nothing_to_calibrate_from(rendered, tmp_path):
     empty = np.full((120, 160), 90, np.uint8)
     source = write(tmp_path / 'none', [empty] * 4)
     assert 'no board of 9x6 inner corners in any of the 4 images' in refused(tmp_path, source)
+    assert 'and the whole board must be in view' in refused(tmp_path, source)
+    if hasattr(cv2, 'aruco'):
+        # Which is found in part as well.
+        coded = refused(tmp_path, source, '--charuco', 'DICT_5X5_100')
+        assert coded.endswith('where four squares meet; --charuco names its dictionary')
     (tmp_path / 'empty').mkdir()
     assert 'no images and no bag there' in refused(tmp_path, tmp_path / 'empty')
     (tmp_path / 'broken.mp4').write_bytes(b'\0' * 5000)
     assert 'not a video' in refused(tmp_path, tmp_path / 'broken.mp4')
     mixed = write(tmp_path / 'mixed', [empty, empty[:60]])
     assert '160 x 120 px and of 160 x 60 px' in refused(tmp_path, mixed)
+    cut = write(tmp_path / 'cut', [empty])
+    (cut / '000.png').write_bytes(b'cut off')
+    why = 'there is no image to read; 1 image left out: 000.png'
+    assert why in refused(tmp_path, cut)
+    rig = 'rig', 'calibrate', cut, '--rig', TANKER, '-o', tmp_path / 'rig.yaml'
+    assert why in mvuav(*rig).error
+
+
+def test_images_that_are_left_out_are_counted(rendered, tmp_path):
+    _, stills, _ = rendered
+    source = write(tmp_path / 'images', stills)
+    for name in ('cut.png', 'text.png'):
+        (source / name).write_bytes(b'none')
+    command = 'calibrate', source, '--board', '9x6', '--square', 0.03, '-o', tmp_path / 'c.yaml'
+    run = mvuav(*command)
+    assert run.status == 0
+    assert run.err.startswith('note: 2 images left out: cut.png: ')
 
 
 def test_the_folder_where_one_is_is_no_calibration_file(tmp_path, monkeypatch):

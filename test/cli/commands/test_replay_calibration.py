@@ -24,7 +24,7 @@ from mvuav_ros.messages.sensors import (
     make_header,
 )
 from mvuav_ros.recordings.writing import RecordingWriter
-from mvuav_ros.sources.opening import camera_model, make_flight, open_source
+from mvuav_ros.sources.opening import make_flight, open_source
 from mvuav_ros.vision.camera import CameraModel
 
 POSE = '/marker_tracker/pose'
@@ -75,7 +75,7 @@ def video(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def calibration(tmp_path_factory):
-    return save(tmp_path_factory.mktemp('camera') / 'nose.yaml', camera_model(flight().camera))
+    return save(tmp_path_factory.mktemp('camera') / 'nose.yaml', flight().camera)
 
 
 @pytest.mark.parametrize('jobs', [1, 2])
@@ -100,7 +100,7 @@ def test_a_given_calibration_goes_along_with_the_inputs(video, calibration, tmp_
     assert np.isfinite(distances(again)).any()
     np.testing.assert_array_equal(distances(again), distances(kept))
     # One that was used does not stand beside another.
-    camera = camera_model(flight().camera)
+    camera = flight().camera
     other = save(tmp_path / 'other.yaml', replace(camera, k=(300, 0, 320, 0, 300, 240, 0, 0, 1)))
     given = (*NODE, '--keep-inputs', '--camera-info', other, '--force')
     assert mvuav('replay', kept, '-o', again, *given).status == 0
@@ -116,7 +116,7 @@ def test_the_calibration_of_a_simulated_flight_goes_along(tmp_path):
 
 @pytest.mark.parametrize('change', [{'width': 320, 'height': 240}, {'distortion_model': 'glass'}])
 def test_a_calibration_that_does_not_fit_is_refused(video, tmp_path, change):
-    camera = replace(camera_model(flight().camera), **change)
+    camera = replace(flight().camera, **change)
     out = tmp_path / 'out.mcap'
     run = mvuav('replay', video, '-o', out, '--camera-info', save(tmp_path / 'c.yaml', camera))
     assert 'camera_info is for 320 x 240 px' in run.error or "'glass' is not one of" in run.error
@@ -131,7 +131,7 @@ def test_a_file_that_is_no_calibration_is_refused(video, tmp_path):
 
 def rectified_bag(path: Path, topic: str) -> Path:
     """Undistorted images of `flight`, with the raw camera's K and d, and with P beside them."""
-    raw = camera_model(flight().camera)
+    raw = flight().camera
     p = np.array([(300.0, 0, 310, 0), (0, 300, 245, 0), (0, 0, 1, 0)])
     k, size = np.array(raw.k).reshape(3, 3), (640, 480)
     maps = cv2.initUndistortRectifyMap(k, np.array(raw.d), np.eye(3), p[:, :3], size, cv2.CV_32FC1)
@@ -187,7 +187,7 @@ def test_a_given_calibration_is_taken_as_rectified_too(tmp_path, truth):
     out = tmp_path / 'out.mcap'
     bag = rectified_bag(tmp_path / 'bag.mcap', '/nose/image_rect')
     p = (300.0, 0, 310, 0, 0, 300, 245, 0, 0, 0, 1, 0)
-    file = save(tmp_path / 'c.yaml', replace(camera_model(flight().camera), p=p))
+    file = save(tmp_path / 'c.yaml', replace(flight().camera, p=p))
     assert mvuav('replay', bag, '-o', out, *NODE, '--camera-info', file).status == 0
     assert distances(out)[2:] == pytest.approx(truth[2:], rel=0.005)
     tracked = [

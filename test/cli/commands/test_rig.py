@@ -43,6 +43,16 @@ def test_a_line_has_no_table(tmp_path):
     assert run.out.splitlines()[-1] == 'refused: all markers lie on one line: there is no pose'
 
 
+def test_three_lights_have_no_table_of_a_pose_that_they_never_have(tmp_path):
+    path = tmp_path / 'three.yaml'
+    path.write_text('markers: {a: [0, 1, 0], b: [0, 2, 1], c: [1, 4, 0]}')
+    run = mvuav('rig', 'check', path, '--distance', '1', '--distance', '20')
+    assert run.status == 0
+    first, *rest = run.out.splitlines()
+    assert first == 'three: 3 markers, 3.16228 m across: names, but no pose, which takes four'
+    assert rest[1] == 'exchanged names with the smallest residuals, at 20 m'
+
+
 def test_a_file_that_is_no_rig(tmp_path):
     run = mvuav('rig', 'check', tmp_path / 'none.yaml')
     assert run.status == 1

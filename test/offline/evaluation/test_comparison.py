@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Vector3, Vector3Stamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3, Vector3Stamped
 from rclpy.serialization import serialize_message
 from support.commands import mvuav
 from support.flights import write_bag
@@ -13,7 +13,13 @@ from mvuav_ros.messages.cdr import PointLayout, cdr_header
 from mvuav_ros.messages.sensors import make_header
 from mvuav_ros.offline.evaluation.bag_report import bag_report
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
-from mvuav_ros.offline.evaluation.metrics import line_errors, marker_errors, metrics_of, roll_errors
+from mvuav_ros.offline.evaluation.metrics import (
+    line_errors,
+    marker_errors,
+    metrics_of,
+    pose_errors,
+    roll_errors,
+)
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
@@ -40,6 +46,9 @@ def test_a_replayed_flight_is_close_to_its_truth():
     assert 0.0 < measured['detected markers, RMS error'] < 0.2
     assert 0.0 < measured['roll, RMS error'] < 0.05
     assert measured['wrong names'] == 0
+    assert measured['poses'] == 100.0
+    assert 0.0 < measured['pose, RMS error/distance'] < 0.3
+    assert 0.0 < measured['attitude, RMS error'] < 0.3
     assert observed.milliseconds > 0.0
 
 
@@ -87,6 +96,43 @@ def test_roll_error_is_taken_the_short_way():
         message = Vector3Stamped(header=make_header(7, 'camera'), vector=Vector3(x=roll))
         target.add('rpy', serialize_message(message))
     assert roll_errors(observed).error[0] == pytest.approx(6.2 - 2 * math.pi)
+
+
+def posed(kind, stamp_ns, place, quaternion, frame='camera'):
+    """A pose of the results, or of the truth, as `Observations.add` takes it."""
+    message = (PoseStamped if kind == 'true pose' else PoseWithCovarianceStamped)()
+    message.header = make_header(stamp_ns, frame)
+    pose = message.pose if kind == 'true pose' else message.pose.pose
+    for target, numbers in ((pose.position, place), (pose.orientation, quaternion)):
+        for axis, number in zip('xyzw', numbers, strict=False):
+            setattr(target, axis, number)
+    return kind, serialize_message(message)
+
+
+def test_errors_of_a_pose_are_those_that_were_made():
+    observed, nan = EvaluationRun('by hand'), math.nan
+    half = math.radians(15.0)
+    for stamp_ns, place, turn in (
+        (1, (3.0, 0.0, 14.0), (-math.sin(half), 0.0, 0.0, -math.cos(half))),
+        (2, (nan, nan, nan), (nan, nan, nan, nan)),
+        (3, (0.0, 0.0, 10.0), (0.0, 0.0, 0.0, 1.0)),
+    ):
+        observed.results.add(*posed('pose', stamp_ns, place, turn))
+        observed.truth.add(*posed('true pose', stamp_ns, (0.0, 0.0, 10.0), (0.0, 0.0, 0.0, 1.0)))
+    # A truth without attitude, one in another frame, and one of no image.
+    observed.truth.add(*posed('true pose', 3, (0.0, 0.0, 10.0), (0.0, 0.0, 0.0, 0.0)))
+    observed.results.add(*posed('pose', 4, (0.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.0)))
+    observed.truth.add(*posed('true pose', 4, (0.0, 0.0, 9.0), (0.0, 0.0, 0.0, 1.0), 'runway'))
+    observed.truth.add(*posed('true pose', 5, (0.0, 0.0, 9.0), (0.0, 0.0, 0.0, 1.0)))
+    errors = pose_errors(observed)
+    assert errors.place == pytest.approx([5.0, nan, 0.0], nan_ok=True)
+    assert errors.share == pytest.approx([0.5, nan, 0.0], nan_ok=True)
+    assert np.degrees(errors.turn) == pytest.approx([30.0, nan, nan], nan_ok=True)
+    measured = values(observed)
+    assert measured['poses'] == pytest.approx(200 / 3)
+    assert measured['pose, RMS error'] == pytest.approx(5000.0 / math.sqrt(2))
+    (table,) = [t for t in bag_report(observed, {}).tables() if t.key == 'pose']
+    assert table.rows[0][3] == 5000.0 and table.rows[0][7] == pytest.approx(30.0)
 
 
 def test_true_lines_given_back_are_found_without_error():
@@ -149,9 +195,10 @@ def test_a_rig_of_ones_own_has_its_names_and_the_roll_of_its_pose(tmp_path):
         assert values(run)['wrong names'] == 0
         assert 0 < values(run)['roll, RMS error'] < 0.2
     page = bag_report(stored, {})
-    markers, roll = (section for section in page.sections[1:])
+    markers, roll, pose = page.sections[1:]
     assert [row[0] for row in markers.items[0].rows][-2:] == ['tail', 'all 4']
-    assert roll.items[0].rows[0][:2] == (6, 100.0)
+    for section in (roll, pose):
+        assert section.items[0].rows[0][:2] == (6, 100.0)
 
 
 def test_names_do_not_follow_the_order_of_topics(tmp_path):

@@ -1,6 +1,7 @@
 """The horizon: from attitude, held against where the simulator projects it, and on drawn images."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,14 @@ def test_a_camera_that_looks_down_on_a_level_body_is_a_body_that_looks_down():
 )
 def test_no_horizon_without_a_usable_attitude(attitude):
     assert horizon_from(attitude, CAMERA, AHEAD) is None
+
+
+def test_no_horizon_where_the_lens_model_has_turned_back():
+    lens = replace(CAMERA, k=(320, 0, 319.5, 0, 320, 239.5, 0, 0, 1), d=(-0.4, 0.2, 0, 0, -0.05))
+    steep, flat = (Attitude.from_roll_pitch(0.0, math.radians(down)) for down in (60.0, 40.0))
+    # The model has it in the image again, at row 104.
+    assert horizon_from(steep, lens, AHEAD) is None
+    assert horizon_from(flat, lens, AHEAD).row == pytest.approx(24.9, abs=0.1)
 
 
 def test_it_is_where_the_simulated_runways_direction_vanishes():
