@@ -9,6 +9,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from mvuav_ros.messages.h264_gaps import PictureNumbers
 from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file, tiff_images
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.untrusted import words
@@ -131,27 +132,43 @@ class VideoFile(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
         stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
-        packets = damaged = doubtful = end = self.account.kept = 0
+        packets = pictures = damaged = doubtful = gaps = end = self.account.kept = 0
         before: list[int] = []
         with self._open() as container:
             stream = container.streams.video[0]
             stream.thread_type = 'AUTO'
+            decoder = stream.codec_context
             for packet in _packets(container, stream):
-                packets += packet.size > 0
-                doubtful += packet.is_corrupt  # as MPEG-TS says where a part is missing
-                end = max(end, (packet.pts or 0) + (packet.duration or 1))
+                is_shown = False
+                if packet is not None:
+                    packets += packet.size > 0
+                    # Below 0 is what an edit list leaves out.
+                    is_shown = packet.size > 0 and (packet.pts or 0) >= 0
+                    pictures += is_shown
+                    doubtful += packet.is_corrupt  # as MPEG-TS says where a part is missing
+                    end = max(end, (packet.pts or 0) + (packet.duration or 1))
                 try:
-                    for frame in packet.decode():
+                    for frame in decoder.decode(packet):
                         if not self.account.kept:
-                            self._note_start(sum(pts < (frame.pts or 0) for pts in before))
+                            before = [pts for pts in before if pts < (frame.pts or 0)]
+                            self._note_start(len(before))
                         self.account.kept += 1
                         yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
                 except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
                     damaged += 1
                 else:
-                    # Below 0 is what an edit list leaves out.
-                    if not self.account.kept and packet.pts is not None and packet.pts >= 0:
-                        before.append(packet.pts)
+                    if is_shown and not self.account.kept:
+                        before.append(packet.pts or 0)
+                if packet is None:
+                    gaps += 1
+                    decoder.flush_buffers()
+            unread = pictures - damaged - self.account.kept - len(before)
+            if gaps:
+                self.account.lose('', 'gaps', f'images are missing at {counted(gaps, "place")}')
+            # Of other codecs not every packet is a picture.
+            if unread > 0 and (gaps or decoder.name == 'hevc'):
+                said = f'{counted(unread, "frame")} not read, as others that they need are missing'
+                self.account.lose('', 'unread', said, unread)
         if damaged:
             said = f'{damaged} packets of the video do not decode'
             self.account.lose('', 'packets', said, damaged)
@@ -214,10 +231,19 @@ def _place(path: Path) -> str | BinaryIO:
 
 
 def _packets(container: Any, stream: Any) -> Iterator[Any]:
-    """The packets up to the file's end or to where it cannot be read any more."""
+    """The packets up to the file's end or to where it cannot be read any more.
+
+    There is a None before one of H.264 that follows a lost picture; MPEG-TS says that by itself.
+    """
+    decoder, numbers = stream.codec_context, None
+    if decoder.name == 'h264' and container.format.name != 'mpegts':
+        numbers = PictureNumbers(decoder.extradata or b'')
     packets = container.demux(stream)
     while True:
         try:
-            yield next(packets)
+            packet = next(packets)
         except (StopIteration, ValueError, OSError):
             return
+        if numbers is not None and numbers.follows_loss(bytes(packet)):
+            yield None
+        yield packet

@@ -242,6 +242,34 @@ def test_a_video_with_parts_missing_inside_says_so(tmp_path: Path) -> None:
         ] * damage
 
 
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv'])
+@pytest.mark.parametrize(
+    ('codec', 'options'),
+    [
+        ('libx264', {'x264-params': 'scenecut=0:bframes=0'}),
+        ('libx265', {'x265-params': 'scenecut=0:bframes=0:keyint=10:log-level=none'}),
+    ],
+)
+def test_no_false_image_is_shown_where_packets_are_missing(
+    tmp_path: Path, suffix: str, codec: str, options: dict[str, str]
+) -> None:
+    """As they are in what was saved of a stream over a bad link."""
+    path = tmp_path / f'a{suffix}'
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream(codec, rate=20)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
+        stream.codec_context.gop_size, stream.options = 10, options
+        frames = [av.VideoFrame.from_ndarray(image(n), format='bgr24') for n in range(24)]
+        coded = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
+        del coded[13]
+        container.mux(coded)
+    video = VideoFile(path)
+    shown = [number_in(frame.image.pixels) for frame in video.frames()]
+    assert shown == [*range(13), *range(20, 24)]
+    assert (video.account.kept, video.account.lost) == (17, 6)
+    assert '6 frames not read, as others that they need are missing' in video.account.errors
+
+
 def test_a_tiff_of_several_images_is_not_taken_for_one_in_silence(tmp_path: Path) -> None:
     image = np.full((HEIGHT, WIDTH), 9, np.uint8)
     cv2.imwrite(str(tmp_path / '1.tiff'), image)
