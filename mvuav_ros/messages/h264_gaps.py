@@ -1,6 +1,7 @@
 """Which H.264 pictures follow a lost one: FFmpeg would decode them into false images.
 
-By ITU-T H.264, clauses 7.3 and 7.4.3: reference pictures are numbered (``frame_num``).
+By ITU-T H.264, clauses 7.3 and 7.4.3: reference pictures are numbered (``frame_num``). And which
+pictures need none before, by the kinds of their units there and in ITU-T H.265, clause 7.4.2.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ _SLICE, _KEY_SLICE, _PARAMETERS = 1, 5, 7
 _SLICE_HEADER_BYTES, _MAX_PARAMETER_BYTES = 32, 1024
 _HIGH_PROFILES = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
 _YUV_444 = 3
+_HEVC_PARAMETERS, _HEVC_KEYS = 33, range(16, 21)
 
 
 class PictureNumbers:
@@ -52,7 +54,17 @@ class PictureNumbers:
         return number not in (last, (last + 1) % (1 << self._digits))
 
 
-def _units(packet: bytes, length_bytes: int) -> Iterator[bytes]:
+def begins_anew(codec: str, packet: bytes) -> bool:
+    """Whether this picture and those after it need none before; False where that is not known."""
+    kinds = {unit[0] for unit in _units(packet) if unit}
+    if codec == 'hevc':
+        kinds = {kind >> 1 for kind in kinds}
+        return _HEVC_PARAMETERS in kinds and not kinds.isdisjoint(_HEVC_KEYS)
+    kinds = {kind & 0x1F for kind in kinds}
+    return codec == 'mjpeg' or (codec == 'h264' and {_PARAMETERS, _KEY_SLICE} <= kinds)
+
+
+def _units(packet: bytes, length_bytes: int = 0) -> Iterator[bytes]:
     """NAL units; of the last one more than its beginning may not be wanted."""
     at = 0
     while length_bytes and (start := at + length_bytes) < len(packet):

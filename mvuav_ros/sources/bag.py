@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mvuav_ros.messages.cdr import CdrReader
 from mvuav_ros.messages.definitions import decode_message
+from mvuav_ros.messages.h264_gaps import begins_anew
 from mvuav_ros.messages.images import (
     IMAGE,
     BadFrame,
@@ -16,6 +17,7 @@ from mvuav_ros.messages.images import (
     Frame,
     ImageDecoder,
     VideoDecoder,
+    codec_of,
     is_image_type,
     stamp_ns_in,
     view_coded_image,
@@ -231,14 +233,18 @@ class BagImages(FrameSource):
 
     def _lead_in(self, video: VideoDecoder, start_ns: int) -> None:
         """Decode a video's packets before a part, whose first frames may need them."""
-        before = self._recording.messages({self.topic}, start_ns - _LEAD_IN_NS, start_ns)
-        for message in before:
+        needed: list[CodedImage] = []
+        for message in self._recording.messages({self.topic}, start_ns - _LEAD_IN_NS, start_ns):
             with suppress(ImageError):
                 packet = _video_packet(message)
                 if packet is None:
                     return
-                for _ in video.frames(packet, wanted=False):
-                    pass
+                if begins_anew(codec_of(packet.format), bytes(packet.data)):
+                    needed.clear()
+                needed.append(packet)
+        for packet in needed:
+            for _ in video.frames(packet, wanted=False):
+                pass
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
         """The number of frames that a pass gives, from the rate so far."""

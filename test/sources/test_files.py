@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,14 @@ from support.coded_videos import (
 )
 from support.recording_samples import START_NS
 
-from mvuav_ros.messages.images import COMPRESSED_VIDEO, FFMPEG_PACKET, BadFrame, Frame
+from mvuav_ros.messages.images import (
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    BadFrame,
+    CodedImage,
+    Frame,
+    VideoDecoder,
+)
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.bag import BagImages
@@ -138,6 +145,38 @@ def test_topics_of_video_packets(tmp_path: Path, codec: str, make, kind: str, na
     # A part need not begin with a key frame.
     part = list(BagImages(path).items(Selection(start_s=3e-9, duration_s=6e-9)))
     assert [number_in(frame.image.pixels) for frame in part] == [3, 4, 5, 6, 7, 8]
+
+
+@pytest.mark.parametrize(
+    ('codec', 'options', 'needed'),
+    [
+        ('libx264', {}, [5, 6, 7]),
+        ('libx265', {'x265-params': 'keyint=5:open-gop=0:bframes=0:log-level=none'}, [5, 6, 7]),
+        # No more is known of it.
+        ('mpeg4', {}, list(range(8))),
+    ],
+)
+def test_before_a_part_only_the_newest_group_of_pictures_is_decoded(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    codec: str,
+    options: dict[str, str],
+    needed: list[int],
+) -> None:
+    decoded: list[int] = []
+
+    class Counting(VideoDecoder):
+        def frames(self, packet: CodedImage, wanted: bool) -> Iterator[Frame | BadFrame]:
+            decoded.append((packet.stamp_ns - START_NS) // 50_000_000)
+            return super().frames(packet, wanted)
+
+    monkeypatch.setattr('mvuav_ros.sources.bag.VideoDecoder', Counting)
+    coded = packets(codec, 12, options=options)
+    messages = [compressed_video(data, codec, stamp_of(n)) for n, data in enumerate(coded)]
+    path = bag_of(tmp_path / 'a.mcap', COMPRESSED_VIDEO, messages)
+    part = list(BagImages(path).items(Selection(start_s=8e-9, duration_s=2e-9)))
+    assert [number_in(frame.image.pixels) for frame in part] == [8, 9]
+    assert decoded == [*needed, 8, 9]
 
 
 def test_frames_in_the_order_of_showing(tmp_path: Path) -> None:
