@@ -29,7 +29,7 @@ from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_text
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_quaternion, rpy
-from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Label, MarkerState
 from mvuav_ros.vision.runway.results import LineRole
 
 Row = tuple[int | float | str, ...]
@@ -379,9 +379,9 @@ class Tum(Table):
 class Mot(Table):
     """MOTChallenge: a line for each marker that was measured, as TrackEval reads it.
 
-    frame (from 1), id (the marker's label and 1, or the light's number), left, top, width and
-    height of a box with the marker's area (px, the first pixel's corner at 1), confidence (1 where
-    there is none), and -1 three times.
+    frame (from 1), id (the marker's label and 1, or the light's number, or -1 of a light without
+    one), left, top, width and height of a box with the marker's area (px, the first pixel's corner
+    at 1), confidence (1 where there is none), and -1 three times.
     """
 
     ending = 'txt'
@@ -398,7 +398,8 @@ class Mot(Table):
 
     def _line(self, row: Row) -> str:
         of = dict(zip(self._columns, row, strict=True))
-        light = float(of['id']) if 'id' in of else float(of['label']) + 1.0
+        label = float(of['label'])
+        light = float(of.get('id', -1.0 if label == Label.UNLABELLED else label + 1.0))
         x, y, area = (float(of[name]) for name in ('x', 'y', 'area'))
         if of['state'] != MarkerState.DETECTED or not math.isfinite(light + x + y + area):
             return ''
