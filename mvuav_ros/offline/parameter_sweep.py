@@ -21,6 +21,7 @@ from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Tabl
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
 from mvuav_ros.recordings.account import counted
+from mvuav_ros.recordings.layout import recordings_in
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ def plan_runs(
     base: Mapping[str, Mapping[str, Any]],
     topic: str | None = None,
 ) -> list[SweepRun]:
-    """Every combination of the axes' values, on every input.
+    """Every combination of the axes' values, on every input; of a folder of them, on each.
 
     ``base`` is what differs from the defaults of each node to run.
 
@@ -109,7 +110,8 @@ def plan_runs(
         if titles.count(title) > 1:
             raise ParameterError(title, 'occurs twice; list its values in one --param')
     runs = []
-    grid = itertools.product(sources, itertools.product(*(axis.values for axis in axes)))
+    inputs = [each for source in sources for each in recordings_in(source)]
+    grid = itertools.product(inputs, itertools.product(*(axis.values for axis in axes)))
     for number, (source, values) in enumerate(grid, 1):
         parameters = {node: dict(given) for node, given in base.items()}
         for axis, value in zip(axes, values, strict=True):

@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import signal
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -291,6 +292,18 @@ def test_a_sweep_of_inputs_with_odd_names(tmp_path):
     results = in_order(sweep(plan_runs(sources, [axis], {'marker_tracker': {}})))
     page = write_report(sweep_report(results, [axis], {}), tmp_path / 'out')
     assert page.exists() and len(list((tmp_path / 'out').glob('*.png'))) > 3
+
+
+def test_a_sweep_of_a_folder_is_one_of_each_of_its_recordings(tmp_path):
+    bag = write_bag(tmp_path / 'flight.mcap', results=False)
+    (tmp_path / 'season').mkdir()
+    for name in ('b.mcap', 'a.mcap'):
+        shutil.copy(bag, tmp_path / 'season' / name)
+    axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
+    runs = plan_runs([str(tmp_path / 'season'), FLIGHT], [axis], {'marker_tracker': {}})
+    names = [Path(run.source).name for run in runs if run.source != FLIGHT]
+    assert names == ['a.mcap', 'a.mcap', 'b.mcap', 'b.mcap'] and len(runs) == 6
+    assert not any(result.error for result in sweep(runs[:4]))
 
 
 def test_integrity_of_no_frames_is_refused(tmp_path):
