@@ -175,7 +175,7 @@ def decode_compressed_image(message: CodedImage) -> Image:
     """Decompress a JPEG, PNG, WebP or TIFF message, whichever its ``format`` says that it is.
 
     Grey stays ``mono8`` or ``mono16``, unless ``format`` says as image_transport does that it is
-    the mosaic of a Bayer pattern; colour becomes ``bgr8`` or ``bgra8``.
+    the mosaic of a Bayer pattern; colour becomes ``bgr8``, ``bgra8`` or the same of 16 bits.
 
     Raises:
         ImageError: it is something else, or the data does not decode.
