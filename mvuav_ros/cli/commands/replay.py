@@ -42,6 +42,9 @@ def replay_all(
 ) -> list[ReplayOutcome]:
     """Replay what is not finished yet, report each recording at its end, and keep the manifest.
 
+    Returns:
+        The outcomes in the order of the jobs.
+
     Raises:
         RecordingError: the manifest cannot be read or written.
         SourceError: the cluster cannot be used.
@@ -93,7 +96,8 @@ def replay_all(
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     if failed and len(planned.jobs) > 1:
         say(f'mvuav: {failed} of {len(planned.jobs)} recordings failed', err=True)
-    return outcomes
+    places = {job.output: place for place, job in enumerate(planned.jobs)}
+    return sorted(outcomes, key=lambda outcome: places[outcome.output])
 
 
 def _report(outcome: ReplayOutcome) -> None:
