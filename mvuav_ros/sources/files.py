@@ -138,6 +138,8 @@ class VideoFile(FrameSource):
             stream = container.streams.video[0]
             stream.thread_type = 'AUTO'
             decoder = stream.codec_context
+            # AVI has no times of showing: FFmpeg's are in the order of decoding.
+            by_decoding = container.format.name == 'avi'
             for packet in _packets(container, stream):
                 is_shown = False
                 if packet is not None:
@@ -153,7 +155,8 @@ class VideoFile(FrameSource):
                             before = [pts for pts in before if pts < (frame.pts or 0)]
                             self._note_start(len(before))
                         self.account.kept += 1
-                        yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
+                        stamp_ns = stamps.of(frame.dts if by_decoding else frame.pts)
+                        yield Frame(stamp_ns, OPTICAL_FRAME, upright(frame))
                 except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
                     damaged += 1
                 else:

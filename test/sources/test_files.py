@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -279,6 +280,27 @@ def test_a_video_with_parts_missing_inside_says_so(tmp_path: Path) -> None:
         assert [error.split(':')[0] for error in source.account.errors] == [
             'parts of 1 packet of the video are missing'
         ] * damage
+
+
+@pytest.mark.parametrize('suffix', ['.avi', '.mp4', '.mkv'])
+@pytest.mark.parametrize('b_frames', ['0', '3'])
+def test_frames_that_refer_to_later_ones_have_their_own_times(
+    tmp_path: Path, suffix: str, b_frames: str
+) -> None:
+    """Of AVI FFmpeg says the order of decoding."""
+    times = [n for n in range(20) if n not in (7, 8, 13)]
+    path = tmp_path / f'a{suffix}'
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('libx264', rate=20, options={'bf': b_frames})
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
+        for time in times:
+            frame = av.VideoFrame.from_ndarray(image(time), format='bgr24')
+            frame.pts, frame.time_base = time, Fraction(1, 20)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    frames = list(VideoFile(path).frames())
+    assert [number_in(frame.image.pixels) for frame in frames] == times
+    assert [frame.stamp_ns for frame in frames] == [50_000_000 * time for time in times]
 
 
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv'])
