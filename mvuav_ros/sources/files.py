@@ -48,6 +48,8 @@ class ImageFolder(FrameSource):
         self.account.kept = 0
         for index, file in enumerate(self._files):
             stamp_ns = round(index * 1e9 / self.rate)
+            if 0 < stamp_ns < round(self.start_s * 1e9):
+                continue
             try:
                 if file.stat().st_size > _MAX_FILE:
                     raise ImageError(f'the file is larger than {_MAX_FILE >> 20} MB')
@@ -74,6 +76,10 @@ def is_image_file(file: Path) -> bool:
 
 DEFAULT_RATE = 30.0
 _MIN_LOSS_S = 0.5
+_INDEXED = ('mov,mp4,m4a,3gp,3g2,mj2', 'matroska,webm')
+"""Forms of files that say where their key frames are."""
+_LEAD_IN_S = 1.0
+"""Before a part: a key frame may be found by its time of decoding."""
 
 
 class VideoFile(FrameSource):
@@ -140,6 +146,8 @@ class VideoFile(FrameSource):
             decoder = stream.codec_context
             # AVI has no times of showing: FFmpeg's are in the order of decoding.
             by_decoding = container.format.name == 'avi'
+            if (first := self._leave_out(container, stream)) is not None:
+                yield Frame(stamps.of(first.pts), OPTICAL_FRAME, upright(first))
             for packet in _packets(container, stream):
                 is_shown = False
                 if packet is not None:
@@ -147,38 +155,54 @@ class VideoFile(FrameSource):
                     # Below 0 is what an edit list leaves out.
                     is_shown = packet.size > 0 and (packet.pts or 0) >= 0
                     pictures += is_shown
-                    doubtful += packet.is_corrupt  # as MPEG-TS says where a part is missing
                     end = max(end, (packet.pts or 0) + (packet.duration or 1))
+                    if packet.is_corrupt:  # as MPEG-TS says where a part is missing
+                        doubtful += 1
+                        said = f'parts of {counted(doubtful, "packet")} of the video are missing: '
+                        said += 'images up to the next key frame may be false'
+                        self.account.lose('', 'parts', said, 0)
                 try:
                     for frame in decoder.decode(packet):
-                        if not self.account.kept:
+                        if not self.account.kept and first is None:
                             before = [pts for pts in before if pts < (frame.pts or 0)]
                             self._note_start(len(before))
                         self.account.kept += 1
+                        if first is not None and (frame.pts or 0) <= first.pts:
+                            continue  # it is the first again
                         stamp_ns = stamps.of(frame.dts if by_decoding else frame.pts)
                         yield Frame(stamp_ns, OPTICAL_FRAME, upright(frame))
                 except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
                     damaged += 1
+                    said = f'{damaged} packets of the video do not decode'
+                    self.account.lose('', 'packets', said, damaged)
                 else:
                     if is_shown and not self.account.kept:
                         before.append(packet.pts or 0)
                 if packet is None:
                     gaps += 1
+                    self.account.lose('', 'gaps', f'images are missing at {counted(gaps, "place")}')
                     decoder.flush_buffers()
             unread = pictures - damaged - self.account.kept - len(before)
-            if gaps:
-                self.account.lose('', 'gaps', f'images are missing at {counted(gaps, "place")}')
             # Of other codecs not every packet is a picture.
-            if unread > 0 and (gaps or decoder.name == 'hevc'):
+            if unread > 0 and first is None and (gaps or decoder.name == 'hevc'):
                 said = f'{counted(unread, "frame")} not read, as others that they need are missing'
                 self.account.lose('', 'unread', said, unread)
-        if damaged:
-            said = f'{damaged} packets of the video do not decode'
-            self.account.lose('', 'packets', said, damaged)
-        if doubtful:
-            said = f'parts of {counted(doubtful, "packet")} of the video are missing: '
-            self.account.lose('', 'parts', f'{said}images up to the next key frame may be false', 0)
-        self._note_end(packets, end)
+        self._note_end(packets if first is None else None, end)
+
+    def _leave_out(self, container: Any, stream: Any) -> Any:
+        """Go to a key frame before `start_s`; gives the first frame, or None where all is read."""
+        if self._given_rate or self.start_s <= _LEAD_IN_S or container.format.name not in _INDEXED:
+            return None
+        with self._open() as before:
+            video = before.streams.video[0]
+            try:
+                first = next(before.decode(video))
+                start = first.pts + int((self.start_s - _LEAD_IN_S) / self._tick)
+                before.seek(start, stream=video)
+            except (StopIteration, TypeError, ValueError, OSError):
+                return None
+        container.seek(start, stream=stream)
+        return first
 
     def _note_start(self, missing: int) -> None:
         """Say how many packets there are of images before the first that decodes."""
@@ -186,14 +210,17 @@ class VideoFile(FrameSource):
             said = f'{counted(missing, "frame")} before the first key frame of the video not read'
             self.account.lose('', 'start', said, missing)
 
-    def _note_end(self, packets: int, end: int) -> None:
-        """Say what is missing behind the last packet, which ends at that tick."""
+    def _note_end(self, packets: int | None, end: int) -> None:
+        """Say what is missing behind the last packet, which ends at that tick.
+
+        ``packets`` are how many there were, None if not all were read.
+        """
         end_s = float(end * self._tick)
         # AVI counts the ticks without a frame, too; Matroska counts no frames.
-        if packets < self._promised and end < self._end:
+        if packets is not None and packets < self._promised and end < self._end:
             said = f'the video ended after {packets} of {self._promised} frames'
             self.account.lose('', 'end', said, self._promised - packets)
-        elif self._promised == 0 and end_s < self._duration_s - _MIN_LOSS_S:
+        elif (packets is None or self._promised == 0) and end_s < self._duration_s - _MIN_LOSS_S:
             said = f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s'
             self.account.lose('', 'end', said)
 
@@ -211,13 +238,15 @@ class _Stamps:
 
     def of(self, pts: int | None) -> int:
         """The next frame's stamp, ns; ``pts`` in the file's ticks."""
-        stamp_ns = round(self._index * 1e9 / self._rate)
-        self._index += 1
+        own_s = None
         if self._given_rate is None and pts is not None and self._tick_s > 0:
             self._first = pts if self._first is None else self._first
             own_s = (pts - self._first) * self._tick_s
-            if abs(own_s - stamp_ns * 1e-9) > 0.5 * self._tick_s + 1e-9:
-                stamp_ns = round(own_s * 1e9)
+            self._index = round(own_s * self._rate)
+        stamp_ns = round(self._index * 1e9 / self._rate)
+        self._index += 1
+        if own_s is not None and abs(own_s - stamp_ns * 1e-9) > 0.5 * self._tick_s + 1e-9:
+            stamp_ns = round(own_s * 1e9)
         if stamp_ns <= self._previous_ns:  # a broken file; time goes on
             stamp_ns = self._previous_ns + round(1e9 / self._rate)
         self._previous_ns = stamp_ns

@@ -169,6 +169,7 @@ class ReplayInput:
             if image is not None and (said := self._camera.objection(image.width, image.height)):
                 self.close()
                 raise SourceError(f'{self.name}: {said}')
+        source.start_s = given.selection.start_s
 
     @property
     def count(self) -> int | None:
