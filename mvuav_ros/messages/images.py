@@ -424,18 +424,23 @@ class VideoDecoder:
 
 
 def upright(frame: Any) -> Image:
-    """A decoded frame in colour, turned (and mirrored) as the camera was held."""
-    pixels = frame.to_ndarray(format='bgr24')
+    """A decoded frame, turned (and mirrored) as the camera was held.
+
+    It is in colour, but for grey ones of more than 8 bits, which keep them.
+    """
+    is_deep = frame.format.name.startswith('gray1')
+    pixels = frame.to_ndarray(format='gray16le' if is_deep else 'bgr24')
     matrix = _display_matrix(frame)
     if matrix is None:
         turns = round(getattr(frame, 'rotation', 0) / 90) % 4
-        return Image(np.ascontiguousarray(np.rot90(pixels, turns)) if turns else pixels, 'bgr8')
-    # x' = a x + c y, y' = b x + d y: with a quarter turn the larger terms are b and c.
-    (a, b), (c, d) = matrix
-    if abs(b) + abs(c) > abs(a) + abs(d):
-        pixels, a, d = pixels.swapaxes(0, 1), c, b
-    pixels = pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
-    return Image(np.ascontiguousarray(pixels), 'bgr8')
+        pixels = np.rot90(pixels, turns)
+    else:
+        # x' = a x + c y, y' = b x + d y: with a quarter turn the larger terms are b and c.
+        (a, b), (c, d) = matrix
+        if abs(b) + abs(c) > abs(a) + abs(d):
+            pixels, a, d = pixels.swapaxes(0, 1), c, b
+        pixels = pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
+    return Image(np.ascontiguousarray(pixels), 'mono16' if is_deep else 'bgr8')
 
 
 def _display_matrix(frame: Any) -> NDArray[np.int32] | None:

@@ -93,6 +93,21 @@ def test_a_camera_that_was_turned(tmp_path: Path) -> None:
     np.testing.assert_array_equal(turned.image.pixels, np.rot90(plain.image.pixels, -1))
 
 
+@pytest.mark.parametrize(('kind', 'bits'), [('gray16le', 16), ('gray12le', 12), ('gray', 8)])
+def test_a_grey_video_of_more_bits_keeps_them(tmp_path: Path, kind: str, bits: int) -> None:
+    path, dtype = tmp_path / 'a.mkv', np.uint8 if bits == 8 else np.uint16
+    ramp = np.tile(np.arange(WIDTH, dtype=dtype) * 3, (HEIGHT, 1))
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('ffv1', rate=20)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, kind
+        for frame in (av.VideoFrame.from_ndarray(ramp, format=kind), None):
+            container.mux(stream.encode(frame))
+    (frame,) = VideoFile(path).frames()
+    assert frame.image.encoding == ('bgr8' if bits == 8 else 'mono16')
+    shown = frame.image.gray().astype(int) >> (16 - bits) % 8
+    np.testing.assert_array_equal(shown, ramp)
+
+
 def test_a_video_under_another_name(tmp_path: Path) -> None:
     made = write_video(tmp_path / 'a.mp4', TIMES_MS)
     for name in ('video', 'video.dat', 'video.bag'):
