@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 _START = b'\0\0\1'
-_FIRST_UNIT = 8
-"""Where the parameters are in what a container keeps apart, if there are some."""
 _SLICE, _KEY_SLICE, _PARAMETERS = 1, 5, 7
 _SLICE_HEADER_BYTES, _MAX_PARAMETER_BYTES = 32, 1024
 _HIGH_PROFILES = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
@@ -27,8 +25,8 @@ class PictureNumbers:
         self._digits = 0  # bits of a number; 0 where none is known, or gaps are allowed
         self._last: int | None = None
         self._length_bytes = 0  # of the length before each unit; 0 where start codes are there
-        if extradata[:1] == b'\1' and len(extradata) > _FIRST_UNIT:
-            self.follows_loss(_START + extradata[_FIRST_UNIT:])
+        if extradata[:1] == b'\1' and len(extradata) > 8:
+            self.follows_loss(_START + extradata[8:])  # the first of its parameter sets
             self._length_bytes = (extradata[4] & 3) + 1
 
     def follows_loss(self, packet: bytes) -> bool:

@@ -178,7 +178,6 @@ def run_nodes(names: Sequence[str]) -> int:
 
 
 def _explained(error: Exception) -> str:
-    """The mistake of a user, in words."""
     if not isinstance(error, rclpy_implementation.UnknownROSArgsError):
         return str(error)
     strange = str(error).strip('[]')

@@ -97,7 +97,6 @@ def _connect(address: str) -> tuple[Any, Any]:
 
 
 def _do(work: Work, task: Any, number: int, run: str) -> Done[Any]:
-    """Runs on a worker."""
     distributed: Any = import_module('distributed')
     worker, asked_to_stop = distributed.get_worker(), distributed.Event(run)
     stop, looked = Stop(), 0.0

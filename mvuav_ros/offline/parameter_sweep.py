@@ -198,7 +198,6 @@ def sweep_report(
 
 
 def _run_columns(axes: Sequence[Axis]) -> tuple[Column, ...]:
-    """What distinguishes runs."""
     return (Column('run'), Column('input'), *(Column(axis.title) for axis in axes))
 
 

@@ -89,7 +89,6 @@ _MARKERS = (
 
 
 def _columns(is_runway: bool) -> dict[str, list[str]]:
-    """What is drawn of each topic."""
     columns: dict[str, list[str]] = {}
     for diagram in _RUNWAY if is_runway else _MARKERS:
         for _, column, bound in diagram.lines:
@@ -413,7 +412,6 @@ def overview(flights: Sequence[FlightPlot]) -> Figure:
 
 
 def _draw_shares(axis: Axes, row: int, part: NodePart) -> None:
-    """Markers by state above, frames with a pose below."""
     left, total = 0.0, max(sum(part.counts), 1)
     for count, color in zip(part.counts, _STATE_COLORS, strict=True):
         width = 100.0 * count / total

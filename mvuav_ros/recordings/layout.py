@@ -265,7 +265,6 @@ def _is_recording(entry: Path) -> bool:
 
 
 def _is_one(folder: Path) -> bool:
-    """Whether a folder is one recording."""
     try:
         entries = _entries(folder)
     except OSError:

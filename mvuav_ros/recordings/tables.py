@@ -461,7 +461,6 @@ def export(
 
 
 def _export(flight: str, source: Path, files: _Files, stack: ExitStack) -> Account:
-    """Add one flight's rows."""
     lost: Counter[tuple[str, str]] = Counter()
     with open_recording(source) as recording, ExitStack() as own:
         rows = ResultRows(recording, flight)

@@ -161,7 +161,6 @@ class BagImages(FrameSource):
         self.name = f'bag {words(path.name)} {words(self.topic)}'
 
     def _named(self, kind: str, name: str) -> str | None:
-        """The name, if there are messages of that type there."""
         for topic in self._recording.topics:
             if (topic.name, topic.type) == (name, kind) and topic.message_count != 0:
                 return name

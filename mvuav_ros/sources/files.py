@@ -138,7 +138,7 @@ class VideoFile(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
         stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
-        packets = pictures = damaged = doubtful = gaps = end = self.account.kept = 0
+        packets = damaged = doubtful = gaps = end = self.account.kept = 0
         before: list[int] = []
         with self._open() as container:
             stream = container.streams.video[0]
@@ -151,10 +151,9 @@ class VideoFile(FrameSource):
             for packet in _packets(container, stream):
                 is_shown = False
                 if packet is not None:
-                    packets += packet.size > 0
                     # Below 0 is what an edit list leaves out.
                     is_shown = packet.size > 0 and (packet.pts or 0) >= 0
-                    pictures += is_shown
+                    packets += is_shown
                     end = max(end, (packet.pts or 0) + (packet.duration or 1))
                     if packet.is_corrupt:  # as MPEG-TS says where a part is missing
                         doubtful += 1
@@ -165,7 +164,10 @@ class VideoFile(FrameSource):
                     for frame in decoder.decode(packet):
                         if not self.account.kept and first is None:
                             before = [pts for pts in before if pts < (frame.pts or 0)]
-                            self._note_start(len(before))
+                            if before:
+                                said = f'{counted(len(before), "frame")} before the first key frame'
+                                said += ' of the video not read'
+                                self.account.lose('', 'start', said, len(before))
                         self.account.kept += 1
                         if first is not None and (frame.pts or 0) <= first.pts:
                             continue  # it is the first again
@@ -182,7 +184,7 @@ class VideoFile(FrameSource):
                     gaps += 1
                     self.account.lose('', 'gaps', f'images are missing at {counted(gaps, "place")}')
                     decoder.flush_buffers()
-            unread = pictures - damaged - self.account.kept - len(before)
+            unread = packets - damaged - self.account.kept - len(before)
             # Of other codecs not every packet is a picture.
             if unread > 0 and first is None and (gaps or decoder.name == 'hevc'):
                 said = f'{counted(unread, "frame")} not read, as others that they need are missing'
@@ -204,17 +206,8 @@ class VideoFile(FrameSource):
         container.seek(start, stream=stream)
         return first
 
-    def _note_start(self, missing: int) -> None:
-        """Say how many packets there are of images before the first that decodes."""
-        if missing:
-            said = f'{counted(missing, "frame")} before the first key frame of the video not read'
-            self.account.lose('', 'start', said, missing)
-
     def _note_end(self, packets: int | None, end: int) -> None:
-        """Say what is missing behind the last packet, which ends at that tick.
-
-        ``packets`` are how many there were, None if not all were read.
-        """
+        """Say what is missing behind the last of so many packets, None if not all were read."""
         end_s = float(end * self._tick)
         # AVI counts the ticks without a frame, too; Matroska counts no frames.
         if packets is not None and packets < self._promised and end < self._end:

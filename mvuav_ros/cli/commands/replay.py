@@ -42,8 +42,7 @@ def replay_all(
 ) -> list[ReplayOutcome]:
     """Replay what is not finished yet, report each recording at its end, and keep the manifest.
 
-    Returns:
-        The outcomes in the order of the jobs.
+    The outcomes are in the order of the jobs.
 
     Raises:
         RecordingError: the manifest cannot be read or written.

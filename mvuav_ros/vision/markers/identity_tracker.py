@@ -159,14 +159,12 @@ class IdentityTracker:
         return self._conclude(frame, memory, search, windows, status)
 
     def _give_up(self) -> MarkerResult:
-        """Forget a body that was none."""
         self._start_again(was_wrong=True)
         return self._nothing('the lights are not those of one body')
 
     def _conclude(
         self, frame: Frame, memory: MarkerMemory, search: Search, windows: list[Window], status: str
     ) -> MarkerResult:
-        """Remember and report what a search has found."""
         # Where other lights are about, some three of all nearly always look like three markers.
         if not self._clutter.is_about:
             memory.trust(search.reacquired)
