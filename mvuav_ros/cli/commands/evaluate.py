@@ -292,3 +292,5 @@ def _require_truth(run: EvaluationRun) -> None:
             f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/lines); '
             + '; '.join(['mvuav simulate writes bags that do', *run.errors])
         )
+    if run.mismatch:
+        raise RecordingError(f'{run.name}: {run.mismatch}')
