@@ -1,7 +1,6 @@
 """Which H.264 pictures follow a lost one: FFmpeg would decode them into false images.
 
-By ITU-T H.264, clauses 7.3 and 7.4.3: reference pictures are numbered (``frame_num``). And which
-pictures need none before, by the kinds of their units there and in ITU-T H.265, clause 7.4.2.
+By ITU-T H.264, clauses 7.3 and 7.4.3: reference pictures are numbered (``frame_num``).
 """
 
 from __future__ import annotations

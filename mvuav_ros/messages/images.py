@@ -423,10 +423,7 @@ class VideoDecoder:
 
 
 def upright(frame: Any) -> Image:
-    """A decoded frame, turned (and mirrored) as the camera was held.
-
-    It is in colour, but for grey ones of more than 8 bits, which keep them.
-    """
+    """A decoded frame as the camera was held; in colour, but for grey ones of more than 8 bits."""
     is_deep = frame.format.name.startswith('gray1')
     pixels = frame.to_ndarray(format='gray16le' if is_deep else 'bgr24')
     matrix = _display_matrix(frame)

@@ -271,9 +271,11 @@ def _grouped(
                     own = (result for result in results if result.run.source == source)
                     found = {result.run.values: result.value(name) for result in own}
                     heights = [found.get(cell, math.nan) for cell in cells]
+                    # From a legend matplotlib leaves out what begins with an underscore.
+                    spaced = ' ' * source.startswith('_')
                     offset = (index - 0.5 * (len(sources) - 1)) * width
                     color, places = COLORS[index % len(COLORS)], np.arange(len(cells)) + offset
-                    panel.bar(places, heights, width, color=color, label=_shown(source))
+                    panel.bar(places, heights, width, color=color, label=spaced + visible(source))
                 panel.grid(axis='x', visible=False)
                 label(panel, Column.parse(name).name, '', _unit([name]))
             upright = 0 if len(cells) <= _MAX_LEVEL else 90
@@ -282,11 +284,6 @@ def _grouped(
             legend_below(canvas.figure, panels[0], columns=1)
         figures.append(Figure(f'grouped_{_key(group)}', group.capitalize(), canvas.png))
     return tuple(figures)
-
-
-def _shown(name: str) -> str:
-    """A name in a legend, from which matplotlib leaves out those that begin with ``_``."""
-    return f' {visible(name)}' if name.startswith('_') else visible(name)
 
 
 def _ticks(results: Sequence[RunResult], axes: Sequence[Axis]) -> list[str]:

@@ -22,8 +22,7 @@ class Loader(yaml.SafeLoader):
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         """Take in what ``<<`` names, each key once: copies of copies would never end."""
         super().flatten_mapping(node)
-        once = {(pair[0].tag, str(pair[0].value)): pair for pair in node.value}
-        node.value = list(once.values())
+        node.value = [*{(key.tag, str(key.value)): (key, v) for key, v in node.value}.values()]
 
     def _construct_number(self, node: yaml.ScalarNode) -> int | float:
         number: int = self.construct_yaml_int(node)

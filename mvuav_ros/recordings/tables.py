@@ -68,10 +68,12 @@ class ResultRows:
         ]
         # Their poses are in the camera's optical frame.
         self._optical = {f'{tracker}/pose' for tracker in trackers}
-        self._names = {
-            f'{tracker}/markers': _with_tanker(marker_names(recording, tracker))
-            for tracker in trackers
-        }
+        self._names = {f'{each}/markers': marker_names(recording, each) for each in trackers}
+        tanker = dict(enumerate(TANKER_NAMES))
+        for topic, names in self._names.items():
+            # Of the tanker's markers those that were never seen have their names as well.
+            if names.items() <= tanker.items():
+                self._names[topic] = tanker
 
     def of(self, recorded: RecordedMessage) -> tuple[Columns, Iterator[Row]]:
         """A message's columns and rows: a PointCloud2's are its points, of others there is one.
@@ -149,12 +151,6 @@ def marker_names(recording: Recording, tracker: str) -> dict[int, str]:
         if not missing:
             break
     return names
-
-
-def _with_tanker(names: dict[int, str]) -> dict[int, str]:
-    """With the tanker's names of markers that were never seen, if the others have those."""
-    tanker = dict(enumerate(TANKER_NAMES))
-    return {**tanker, **names} if names.items() <= tanker.items() else names
 
 
 def _markers(message: Any, names: dict[int, str]) -> tuple[Columns, Iterator[Row]]:

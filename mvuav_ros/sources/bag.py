@@ -35,7 +35,7 @@ from mvuav_ros.messages.sensors import (
     topic_beside,
 )
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
-from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.account import RecordingError, counted
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.stored_file import RecordedMessage, TopicInfo
 from mvuav_ros.sources.source import EVERYTHING, FrameSource, Selection
@@ -92,7 +92,11 @@ def choose_image_topic(recording: Recording, wanted: str | None = None) -> Topic
         RecordingError: none fits, or several do and none is named; says which there are.
     """
     images = [topic for topic in recording.topics if is_image_type(topic.type)]
-    choices = _listed(f'{topic.name} ({_described(topic)})' for topic in images)
+    choices = _listed(
+        f'{topic.name} ({topic.type.rsplit("/", 1)[-1]}'
+        + (')' if topic.message_count is None else f', {counted(topic.message_count, "message")})')
+        for topic in images
+    )
     if not images:
         if not recording.topics and not recording.skipped:
             raise RecordingError(f'{recording.path} is empty: nothing was recorded in it')
@@ -119,11 +123,6 @@ def _listed(names: Iterable[str]) -> str:
     shown = list(names)
     more = f' and {len(shown) - _MAX_NAMES} more' if len(shown) > _MAX_NAMES else ''
     return ', '.join(shown[:_MAX_NAMES]) + more
-
-
-def _described(topic: TopicInfo) -> str:
-    kind = topic.type.rsplit('/', 1)[-1]
-    return kind if topic.message_count is None else f'{kind}, {topic.message_count} messages'
 
 
 class BagImages(FrameSource):

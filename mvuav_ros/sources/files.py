@@ -76,10 +76,8 @@ def is_image_file(file: Path) -> bool:
 
 DEFAULT_RATE = 30.0
 _MIN_LOSS_S = 0.5
-_INDEXED = ('mov,mp4,m4a,3gp,3g2,mj2', 'matroska,webm')
-"""Forms of files that say where their key frames are."""
-_LEAD_IN_S = 1.0
-"""Before a part: a key frame may be found by its time of decoding."""
+_INDEXED = ('mov,mp4,m4a,3gp,3g2,mj2', 'matroska,webm')  # they say where their key frames are
+_LEAD_IN_S = 1.0  # before a part: a key frame may be found by its time of decoding
 
 
 class VideoFile(FrameSource):
@@ -109,9 +107,9 @@ class VideoFile(FrameSource):
             self._end: int = (stream.start_time or 0) + ticks
             duration_s = (container.duration or 0) / 1e6
             self._duration_s = duration_s if len(container.streams) == 1 else 0.0
-        self._own_rate = own_rate if 0 < own_rate <= 10_000 else DEFAULT_RATE
-        self.rate: float | None = rate or self._own_rate
-        self.count: int | None = self._promised or round(duration_s * self._own_rate) or None
+        own_rate = own_rate if 0 < own_rate <= 10_000 else DEFAULT_RATE
+        self.rate: float | None = rate or own_rate
+        self.count: int | None = self._promised or round(duration_s * own_rate) or None
 
     def _open(self) -> Any:
         try:
@@ -137,7 +135,7 @@ class VideoFile(FrameSource):
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
-        stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
+        stamps = _Stamps(self.rate or DEFAULT_RATE, 0 if self._given_rate else self._tick)
         packets = damaged = doubtful = gaps = end = self.account.kept = 0
         before: list[int] = []
         with self._open() as container:
@@ -149,11 +147,10 @@ class VideoFile(FrameSource):
             if (first := self._leave_out(container, stream)) is not None:
                 yield Frame(stamps.of(first.pts), OPTICAL_FRAME, upright(first))
             for packet in _packets(container, stream):
-                is_shown = False
+                # Below 0 is what an edit list leaves out.
+                is_shown = packet is not None and packet.size > 0 and (packet.pts or 0) >= 0
+                packets += is_shown
                 if packet is not None:
-                    # Below 0 is what an edit list leaves out.
-                    is_shown = packet.size > 0 and (packet.pts or 0) >= 0
-                    packets += is_shown
                     end = max(end, (packet.pts or 0) + (packet.duration or 1))
                     if packet.is_corrupt:  # as MPEG-TS says where a part is missing
                         doubtful += 1
@@ -221,10 +218,8 @@ class VideoFile(FrameSource):
 class _Stamps:
     """From a video's time stamps to ns; those of a steady rate without the file's rounding."""
 
-    def __init__(self, given_rate: float | None, own_rate: float, tick: Fraction) -> None:
-        self._given_rate = given_rate
-        self._rate = given_rate or own_rate
-        self._tick_s = float(tick)
+    def __init__(self, rate: float, tick: Fraction | int) -> None:
+        self._rate, self._tick_s = rate, float(tick)  # 0: the file's times do not count
         self._first: int | None = None
         self._index = 0
         self._previous_ns = -1
@@ -232,7 +227,7 @@ class _Stamps:
     def of(self, pts: int | None) -> int:
         """The next frame's stamp, ns; ``pts`` in the file's ticks."""
         own_s = None
-        if self._given_rate is None and pts is not None and self._tick_s > 0:
+        if pts is not None and self._tick_s > 0:
             self._first = pts if self._first is None else self._first
             own_s = (pts - self._first) * self._tick_s
             self._index = round(own_s * self._rate)

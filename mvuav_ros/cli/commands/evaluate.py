@@ -260,7 +260,7 @@ def bag(
         run = running.read_bag(Path(source).expanduser())
         _require_truth(run)
     parameters: dict[str, dict[str, Any]] = {}
-    if run is None or not len(run.results):
+    if run is None or not run.results.stamps:
         parameters = _parameters(source, param or [], params_file)
         run = running.replay(source, parameters, image_topic)
         _require_truth(run)
@@ -287,7 +287,7 @@ def _parameters(
 
 
 def _require_truth(run: EvaluationRun) -> None:
-    if not len(run.truth):
+    if not run.truth.stamps:
         raise RecordingError(
             f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/lines); '
             + '; '.join(['mvuav simulate writes bags that do', *run.errors])

@@ -74,9 +74,6 @@ class Observations:
             raise MalformedMessageError(f'it has no {", ".join(sorted(missing))}')
         getattr(self, kind)[stamp_ns] = rows
 
-    def __len__(self) -> int:
-        return len(self.markers) + len(self.rpy) + len(self.lines)
-
     @property
     def stamps(self) -> set[int]:
         """Of all frames."""
