@@ -75,7 +75,6 @@ def run_on_cluster(
 
 
 def _connect(address: str) -> tuple[Any, Any]:
-    """A client of the scheduler, and the module `distributed`."""
     try:
         distributed: Any = import_module('distributed')
     except ImportError as error:

@@ -127,10 +127,12 @@ class VideoFile(FrameSource):
             container = None
         # Of a codec that FFmpeg does not know there is no context.
         if container is None or not any(s.codec_context for s in container.streams.video[:1]):
-            raise SourceError(
-                f'{self._path} is not a video that FFmpeg can read; convert it, for example with '
-                'ffmpeg -i FILE flight.mp4'
-            )
+            said = 'is not a video that FFmpeg can read; convert it, for example with '
+            said += 'ffmpeg -i FILE flight.mp4'
+            if container is None and start_of(self._path)[4:8] == b'ftyp':
+                said = 'lacks the index at its end, as when its recording was cut off; the program '
+                said += 'untrunc may restore it, by a whole file of the same camera'
+            raise SourceError(f'{self._path} {said}')
         return container
 
     def frames(self) -> Iterator[Frame | BadFrame]:

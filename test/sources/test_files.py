@@ -70,6 +70,13 @@ def test_a_video_cut_off_says_so(tmp_path: Path, suffix: str) -> None:
     assert 'the video ended' in source.account.errors[0]
 
 
+def test_an_mp4_without_its_index_is_said_to_be_cut_off(tmp_path: Path) -> None:
+    path = write_video(tmp_path / 'a.mp4', range(0, 2000, 50))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(SourceError, match=r'lacks the index at its end.*untrunc'):
+        VideoFile(path)
+
+
 def test_a_given_rate_replaces_the_times(tmp_path: Path) -> None:
     source = VideoFile(write_video(tmp_path / 'a.mp4', TIMES_MS), 10.0)
     assert [frame.stamp_ns for frame in source.frames()] == [n * 10**8 for n in range(6)]

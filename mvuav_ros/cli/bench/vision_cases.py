@@ -96,7 +96,6 @@ def _worst_cases() -> list[Case]:
 
 
 def _crowded_cases() -> list[Case]:
-    """Streams of 640x480 in which there is more, or something else, than the five markers."""
     noise = np.random.default_rng(1)
     scenes = {
         '5 lights that are no tanker': _stream(NO_TANKER),
