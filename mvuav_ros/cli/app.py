@@ -102,7 +102,9 @@ def _account_for(
             if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
                 report_account(account)
     if as_json:
-        _print_json(result, inputs)
+        said = result if isinstance(result, dict) else dataclasses.asdict(result) if result else {}
+        said = {**said, 'accounts': [account.record() for account in inputs]}
+        print(json.dumps(said, indent=2, default=str))
     if ending is not None:
         raise ending
     if strict and any(account.is_lossy for account in accounts):
@@ -125,20 +127,14 @@ def _named(value: Any) -> Any:
 
 def _of_each_input(accounts: Iterable[Account]) -> list[Account]:
     """Of an input that was opened several times, the account that says most."""
+
+    def says(account: Account) -> tuple[bool, int, int, int]:
+        return account.is_reported, len(account.errors), len(account.warnings), account.kept
+
     best: dict[str, Account] = {}
     for account in accounts:
-        best[account.input] = max(best.get(account.input, account), account, key=_says)
+        best[account.input] = max(best.get(account.input, account), account, key=says)
     return [*best.values()]
-
-
-def _says(account: Account) -> tuple[bool, int, int, int]:
-    return account.is_reported, len(account.errors), len(account.warnings), account.kept
-
-
-def _print_json(result: Any, accounts: Iterable[Account]) -> None:
-    content = result if isinstance(result, dict) else dataclasses.asdict(result) if result else {}
-    content = {**content, 'accounts': [account.record() for account in accounts]}
-    print(json.dumps(content, indent=2, default=str))
 
 
 def application(names: Iterable[str] = COMMANDS) -> typer.Typer:

@@ -89,7 +89,6 @@ def _encode(found: _Found, header: bytes) -> bytes:
 def _begin(
     writer: CdrWriter, header: bytes, name: str, score: float, pose: Sequence[float]
 ) -> None:
-    """Header and the one hypothesis of a detection."""
     hypotheses = 1
     writer.written(without_encapsulation(header))
     writer.numbers('I', hypotheses)

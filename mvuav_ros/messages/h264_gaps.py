@@ -13,19 +13,25 @@ _SLICE, _KEY_SLICE, _PARAMETERS = 1, 5, 7
 _SLICE_HEADER_BYTES, _MAX_PARAMETER_BYTES = 32, 1024
 _HIGH_PROFILES = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
 _YUV_444 = 3
+_HEVC_PARAMETERS, _HEVC_KEYS = 33, range(16, 21)
 
 
 class PictureNumbers:
     """The numbers of a stream's pictures, in the order of decoding."""
 
-    def __init__(self) -> None:
+    def __init__(self, extradata: bytes = b'') -> None:
+        """Begin a stream; ``extradata`` is what MP4 and Matroska keep apart of it (avcC)."""
         self._digits = 0  # bits of a number; 0 where none is known, or gaps are allowed
         self._last: int | None = None
+        self._length_bytes = 0  # of the length before each unit; 0 where start codes are there
+        if extradata[:1] == b'\1' and len(extradata) > 8:
+            self.follows_loss(_START + extradata[8:])  # the first of its parameter sets
+            self._length_bytes = (extradata[4] & 3) + 1
 
     def follows_loss(self, packet: bytes) -> bool:
         """Whether a picture is missing before this one, the next of the stream."""
         with suppress(ValueError, IndexError):  # it ends too early, and is left to the decoder
-            for unit in _units(packet):
+            for unit in _units(packet, self._length_bytes):
                 kind = unit[0] & 0x1F
                 if kind == _PARAMETERS:
                     self._digits = _digits(_Bits(unit[1:_MAX_PARAMETER_BYTES]))
@@ -45,9 +51,23 @@ class PictureNumbers:
         return number not in (last, (last + 1) % (1 << self._digits))
 
 
-def _units(packet: bytes) -> Iterator[bytes]:
+def begins_anew(codec: str, packet: bytes) -> bool:
+    """Whether this picture and those after it need none before; False where that is not known."""
+    kinds = {unit[0] for unit in _units(packet) if unit}
+    if codec == 'hevc':
+        kinds = {kind >> 1 for kind in kinds}
+        return _HEVC_PARAMETERS in kinds and not kinds.isdisjoint(_HEVC_KEYS)
+    kinds = {kind & 0x1F for kind in kinds}
+    return codec == 'mjpeg' or (codec == 'h264' and {_PARAMETERS, _KEY_SLICE} <= kinds)
+
+
+def _units(packet: bytes, length_bytes: int = 0) -> Iterator[bytes]:
     """NAL units; of the last one more than its beginning may not be wanted."""
-    at = packet.find(_START)
+    at = 0
+    while length_bytes and (start := at + length_bytes) < len(packet):
+        at = start + int.from_bytes(packet[at:start], 'big')
+        yield packet[start : min(at, start + _MAX_PARAMETER_BYTES)]
+    at = -1 if length_bytes else packet.find(_START)
     while 0 <= at < len(packet) - len(_START):
         start = at + len(_START)
         is_last = packet[start] & 0x1F in (_SLICE, _KEY_SLICE)

@@ -142,7 +142,7 @@ def check_size(width: int, height: int) -> None:
 
 
 def decode_file_bytes(data: NDArray[np.uint8], flags: int = cv2.IMREAD_UNCHANGED) -> Image:
-    """Decode the bytes of an image file; colours, alpha and 16-bit grey are kept.
+    """Decode the bytes of an image file; colours, alpha and 16 bits are kept.
 
     Raises:
         ImageError: the data does not decode.
@@ -154,10 +154,5 @@ def decode_file_bytes(data: NDArray[np.uint8], flags: int = cv2.IMREAD_UNCHANGED
         raise ImageError(f'{len(data)} bytes of compressed data: {error.err}') from error
     if pixels is None:
         raise ImageError(f'{len(data)} bytes of compressed data do not decode')
-    if pixels.ndim == 3 and pixels.dtype == np.uint16:
-        pixels = np.right_shift(pixels, 8).astype(np.uint8)
-    if pixels.ndim == 2:
-        encoding = 'mono16' if pixels.dtype == np.uint16 else 'mono8'
-    else:
-        encoding = 'bgra8' if pixels.shape[2] == 4 else 'bgr8'
-    return Image(pixels, encoding)
+    colours = {3: 'bgr', 4: 'bgra'}.get(pixels.shape[2], '') if pixels.ndim == 3 else 'mono'
+    return Image(pixels, f'{colours}{16 if pixels.dtype == np.uint16 else 8}')

@@ -175,7 +175,7 @@ def decode_compressed_image(message: CodedImage) -> Image:
     """Decompress a JPEG, PNG, WebP or TIFF message, whichever its ``format`` says that it is.
 
     Grey stays ``mono8`` or ``mono16``, unless ``format`` says as image_transport does that it is
-    the mosaic of a Bayer pattern; colour becomes ``bgr8`` or ``bgra8``.
+    the mosaic of a Bayer pattern; colour becomes ``bgr8``, ``bgra8`` or the same of 16 bits.
 
     Raises:
         ImageError: it is something else, or the data does not decode.
@@ -209,7 +209,6 @@ def check_compressed_image(message: CodedImage) -> tuple[int, int]:
 
 
 def _bytes_of(data: Any) -> NDArray[np.uint8]:
-    """``data`` (array.array, bytes or uint8 array) as a flat uint8 array, not copied."""
     return np.frombuffer(data, np.uint8) if len(data) else np.empty(0, np.uint8)
 
 
@@ -424,18 +423,20 @@ class VideoDecoder:
 
 
 def upright(frame: Any) -> Image:
-    """A decoded frame in colour, turned (and mirrored) as the camera was held."""
-    pixels = frame.to_ndarray(format='bgr24')
+    """A decoded frame as the camera was held; in colour, but for grey ones of more than 8 bits."""
+    is_deep = frame.format.name.startswith('gray1')
+    pixels = frame.to_ndarray(format='gray16le' if is_deep else 'bgr24')
     matrix = _display_matrix(frame)
     if matrix is None:
         turns = round(getattr(frame, 'rotation', 0) / 90) % 4
-        return Image(np.ascontiguousarray(np.rot90(pixels, turns)) if turns else pixels, 'bgr8')
-    # x' = a x + c y, y' = b x + d y: with a quarter turn the larger terms are b and c.
-    (a, b), (c, d) = matrix
-    if abs(b) + abs(c) > abs(a) + abs(d):
-        pixels, a, d = pixels.swapaxes(0, 1), c, b
-    pixels = pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
-    return Image(np.ascontiguousarray(pixels), 'bgr8')
+        pixels = np.rot90(pixels, turns)
+    else:
+        # x' = a x + c y, y' = b x + d y: with a quarter turn the larger terms are b and c.
+        (a, b), (c, d) = matrix
+        if abs(b) + abs(c) > abs(a) + abs(d):
+            pixels, a, d = pixels.swapaxes(0, 1), c, b
+        pixels = pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
+    return Image(np.ascontiguousarray(pixels), 'mono16' if is_deep else 'bgr8')
 
 
 def _display_matrix(frame: Any) -> NDArray[np.int32] | None:

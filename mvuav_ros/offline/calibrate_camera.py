@@ -260,7 +260,6 @@ def _errors_figure(rms: Sequence[float], used: NDArray[np.bool_]) -> Figure:
 
 
 def _pictures(search: BoardSearch, chosen: Sequence[int], used: NDArray[np.bool_]) -> Figure:
-    """The first views, which differ most, and those left out."""
     order = [number for number in range(len(chosen)) if not used[number]][:3]
     order += [number for number in range(len(chosen)) if used[number]][: _SHOWN - len(order)]
     rows = -(-len(order) // 3)

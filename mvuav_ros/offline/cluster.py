@@ -75,7 +75,6 @@ def run_on_cluster(
 
 
 def _connect(address: str) -> tuple[Any, Any]:
-    """A client of the scheduler, and the module `distributed`."""
     try:
         distributed: Any = import_module('distributed')
     except ImportError as error:
@@ -97,7 +96,6 @@ def _connect(address: str) -> tuple[Any, Any]:
 
 
 def _do(work: Work, task: Any, number: int, run: str) -> Done[Any]:
-    """Runs on a worker."""
     distributed: Any = import_module('distributed')
     worker, asked_to_stop = distributed.get_worker(), distributed.Event(run)
     stop, looked = Stop(), 0.0

@@ -21,6 +21,7 @@ from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Tabl
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
 from mvuav_ros.recordings.account import counted
+from mvuav_ros.recordings.layout import recordings_in
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ def plan_runs(
     base: Mapping[str, Mapping[str, Any]],
     topic: str | None = None,
 ) -> list[SweepRun]:
-    """Every combination of the axes' values, on every input.
+    """Every combination of the axes' values, on every input; of a folder of them, on each.
 
     ``base`` is what differs from the defaults of each node to run.
 
@@ -109,7 +110,8 @@ def plan_runs(
         if titles.count(title) > 1:
             raise ParameterError(title, 'occurs twice; list its values in one --param')
     runs = []
-    grid = itertools.product(sources, itertools.product(*(axis.values for axis in axes)))
+    inputs = [each for source in sources for each in recordings_in(source)]
+    grid = itertools.product(inputs, itertools.product(*(axis.values for axis in axes)))
     for number, (source, values) in enumerate(grid, 1):
         parameters = {node: dict(given) for node, given in base.items()}
         for axis, value in zip(axes, values, strict=True):
@@ -196,7 +198,6 @@ def sweep_report(
 
 
 def _run_columns(axes: Sequence[Axis]) -> tuple[Column, ...]:
-    """What distinguishes runs."""
     return (Column('run'), Column('input'), *(Column(axis.title) for axis in axes))
 
 
@@ -270,9 +271,11 @@ def _grouped(
                     own = (result for result in results if result.run.source == source)
                     found = {result.run.values: result.value(name) for result in own}
                     heights = [found.get(cell, math.nan) for cell in cells]
+                    # From a legend matplotlib leaves out what begins with an underscore.
+                    spaced = ' ' * source.startswith('_')
                     offset = (index - 0.5 * (len(sources) - 1)) * width
                     color, places = COLORS[index % len(COLORS)], np.arange(len(cells)) + offset
-                    panel.bar(places, heights, width, color=color, label=_shown(source))
+                    panel.bar(places, heights, width, color=color, label=spaced + visible(source))
                 panel.grid(axis='x', visible=False)
                 label(panel, Column.parse(name).name, '', _unit([name]))
             upright = 0 if len(cells) <= _MAX_LEVEL else 90
@@ -281,11 +284,6 @@ def _grouped(
             legend_below(canvas.figure, panels[0], columns=1)
         figures.append(Figure(f'grouped_{_key(group)}', group.capitalize(), canvas.png))
     return tuple(figures)
-
-
-def _shown(name: str) -> str:
-    """A name in a legend, from which matplotlib leaves out those that begin with ``_``."""
-    return f' {visible(name)}' if name.startswith('_') else visible(name)
 
 
 def _ticks(results: Sequence[RunResult], axes: Sequence[Axis]) -> list[str]:

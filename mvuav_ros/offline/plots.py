@@ -89,7 +89,6 @@ _MARKERS = (
 
 
 def _columns(is_runway: bool) -> dict[str, list[str]]:
-    """What is drawn of each topic."""
     columns: dict[str, list[str]] = {}
     for diagram in _RUNWAY if is_runway else _MARKERS:
         for _, column, bound in diagram.lines:
@@ -98,7 +97,7 @@ def _columns(is_runway: bool) -> dict[str, list[str]]:
 
 
 class Curves:
-    """Numbers over time; of a long flight the mean, least and greatest of some frames at a time."""
+    """Numbers over time; of some frames of a long flight the middle one, least and greatest."""
 
     def __init__(self, names: Sequence[str], messages: int) -> None:
         """Begin curves of these names for about so many messages."""
@@ -118,11 +117,12 @@ class Curves:
         self._pending.clear()
         rows[~np.isfinite(rows)] = np.nan
         counts = np.isfinite(rows).sum(axis=0)
-        mean = np.where(counts, np.nansum(rows, axis=0) / np.maximum(counts, 1), np.nan)
-        self._groups.append(np.stack([mean, np.fmin.reduce(rows), np.fmax.reduce(rows)]))
+        # No mean: that of angles about 180 degrees is 0. NaN is sorted to the end.
+        middle = np.sort(rows, axis=0)[np.maximum(counts - 1, 0) // 2, np.arange(counts.size)]
+        self._groups.append(np.stack([middle, np.fmin.reduce(rows), np.fmax.reduce(rows)]))
 
     def by_name(self) -> dict[str, Array]:
-        """(3, n) each: mean, least and greatest, also of the time, ``seconds``."""
+        """(3, n) each: middle, least and greatest, also of the time, ``seconds``."""
         if self._pending:
             self._close_group()
         whole = np.array(self._groups).reshape(-1, 3, len(self._names))
@@ -318,15 +318,15 @@ def _panels(part: NodePart) -> Iterator[tuple[float, Callable[[Axes], None]]]:
 def _draw(axis: Axes, diagram: Diagram, curves: Mapping[str, Array]) -> None:
     seconds = curves['seconds'][0]
     for (name, column, bound), color in zip(diagram.lines, _COLORS, strict=False):
-        mean, low, high = curves[column]
-        if not np.isfinite(mean).any():
+        middle, low, high = curves[column]
+        if not np.isfinite(middle).any():
             continue
         if bound:
             spread = np.nan_to_num(curves[bound][0])
             low, high = low - spread, high + spread
         axis.fill_between(seconds, low, high, color=color, alpha=0.25, linewidth=0)
         # A single frame between two gaps is a point.
-        axis.plot(seconds, mean, color=color, label=name, linewidth=1.0, marker='.', markersize=2)
+        axis.plot(seconds, middle, color=color, label=name, linewidth=1.0, marker='.', markersize=2)
     axis.set_ylabel(diagram.title)
     if diagram.title in _FROM_ZERO:
         highest = float(np.nanmax(curves[diagram.lines[0][1]][0]))
@@ -374,9 +374,9 @@ def _summarise(flight: FlightPlot) -> None:
     for part in flight.parts:
         topic, column = ('pose', 'z') if part.is_runway else ('rpy', 'roll_deg')
         if topic in part.curves:
-            mean, least, greatest = part.curves[topic].by_name()[column]
-            if np.isfinite(mean).any():
-                part.extent = np.nanmin(least), float(np.nanmedian(mean)), np.nanmax(greatest)
+            middle, least, greatest = part.curves[topic].by_name()[column]
+            if np.isfinite(middle).any():
+                part.extent = np.nanmin(least), float(np.nanmedian(middle)), np.nanmax(greatest)
         part.curves, part.states, part.times = {}, [], []
 
 
@@ -413,7 +413,6 @@ def overview(flights: Sequence[FlightPlot]) -> Figure:
 
 
 def _draw_shares(axis: Axes, row: int, part: NodePart) -> None:
-    """Markers by state above, frames with a pose below."""
     left, total = 0.0, max(sum(part.counts), 1)
     for count, color in zip(part.counts, _STATE_COLORS, strict=True):
         width = 100.0 * count / total

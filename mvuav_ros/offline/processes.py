@@ -200,7 +200,6 @@ def attempted(number: int, work: Callable[[], ResultT]) -> Done[ResultT]:
 def _serve(
     connection: Connection, parents_end: Connection | None, work: Work, threads: int
 ) -> None:
-    """The life of a worker's process."""
     if parents_end is not None:
         # Forked with the rest of the parent: only without it does the pipe ever break.
         parents_end.close()
@@ -225,7 +224,6 @@ def _serve(
 
 
 def _next_task(connection: Connection, stop: Stop, parent: int) -> tuple[int, Any] | None:
-    """Wait for a task; None when there will be none any more."""
     while not stop and os.getppid() == parent:
         if connection.poll(_PARENT_LOOK):
             with suppress(EOFError):
@@ -316,5 +314,4 @@ def all_of(
 def _plain(
     function: Callable[[TaskT], ResultT], task: TaskT, _report: Report, _stop: Stop
 ) -> ResultT:
-    """Work that neither reports anything nor looks at the stop."""
     return function(task)

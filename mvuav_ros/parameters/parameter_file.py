@@ -68,7 +68,6 @@ def _text(path: Path) -> str:
 
 
 def _sections(text: str, name: str) -> Iterator[tuple[str, Mapping[Any, Any]]]:
-    """The nodes' keys and parameters in a file's text."""
     try:
         content = read_yaml(text)
     except Exception as error:

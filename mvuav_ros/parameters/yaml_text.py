@@ -19,6 +19,11 @@ class Loader(yaml.SafeLoader):
         # Inner values first: what holds itself has none, and without this would never end.
         self.deep_construct = True
 
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Take in what ``<<`` names, each key once: copies of copies would never end."""
+        super().flatten_mapping(node)
+        node.value = [*{(key.tag, str(key.value)): (key, v) for key, v in node.value}.values()]
+
     def _construct_number(self, node: yaml.ScalarNode) -> int | float:
         number: int = self.construct_yaml_int(node)
         return number if number.bit_length() <= 63 else float(number)

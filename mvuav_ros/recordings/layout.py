@@ -60,13 +60,12 @@ def named_recording(path: Path) -> Path:
 
 
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
-    """The file names in metadata.yaml; None if it is damaged."""
-    import yaml  # Few who ask what a file is need it
+    from mvuav_ros.parameters.yaml_text import read_yaml  # Few who ask what a file is need it
 
     try:
         if not path.is_file() or path.stat().st_size > _MAX_METADATA:
             raise ValueError('no file, or implausibly large')
-        listed = yaml.safe_load(path.read_text('utf-8'))['rosbag2_bagfile_information']
+        listed = read_yaml(path.read_text('utf-8'))['rosbag2_bagfile_information']
         names = listed['relative_file_paths']
         if names and all(isinstance(name, str) for name in names):
             files = listed.get('files')
@@ -76,15 +75,7 @@ def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
                 if isinstance(file.get('message_count'), int):
                     account.promise(_plain(Path(file['path']).name), file['message_count'])
             return [Path(name).name for name in names]
-    except (
-        OSError,
-        yaml.YAMLError,
-        RecursionError,
-        LookupError,
-        AttributeError,
-        TypeError,
-        ValueError,
-    ):
+    except Exception:  # beside YAMLError whatever its constructors stumble over
         pass
     account.note((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
     return None
@@ -273,7 +264,6 @@ def _is_recording(entry: Path) -> bool:
 
 
 def _is_one(folder: Path) -> bool:
-    """Whether a folder is one recording."""
     try:
         entries = _entries(folder)
     except OSError:

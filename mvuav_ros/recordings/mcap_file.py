@@ -116,7 +116,6 @@ class McapFile(RecordingFile):
                     self.lose(('extra', span.body), said, 0)
 
     def _read_index(self, stream: BinaryIO) -> bool:
-        """Whether the channels could be taken from the file's end."""
         found = _Records(stream, self).summary()
         if found is None:
             self.lose('index', 'its index is missing (was the recording cut off?)', 0)
@@ -325,8 +324,6 @@ class _Span(NamedTuple):
 
 
 class _Records:
-    """The records of an open mcap file in stored order."""
-
     def __init__(self, stream: BinaryIO, file: RecordingFile) -> None:
         self._stream, self._file = stream, file
         self._size = stream.seek(0, 2)

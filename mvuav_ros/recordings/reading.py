@@ -106,7 +106,6 @@ class Recording:
     def _passes(
         self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[Iterator[RecordedMessage]]:
-        """The messages of each file."""
         account = self.account
         account.kept = account.skipped = 0
         for path in self._files:
@@ -200,7 +199,6 @@ def _opened(path: Path, account: Account, limit: Limit) -> RecordingFile:
 
 
 def _merged(known: TopicInfo | None, channel: TopicInfo) -> TopicInfo:
-    """One topic's channels (publishers, split files) as one."""
     if known is None:
         return channel
     counts = (known.message_count, channel.message_count)

@@ -133,8 +133,6 @@ def summarise(
 
 
 class _Tally:
-    """Counts one topic's messages as they come."""
-
     def __init__(self, topic: str, type: str) -> None:
         images = ImageSummary() if is_image_type(type) else None
         self._summary = TopicSummary(topic, type, images=images)

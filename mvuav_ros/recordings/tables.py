@@ -29,7 +29,7 @@ from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_text
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_quaternion, rpy
-from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, Label, MarkerState
 from mvuav_ros.vision.runway.results import LineRole
 
 Row = tuple[int | float | str, ...]
@@ -68,10 +68,12 @@ class ResultRows:
         ]
         # Their poses are in the camera's optical frame.
         self._optical = {f'{tracker}/pose' for tracker in trackers}
-        self._names = {
-            f'{tracker}/markers': _with_tanker(marker_names(recording, tracker))
-            for tracker in trackers
-        }
+        self._names = {f'{each}/markers': marker_names(recording, each) for each in trackers}
+        tanker = dict(enumerate(TANKER_NAMES))
+        for topic, names in self._names.items():
+            # Of the tanker's markers those that were never seen have their names as well.
+            if names and names.items() <= tanker.items():
+                self._names[topic] = tanker
 
     def of(self, recorded: RecordedMessage) -> tuple[Columns, Iterator[Row]]:
         """A message's columns and rows: a PointCloud2's are its points, of others there is one.
@@ -149,12 +151,6 @@ def marker_names(recording: Recording, tracker: str) -> dict[int, str]:
         if not missing:
             break
     return names
-
-
-def _with_tanker(names: dict[int, str]) -> dict[int, str]:
-    """With the tanker's names of markers that were never seen, if the others have those."""
-    tanker = dict(enumerate(TANKER_NAMES))
-    return {**tanker, **names} if names and names.items() <= tanker.items() else names
 
 
 def _markers(message: Any, names: dict[int, str]) -> tuple[Columns, Iterator[Row]]:
@@ -379,9 +375,9 @@ class Tum(Table):
 class Mot(Table):
     """MOTChallenge: a line for each marker that was measured, as TrackEval reads it.
 
-    frame (from 1), id (the marker's label and 1, or the light's number), left, top, width and
-    height of a box with the marker's area (px, the first pixel's corner at 1), confidence (1 where
-    there is none), and -1 three times.
+    frame (from 1), id (the marker's label and 1, or the light's number, or -1 of a light without
+    one), left, top, width and height of a box with the marker's area (px, the first pixel's corner
+    at 1), confidence (1 where there is none), and -1 three times.
     """
 
     ending = 'txt'
@@ -398,7 +394,8 @@ class Mot(Table):
 
     def _line(self, row: Row) -> str:
         of = dict(zip(self._columns, row, strict=True))
-        light = float(of['id']) if 'id' in of else float(of['label']) + 1.0
+        label = float(of['label'])
+        light = float(of.get('id', -1.0 if label == Label.UNLABELLED else label + 1.0))
         x, y, area = (float(of[name]) for name in ('x', 'y', 'area'))
         if of['state'] != MarkerState.DETECTED or not math.isfinite(light + x + y + area):
             return ''
@@ -460,7 +457,6 @@ def export(
 
 
 def _export(flight: str, source: Path, files: _Files, stack: ExitStack) -> Account:
-    """Add one flight's rows."""
     lost: Counter[tuple[str, str]] = Counter()
     with open_recording(source) as recording, ExitStack() as own:
         rows = ResultRows(recording, flight)

@@ -466,7 +466,6 @@ class RecordingWriter:
             self._changed.notify_all()
 
     def _run(self) -> None:
-        """Write the chunks that are handed over, and the last one when it gets old."""
         while (chunk := self._next_chunk()) is not None:
             try:
                 data, index = chunk.encode(self._file.size)
@@ -479,7 +478,6 @@ class RecordingWriter:
                 return
 
     def _next_chunk(self) -> Chunk | None:
-        """Wait for a chunk to write; None at the end."""
         with self._changed:
             while len(self._chunks) == 1 and not self._closed:
                 if self._chunks[0].message_count == 0:

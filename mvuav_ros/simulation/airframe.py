@@ -189,7 +189,6 @@ def _turned(stations: Sequence[Corner], sides: int, albedo: float) -> Iterator[F
 
 
 def _skin(rings: Sequence[Sequence[Corner]], albedo: float) -> Iterator[Face]:
-    """Faces from each ring of points to the next."""
     for front, back in pairwise(rings):
         for k in range(len(front)):
             following = (k + 1) % len(front)
@@ -203,7 +202,6 @@ def _closed(outlines: Sequence[Sequence[Corner]], albedo: float) -> Iterator[Fac
 
 
 def _outline(section: WingSection) -> tuple[Corner, Corner, Corner, Corner]:
-    """Leading edge, top, trailing edge and bottom."""
     x, chord, y, z, thickness = section
     thickest = x - 0.35 * chord
     top, bottom = z + 0.6 * thickness, z - 0.4 * thickness

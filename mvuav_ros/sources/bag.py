@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mvuav_ros.messages.cdr import CdrReader
 from mvuav_ros.messages.definitions import decode_message
+from mvuav_ros.messages.h264_gaps import begins_anew
 from mvuav_ros.messages.images import (
     IMAGE,
     BadFrame,
@@ -16,6 +17,7 @@ from mvuav_ros.messages.images import (
     Frame,
     ImageDecoder,
     VideoDecoder,
+    codec_of,
     is_image_type,
     stamp_ns_in,
     view_coded_image,
@@ -33,7 +35,7 @@ from mvuav_ros.messages.sensors import (
     topic_beside,
 )
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
-from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.account import RecordingError, counted
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.stored_file import RecordedMessage, TopicInfo
 from mvuav_ros.sources.source import EVERYTHING, FrameSource, Selection
@@ -90,7 +92,11 @@ def choose_image_topic(recording: Recording, wanted: str | None = None) -> Topic
         RecordingError: none fits, or several do and none is named; says which there are.
     """
     images = [topic for topic in recording.topics if is_image_type(topic.type)]
-    choices = _listed(f'{topic.name} ({_described(topic)})' for topic in images)
+    choices = _listed(
+        f'{topic.name} ({topic.type.rsplit("/", 1)[-1]}'
+        + (')' if topic.message_count is None else f', {counted(topic.message_count, "message")})')
+        for topic in images
+    )
     if not images:
         if not recording.topics and not recording.skipped:
             raise RecordingError(f'{recording.path} is empty: nothing was recorded in it')
@@ -117,11 +123,6 @@ def _listed(names: Iterable[str]) -> str:
     shown = list(names)
     more = f' and {len(shown) - _MAX_NAMES} more' if len(shown) > _MAX_NAMES else ''
     return ', '.join(shown[:_MAX_NAMES]) + more
-
-
-def _described(topic: TopicInfo) -> str:
-    kind = topic.type.rsplit('/', 1)[-1]
-    return kind if topic.message_count is None else f'{kind}, {topic.message_count} messages'
 
 
 class BagImages(FrameSource):
@@ -159,7 +160,6 @@ class BagImages(FrameSource):
         self.name = f'bag {words(path.name)} {words(self.topic)}'
 
     def _named(self, kind: str, name: str) -> str | None:
-        """The name, if there are messages of that type there."""
         for topic in self._recording.topics:
             if (topic.name, topic.type) == (name, kind) and topic.message_count != 0:
                 return name
@@ -231,14 +231,18 @@ class BagImages(FrameSource):
 
     def _lead_in(self, video: VideoDecoder, start_ns: int) -> None:
         """Decode a video's packets before a part, whose first frames may need them."""
-        before = self._recording.messages({self.topic}, start_ns - _LEAD_IN_NS, start_ns)
-        for message in before:
+        needed: list[CodedImage] = []
+        for message in self._recording.messages({self.topic}, start_ns - _LEAD_IN_NS, start_ns):
             with suppress(ImageError):
                 packet = _video_packet(message)
                 if packet is None:
                     return
-                for _ in video.frames(packet, wanted=False):
-                    pass
+                if begins_anew(codec_of(packet.format), bytes(packet.data)):
+                    needed.clear()
+                needed.append(packet)
+        for packet in needed:
+            for _ in video.frames(packet, wanted=False):
+                pass
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
         """The number of frames that a pass gives, from the rate so far."""

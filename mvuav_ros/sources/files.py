@@ -9,6 +9,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from mvuav_ros.messages.h264_gaps import PictureNumbers
 from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file, tiff_images
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.untrusted import words
@@ -47,6 +48,8 @@ class ImageFolder(FrameSource):
         self.account.kept = 0
         for index, file in enumerate(self._files):
             stamp_ns = round(index * 1e9 / self.rate)
+            if 0 < stamp_ns < round(self.start_s * 1e9):
+                continue
             try:
                 if file.stat().st_size > _MAX_FILE:
                     raise ImageError(f'the file is larger than {_MAX_FILE >> 20} MB')
@@ -73,6 +76,8 @@ def is_image_file(file: Path) -> bool:
 
 DEFAULT_RATE = 30.0
 _MIN_LOSS_S = 0.5
+_INDEXED = ('mov,mp4,m4a,3gp,3g2,mj2', 'matroska,webm')  # they say where their key frames are
+_LEAD_IN_S = 1.0  # before a part: a key frame may be found by its time of decoding
 
 
 class VideoFile(FrameSource):
@@ -102,9 +107,9 @@ class VideoFile(FrameSource):
             self._end: int = (stream.start_time or 0) + ticks
             duration_s = (container.duration or 0) / 1e6
             self._duration_s = duration_s if len(container.streams) == 1 else 0.0
-        self._own_rate = own_rate if 0 < own_rate <= 10_000 else DEFAULT_RATE
-        self.rate: float | None = rate or self._own_rate
-        self.count: int | None = self._promised or round(duration_s * self._own_rate) or None
+        own_rate = own_rate if 0 < own_rate <= 10_000 else DEFAULT_RATE
+        self.rate: float | None = rate or own_rate
+        self.count: int | None = self._promised or round(duration_s * own_rate) or None
 
     def _open(self) -> Any:
         try:
@@ -122,58 +127,92 @@ class VideoFile(FrameSource):
             container = None
         # Of a codec that FFmpeg does not know there is no context.
         if container is None or not any(s.codec_context for s in container.streams.video[:1]):
-            raise SourceError(
-                f'{self._path} is not a video that FFmpeg can read; convert it, for example with '
-                'ffmpeg -i FILE flight.mp4'
-            )
+            said = 'is not a video that FFmpeg can read; convert it, for example with '
+            said += 'ffmpeg -i FILE flight.mp4'
+            if container is None and start_of(self._path)[4:8] == b'ftyp':
+                said = 'lacks the index at its end, as when its recording was cut off; the program '
+                said += 'untrunc may restore it, by a whole file of the same camera'
+            raise SourceError(f'{self._path} {said}')
         return container
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
-        stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
-        packets = damaged = doubtful = end = self.account.kept = 0
+        stamps = _Stamps(self.rate or DEFAULT_RATE, 0 if self._given_rate else self._tick)
+        packets = damaged = doubtful = gaps = end = self.account.kept = 0
         before: list[int] = []
         with self._open() as container:
             stream = container.streams.video[0]
             stream.thread_type = 'AUTO'
+            decoder = stream.codec_context
+            # AVI has no times of showing: FFmpeg's are in the order of decoding.
+            by_decoding = container.format.name == 'avi'
+            if (first := self._leave_out(container, stream)) is not None:
+                yield Frame(stamps.of(first.pts), OPTICAL_FRAME, upright(first))
             for packet in _packets(container, stream):
-                packets += packet.size > 0
-                doubtful += packet.is_corrupt  # as MPEG-TS says where a part is missing
-                end = max(end, (packet.pts or 0) + (packet.duration or 1))
+                # Below 0 is what an edit list leaves out.
+                is_shown = packet is not None and packet.size > 0 and (packet.pts or 0) >= 0
+                packets += is_shown
+                if packet is not None:
+                    end = max(end, (packet.pts or 0) + (packet.duration or 1))
+                    if packet.is_corrupt:  # as MPEG-TS says where a part is missing
+                        doubtful += 1
+                        said = f'parts of {counted(doubtful, "packet")} of the video are missing: '
+                        said += 'images up to the next key frame may be false'
+                        self.account.lose('', 'parts', said, 0)
                 try:
-                    for frame in packet.decode():
-                        if not self.account.kept:
-                            self._note_start(sum(pts < (frame.pts or 0) for pts in before))
+                    for frame in decoder.decode(packet):
+                        if not self.account.kept and first is None:
+                            before = [pts for pts in before if pts < (frame.pts or 0)]
+                            if before:
+                                said = f'{counted(len(before), "frame")} before the first key frame'
+                                said += ' of the video not read'
+                                self.account.lose('', 'start', said, len(before))
                         self.account.kept += 1
-                        yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
+                        if first is not None and (frame.pts or 0) <= first.pts:
+                            continue  # it is the first again
+                        stamp_ns = stamps.of(frame.dts if by_decoding else frame.pts)
+                        yield Frame(stamp_ns, OPTICAL_FRAME, upright(frame))
                 except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
                     damaged += 1
+                    said = f'{damaged} packets of the video do not decode'
+                    self.account.lose('', 'packets', said, damaged)
                 else:
-                    # Below 0 is what an edit list leaves out.
-                    if not self.account.kept and packet.pts is not None and packet.pts >= 0:
-                        before.append(packet.pts)
-        if damaged:
-            said = f'{damaged} packets of the video do not decode'
-            self.account.lose('', 'packets', said, damaged)
-        if doubtful:
-            said = f'parts of {counted(doubtful, "packet")} of the video are missing: '
-            self.account.lose('', 'parts', f'{said}images up to the next key frame may be false', 0)
-        self._note_end(packets, end)
+                    if is_shown and not self.account.kept:
+                        before.append(packet.pts or 0)
+                if packet is None:
+                    gaps += 1
+                    self.account.lose('', 'gaps', f'images are missing at {counted(gaps, "place")}')
+                    decoder.flush_buffers()
+            unread = packets - damaged - self.account.kept - len(before)
+            # Of other codecs not every packet is a picture.
+            if unread > 0 and first is None and (gaps or decoder.name == 'hevc'):
+                said = f'{counted(unread, "frame")} not read, as others that they need are missing'
+                self.account.lose('', 'unread', said, unread)
+        self._note_end(packets if first is None else None, end)
 
-    def _note_start(self, missing: int) -> None:
-        """Say how many packets there are of images before the first that decodes."""
-        if missing:
-            said = f'{counted(missing, "frame")} before the first key frame of the video not read'
-            self.account.lose('', 'start', said, missing)
+    def _leave_out(self, container: Any, stream: Any) -> Any:
+        """Go to a key frame before `start_s`; gives the first frame, or None where all is read."""
+        if self._given_rate or self.start_s <= _LEAD_IN_S or container.format.name not in _INDEXED:
+            return None
+        with self._open() as before:
+            video = before.streams.video[0]
+            try:
+                first = next(before.decode(video))
+                start = first.pts + int((self.start_s - _LEAD_IN_S) / self._tick)
+                before.seek(start, stream=video)
+            except (StopIteration, TypeError, ValueError, OSError):
+                return None
+        container.seek(start, stream=stream)
+        return first
 
-    def _note_end(self, packets: int, end: int) -> None:
-        """Say what is missing behind the last packet, which ends at that tick."""
+    def _note_end(self, packets: int | None, end: int) -> None:
+        """Say what is missing behind the last of so many packets, None if not all were read."""
         end_s = float(end * self._tick)
         # AVI counts the ticks without a frame, too; Matroska counts no frames.
-        if packets < self._promised and end < self._end:
+        if packets is not None and packets < self._promised and end < self._end:
             said = f'the video ended after {packets} of {self._promised} frames'
             self.account.lose('', 'end', said, self._promised - packets)
-        elif self._promised == 0 and end_s < self._duration_s - _MIN_LOSS_S:
+        elif (packets is None or self._promised == 0) and end_s < self._duration_s - _MIN_LOSS_S:
             said = f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s'
             self.account.lose('', 'end', said)
 
@@ -181,23 +220,23 @@ class VideoFile(FrameSource):
 class _Stamps:
     """From a video's time stamps to ns; those of a steady rate without the file's rounding."""
 
-    def __init__(self, given_rate: float | None, own_rate: float, tick: Fraction) -> None:
-        self._given_rate = given_rate
-        self._rate = given_rate or own_rate
-        self._tick_s = float(tick)
+    def __init__(self, rate: float, tick: Fraction | int) -> None:
+        self._rate, self._tick_s = rate, float(tick)  # 0: the file's times do not count
         self._first: int | None = None
         self._index = 0
         self._previous_ns = -1
 
     def of(self, pts: int | None) -> int:
         """The next frame's stamp, ns; ``pts`` in the file's ticks."""
-        stamp_ns = round(self._index * 1e9 / self._rate)
-        self._index += 1
-        if self._given_rate is None and pts is not None and self._tick_s > 0:
+        own_s = None
+        if pts is not None and self._tick_s > 0:
             self._first = pts if self._first is None else self._first
             own_s = (pts - self._first) * self._tick_s
-            if abs(own_s - stamp_ns * 1e-9) > 0.5 * self._tick_s + 1e-9:
-                stamp_ns = round(own_s * 1e9)
+            self._index = round(own_s * self._rate)
+        stamp_ns = round(self._index * 1e9 / self._rate)
+        self._index += 1
+        if own_s is not None and abs(own_s - stamp_ns * 1e-9) > 0.5 * self._tick_s + 1e-9:
+            stamp_ns = round(own_s * 1e9)
         if stamp_ns <= self._previous_ns:  # a broken file; time goes on
             stamp_ns = self._previous_ns + round(1e9 / self._rate)
         self._previous_ns = stamp_ns
@@ -214,10 +253,19 @@ def _place(path: Path) -> str | BinaryIO:
 
 
 def _packets(container: Any, stream: Any) -> Iterator[Any]:
-    """The packets up to the file's end or to where it cannot be read any more."""
+    """The packets up to the file's end or to where it cannot be read any more.
+
+    There is a None before one of H.264 that follows a lost picture; MPEG-TS says that by itself.
+    """
+    decoder, numbers = stream.codec_context, None
+    if decoder.name == 'h264' and container.format.name != 'mpegts':
+        numbers = PictureNumbers(decoder.extradata or b'')
     packets = container.demux(stream)
     while True:
         try:
-            yield next(packets)
+            packet = next(packets)
         except (StopIteration, ValueError, OSError):
             return
+        if numbers is not None and numbers.follows_loss(bytes(packet)):
+            yield None
+        yield packet

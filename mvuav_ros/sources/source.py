@@ -20,6 +20,7 @@ class FrameSource(Protocol):
     live: bool = False  # a camera, which cannot be read faster or slower than it comes
     account: Account  # what could not be read; more may come while frames are read
     is_rectified: bool = False  # whether its images are, as their topic's name says
+    start_s: float = 0.0  # after the first frame; those between need not be read
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; may be called again after the end."""

@@ -222,7 +222,7 @@ def test_compressed(kind):
     assert np.abs(image.pixels.astype(int) - gray).max() <= (0 if suffix == '.png' else 8)
 
 
-@pytest.mark.parametrize('encoding', ['mono16', 'bgr8', 'bgra8'])
+@pytest.mark.parametrize('encoding', ['mono16', 'bgr8', 'bgra8', 'bgr16', 'bgra16'])
 def test_compressed_png_keeps_depth_and_colour(encoding):
     pixels = random_pixels(encoding)
     data = cv2.imencode('.png', pixels)[1].tobytes()

@@ -205,6 +205,19 @@ def test_a_long_flight_is_drawn_by_its_extremes_in_little_memory() -> None:
     assert np.isnan(drawn['nothing'][0]).all()
 
 
+def test_the_curve_of_a_long_flight_goes_through_what_was_said() -> None:
+    """An angle may jump between the two ends of its range in every frame."""
+    curves = Curves(('theta', 'sometimes'), 9_000)
+    for index in range(9_000):
+        of = {'theta': 89.0 if index % 2 else -89.0}
+        curves.add(index / 30, of | ({'sometimes': float(index)} if index % 3 == 0 else {}))
+    drawn = curves.by_name()
+    assert set(np.abs(drawn['theta'][0])) == {89.0}
+    assert (drawn['theta'][1] == -89.0).all() and (drawn['theta'][2] == 89.0).all()
+    assert drawn['sometimes'][0].tolist() == list(range(0, 9_000, 3))
+    np.testing.assert_allclose(drawn['seconds'][0] * 30, np.arange(1, 9_000, 3))
+
+
 def test_what_cannot_be_drawn_is_one_line_and_nothing_is_overwritten(
     season: Path, tables: Path, tmp_path: Path
 ) -> None:

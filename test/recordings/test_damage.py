@@ -6,6 +6,7 @@ import random
 import re
 import shutil
 import sqlite3
+import tracemalloc
 from contextlib import closing
 from pathlib import Path
 
@@ -278,6 +279,19 @@ def test_missing_and_damaged_metadata(tmp_path: Path) -> None:
         with open_recording(folder) as recording:
             assert recording.account.warnings == [words]
         (folder / 'metadata.yaml').unlink(missing_ok=True)
+
+
+def test_metadata_of_copies_of_copies_are_not_unfolded(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / 'bag', SAMPLES)
+    listed = (folder / 'metadata.yaml').read_text()
+    copies = ''.join(f'a{i}: &a{i} {{<<: [*a{i - 1}, *a{i - 1}]}}\n' for i in range(1, 20))
+    (folder / 'metadata.yaml').write_text(f'a0: &a0 {{x: 1}}\n{copies}{listed}')
+    tracemalloc.start()
+    try:
+        assert read(folder) == (SAMPLES, [])
+        assert tracemalloc.get_traced_memory()[1] < 4_000_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_an_empty_last_part_does_not_hide_the_others(tmp_path: Path) -> None:

@@ -144,6 +144,9 @@ def test_clouds_of_other_programs_are_no_markers(tmp_path: Path) -> None:
 
 
 def test_mot_has_lights_by_their_numbers(tmp_path: Path) -> None:
+    plain = foreign(tmp_path / 'any.mcap', 'x y label state area', (10.0, 20.0, 255.0, 1.0, 9.0))
+    (table,) = export(plain, tmp_path / 'any', 'mot')
+    assert table.read_text() == '1,-1,10.000,20.000,3.000,3.000,1,-1,-1,-1\n'
     fields, row = 'x y label state area id confidence', (10.0, 20.0, 255.0, 1.0, 9.0, 7.0, math.nan)
     path = foreign(tmp_path / 'lights.mcap', fields, row)
     (table,) = export(path, tmp_path / 'out', 'mot')

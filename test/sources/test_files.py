@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,14 @@ from support.coded_videos import (
 )
 from support.recording_samples import START_NS
 
-from mvuav_ros.messages.images import COMPRESSED_VIDEO, FFMPEG_PACKET, BadFrame, Frame
+from mvuav_ros.messages.images import (
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    BadFrame,
+    CodedImage,
+    Frame,
+    VideoDecoder,
+)
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.bag import BagImages
@@ -62,6 +70,13 @@ def test_a_video_cut_off_says_so(tmp_path: Path, suffix: str) -> None:
     assert 'the video ended' in source.account.errors[0]
 
 
+def test_an_mp4_without_its_index_is_said_to_be_cut_off(tmp_path: Path) -> None:
+    path = write_video(tmp_path / 'a.mp4', range(0, 2000, 50))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(SourceError, match=r'lacks the index at its end.*untrunc'):
+        VideoFile(path)
+
+
 def test_a_given_rate_replaces_the_times(tmp_path: Path) -> None:
     source = VideoFile(write_video(tmp_path / 'a.mp4', TIMES_MS), 10.0)
     assert [frame.stamp_ns for frame in source.frames()] == [n * 10**8 for n in range(6)]
@@ -83,6 +98,21 @@ def test_a_camera_that_was_turned(tmp_path: Path) -> None:
     assert (turned.image.width, turned.image.height) == (HEIGHT, WIDTH)
     # The matrix turns the picture by a quarter clockwise: left becomes top.
     np.testing.assert_array_equal(turned.image.pixels, np.rot90(plain.image.pixels, -1))
+
+
+@pytest.mark.parametrize(('kind', 'bits'), [('gray16le', 16), ('gray12le', 12), ('gray', 8)])
+def test_a_grey_video_of_more_bits_keeps_them(tmp_path: Path, kind: str, bits: int) -> None:
+    path, dtype = tmp_path / 'a.mkv', np.uint8 if bits == 8 else np.uint16
+    ramp = np.tile(np.arange(WIDTH, dtype=dtype) * 3, (HEIGHT, 1))
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('ffv1', rate=20)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, kind
+        for frame in (av.VideoFrame.from_ndarray(ramp, format=kind), None):
+            container.mux(stream.encode(frame))
+    (frame,) = VideoFile(path).frames()
+    assert frame.image.encoding == ('bgr8' if bits == 8 else 'mono16')
+    shown = frame.image.gray().astype(int) >> (16 - bits) % 8
+    np.testing.assert_array_equal(shown, ramp)
 
 
 def test_a_video_under_another_name(tmp_path: Path) -> None:
@@ -138,6 +168,38 @@ def test_topics_of_video_packets(tmp_path: Path, codec: str, make, kind: str, na
     # A part need not begin with a key frame.
     part = list(BagImages(path).items(Selection(start_s=3e-9, duration_s=6e-9)))
     assert [number_in(frame.image.pixels) for frame in part] == [3, 4, 5, 6, 7, 8]
+
+
+@pytest.mark.parametrize(
+    ('codec', 'options', 'needed'),
+    [
+        ('libx264', {}, [5, 6, 7]),
+        ('libx265', {'x265-params': 'keyint=5:open-gop=0:bframes=0:log-level=none'}, [5, 6, 7]),
+        # No more is known of it.
+        ('mpeg4', {}, list(range(8))),
+    ],
+)
+def test_before_a_part_only_the_newest_group_of_pictures_is_decoded(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    codec: str,
+    options: dict[str, str],
+    needed: list[int],
+) -> None:
+    decoded: list[int] = []
+
+    class Counting(VideoDecoder):
+        def frames(self, packet: CodedImage, wanted: bool) -> Iterator[Frame | BadFrame]:
+            decoded.append((packet.stamp_ns - START_NS) // 50_000_000)
+            return super().frames(packet, wanted)
+
+    monkeypatch.setattr('mvuav_ros.sources.bag.VideoDecoder', Counting)
+    coded = packets(codec, 12, options=options)
+    messages = [compressed_video(data, codec, stamp_of(n)) for n, data in enumerate(coded)]
+    path = bag_of(tmp_path / 'a.mcap', COMPRESSED_VIDEO, messages)
+    part = list(BagImages(path).items(Selection(start_s=8e-9, duration_s=2e-9)))
+    assert [number_in(frame.image.pixels) for frame in part] == [8, 9]
+    assert decoded == [*needed, 8, 9]
 
 
 def test_frames_in_the_order_of_showing(tmp_path: Path) -> None:
@@ -240,6 +302,55 @@ def test_a_video_with_parts_missing_inside_says_so(tmp_path: Path) -> None:
         assert [error.split(':')[0] for error in source.account.errors] == [
             'parts of 1 packet of the video are missing'
         ] * damage
+
+
+@pytest.mark.parametrize('suffix', ['.avi', '.mp4', '.mkv'])
+@pytest.mark.parametrize('b_frames', ['0', '3'])
+def test_frames_that_refer_to_later_ones_have_their_own_times(
+    tmp_path: Path, suffix: str, b_frames: str
+) -> None:
+    """Of AVI FFmpeg says the order of decoding."""
+    times = [n for n in range(20) if n not in (7, 8, 13)]
+    path = tmp_path / f'a{suffix}'
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('libx264', rate=20, options={'bf': b_frames})
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
+        for time in times:
+            frame = av.VideoFrame.from_ndarray(image(time), format='bgr24')
+            frame.pts, frame.time_base = time, Fraction(1, 20)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    frames = list(VideoFile(path).frames())
+    assert [number_in(frame.image.pixels) for frame in frames] == times
+    assert [frame.stamp_ns for frame in frames] == [50_000_000 * time for time in times]
+
+
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv'])
+@pytest.mark.parametrize(
+    ('codec', 'options'),
+    [
+        ('libx264', {'x264-params': 'scenecut=0:bframes=0'}),
+        ('libx265', {'x265-params': 'scenecut=0:bframes=0:keyint=10:log-level=none'}),
+    ],
+)
+def test_no_false_image_is_shown_where_packets_are_missing(
+    tmp_path: Path, suffix: str, codec: str, options: dict[str, str]
+) -> None:
+    """As they are in what was saved of a stream over a bad link."""
+    path = tmp_path / f'a{suffix}'
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream(codec, rate=20)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
+        stream.codec_context.gop_size, stream.options = 10, options
+        frames = [av.VideoFrame.from_ndarray(image(n), format='bgr24') for n in range(24)]
+        coded = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
+        del coded[13]
+        container.mux(coded)
+    video = VideoFile(path)
+    shown = [number_in(frame.image.pixels) for frame in video.frames()]
+    assert shown == [*range(13), *range(20, 24)]
+    assert (video.account.kept, video.account.lost) == (17, 6)
+    assert '6 frames not read, as others that they need are missing' in video.account.errors
 
 
 def test_a_tiff_of_several_images_is_not_taken_for_one_in_silence(tmp_path: Path) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
+from types import MappingProxyType
 
 import av
 import numpy as np
@@ -55,14 +56,16 @@ def turn(path: Path, matrix: bytes = TURNED) -> None:
     path.write_bytes(content[:at] + matrix + content[at + len(matrix) :])
 
 
-def packets(codec: str, count: int, b_frames: int = 0) -> list[bytes]:
+def packets(
+    codec: str, count: int, b_frames: int = 0, options: Mapping[str, str] = MappingProxyType({})
+) -> list[bytes]:
     """Each frame's bytes, in the order of decoding."""
     context = av.CodecContext.create(codec, 'w')
     context.width, context.height, context.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
     context.time_base = Fraction(1, 20)
     context.gop_size, context.max_b_frames = 5, b_frames
     if codec.startswith('libx26'):
-        context.options = {'tune': 'zerolatency', 'crf': '5', 'preset': 'ultrafast'}
+        context.options = {'tune': 'zerolatency', 'crf': '5', 'preset': 'ultrafast', **options}
     made = []
     for number in range(count):
         frame = av.VideoFrame.from_ndarray(image(number), format='bgr24')

@@ -88,7 +88,6 @@ def _cases_of(
 
 
 def _do(replay: _Replay, _report: object, stop: Any) -> int:
-    """Runs in the worker; the frames that were replayed."""
     from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 
     os.sched_setaffinity(0, replay.cores)
@@ -116,7 +115,6 @@ def _floor(bag: Path) -> int:
 
 
 def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> None:
-    """A flight over a runway, as raw images or enlarged as JPEG."""
     from mvuav_ros.messages.cdr import cdr_header
     from mvuav_ros.messages.images import (
         COMPRESSED_IMAGE,

@@ -96,7 +96,6 @@ def _worst_cases() -> list[Case]:
 
 
 def _crowded_cases() -> list[Case]:
-    """Streams of 640x480 in which there is more, or something else, than the five markers."""
     noise = np.random.default_rng(1)
     scenes = {
         '5 lights that are no tanker': _stream(NO_TANKER),
@@ -128,7 +127,6 @@ def _stream(places: NDArray[np.float64]) -> list[Frame]:
 def _followed(
     mode: str, frames: list[Frame], prediction: str = 'kalman'
 ) -> Callable[[], MarkerResult]:
-    """A call that processes the next frame, again and again."""
     tracker = MarkerTracker(MarkerTrackerParameters(mode=mode, prediction=prediction))
     endless, stamps = itertools.cycle(frames), itertools.count(0, 33_333_333)
     return lambda: tracker.process(Image(next(endless), 'mono8'), next(stamps))
@@ -151,7 +149,6 @@ def _whole_frame(mode: str, image: Frame) -> Action:
 def _tracked_frame(
     width: int, height: int, prediction: str = 'acceleration'
 ) -> tuple[Action, tuple[Window, ...]]:
-    """A call that tracks the next frame, and the windows of the one that came first."""
     run = _followed('track', _flight(width, height), prediction)
     for _ in range(4):
         run()
@@ -161,7 +158,6 @@ def _tracked_frame(
 
 
 def _posed_frame() -> Action:
-    """A call that tracks the tanker of the built-in rig and estimates its pose."""
     camera = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
     tracker, poses = MarkerTracker(), PoseEstimator(TANKER_747)
     tracker.set_camera(camera)  # As the node does
@@ -260,7 +256,6 @@ def _scikit_image() -> Baseline:
 
 
 def _runway(width: int, height: int, seed: int) -> Frame:
-    """A runway with three painted lines to the horizon, soft grass texture and sensor noise."""
     random = np.random.default_rng(seed)
     scale = height / 240
     grass = random.integers(0, 40, (height // 4, width // 4, 3), dtype=np.uint8)
@@ -310,7 +305,6 @@ def _approach(width: int, height: int, rate: int) -> Case:
 
 
 def _opencv_lines(frame: Frame) -> object:
-    """What OpenCV takes for the lines alone: Canny and HoughLinesP, on 320 px of width."""
     gray, _ = shrink_levels(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
     edges = cv2.Canny(gray, 60, 150)
     return cv2.HoughLinesP(edges, 1, np.pi / 180, 40, minLineLength=20, maxLineGap=5)

@@ -284,7 +284,6 @@ def calibrate_rig(
 def _report_folder(
     given: Path | None, output: Path, force: bool, *inputs: str | Path | None
 ) -> Path:
-    """Where the report goes; it and the output are refused where something is already."""
     from mvuav_ros.offline.report import PAGE
 
     refuse_to_overwrite(output, force, inputs=inputs)

@@ -55,7 +55,6 @@ def demo(
 
 
 def _run_panel(bags: Path, console: Console) -> None:
-    """Start the looping bags, the nodes and the panel, say where that is, and wait for Ctrl-C."""
     import webbrowser
 
     from mvuav_ros.cli.demo.sample_flights import sample_flights

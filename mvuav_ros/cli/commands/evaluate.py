@@ -278,7 +278,6 @@ def bag(
 def _parameters(
     source: str, assignments: list[str], params_file: Path | None
 ) -> dict[str, dict[str, Any]]:
-    """The nodes that the input's truth or the user asks for, with their parameters."""
     from mvuav_ros.offline.evaluation.evaluation_run import nodes_for
     from mvuav_ros.parameters.parameter_file import node_names, parse_assignment, resolve_parameters
 
@@ -293,3 +292,5 @@ def _require_truth(run: EvaluationRun) -> None:
             f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/pose, /truth/lines); '
             + '; '.join(['mvuav simulate writes bags that do', *run.errors])
         )
+    if run.mismatch:
+        raise RecordingError(f'{run.name}: {run.mismatch}')

@@ -161,13 +161,7 @@ def repair(
     return {'output': output, 'messages': messages}
 
 
-class Form(StrEnum):
-    """Of the files."""
-
-    CSV = 'csv'
-    PARQUET = 'parquet'
-    TUM = 'tum'
-    MOT = 'mot'
+Form = StrEnum('Form', ['csv', 'parquet', 'tum', 'mot'])
 
 
 def export(
@@ -182,7 +176,7 @@ def export(
         typer.Option(
             '--format', help='Format of the files; tum: poses for evo, mot: markers for TrackEval.'
         ),
-    ] = Form.CSV,
+    ] = Form.csv,
     plot: Annotated[
         bool, typer.Option('--plot', help='Also draw a page for each flight, and an overview.')
     ] = False,

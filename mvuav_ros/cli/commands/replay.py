@@ -21,7 +21,7 @@ from mvuav_ros.cli.options import (
     Storage,
     Strict,
 )
-from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage, say
+from mvuav_ros.cli.terminal import frame_progress, report_account, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
@@ -41,6 +41,8 @@ def replay_all(
     planned: Plan, processes: int, cluster: str | None, stop: Stop
 ) -> list[ReplayOutcome]:
     """Replay what is not finished yet, report each recording at its end, and keep the manifest.
+
+    The outcomes are in the order of the jobs.
 
     Raises:
         RecordingError: the manifest cannot be read or written.
@@ -93,7 +95,8 @@ def replay_all(
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     if failed and len(planned.jobs) > 1:
         say(f'mvuav: {failed} of {len(planned.jobs)} recordings failed', err=True)
-    return outcomes
+    places = {job.output: place for place, job in enumerate(planned.jobs)}
+    return sorted(outcomes, key=lambda outcome: places[outcome.output])
 
 
 def _report(outcome: ReplayOutcome) -> None:
@@ -111,7 +114,7 @@ def _report(outcome: ReplayOutcome) -> None:
     if outcome.account is not None:
         report_account(outcome.account)
     else:  # of a replay that was finished before
-        report_damage(outcome.errors)
+        say(*(f'damage: {error}' for error in outcome.errors), err=True)
         say(*(f'note: {warning}' for warning in outcome.warnings), err=True)
     if outcome.failure:
         say(f'mvuav: {outcome.failure}', err=True)

@@ -23,7 +23,8 @@ def sweep(
         list[str],
         typer.Argument(
             metavar='INPUT...',
-            help="Bags, videos, image folders, or flights such as 'sim:tanker?motion=roll&seed=3'.",
+            help='Bags, videos, image folders, folders of them, or flights such as '
+            "'sim:tanker?motion=roll&seed=3'.",
         ),
     ],
     param: Annotated[

@@ -109,6 +109,13 @@ class EvaluationRun:
     milliseconds: float = float('nan')  # of all nodes for a frame, median; NaN without a replay
     errors: list[str] = field(default_factory=list)  # what could not be read, in words
 
+    @property
+    def mismatch(self) -> str:
+        """Why nothing of it can be compared, if it has truth and results; else empty."""
+        theirs, ours = self.truth.stamps, self.results.stamps
+        apart = theirs and ours and not theirs & ours
+        return 'no result has the stamp of any truth, by which they are matched' if apart else ''
+
 
 def read_bag(path: Path) -> EvaluationRun:
     """The truth and the nodes' results that a bag holds.
@@ -170,6 +177,7 @@ def replay(
         raise SourceError(f'{text}: not a single frame could be used')
     defects = ((why, count) for why, count in reasons.items() if why.startswith(replay_job.DEFECT))
     run.errors += [f'{count} frames: {why}' for why, count in defects]
+    run.errors += [run.mismatch] if run.mismatch else []
     run.milliseconds = float(np.median(seconds)) * 1e3
     return run
 

@@ -176,7 +176,8 @@ class Manifest:
     def take(self, outcome: ReplayOutcome) -> None:
         """Note what became of a job."""
         counts = {name: getattr(outcome, name) for name in (*_COUNTS, 'failure')}
-        self._note(outcome.output, _word(outcome), counts)
+        word = 'failed' if outcome.failure else 'finished'
+        self._note(outcome.output, 'interrupted' if outcome.interrupted else word, counts)
         if time.monotonic() > self._written + _WRITING_INTERVAL:
             self._write()
 
@@ -254,9 +255,3 @@ def _made_from(job: ReplayJob) -> dict[str, str]:
 
 def _name(output: str) -> str:
     return output.rstrip('/').rpartition('/')[2]
-
-
-def _word(outcome: ReplayOutcome) -> str:
-    if outcome.interrupted:
-        return 'interrupted'
-    return 'failed' if outcome.failure else 'finished'

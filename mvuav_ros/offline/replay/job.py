@@ -169,6 +169,7 @@ class ReplayInput:
             if image is not None and (said := self._camera.objection(image.width, image.height)):
                 self.close()
                 raise SourceError(f'{self.name}: {said}')
+        source.start_s = given.selection.start_s
 
     @property
     def count(self) -> int | None:
@@ -219,7 +220,6 @@ class ReplayInput:
 def _calibration(
     image: RecordedMessage, camera: CameraModel, topic: str
 ) -> Iterator[RecordedMessage]:
-    """The CameraInfo of an image's message; none of one that is damaged."""
     from rclpy.serialization import serialize_message
 
     with suppress(ImageError):
@@ -345,7 +345,8 @@ def replay(
             under_way.append((begin(item), size(item)))
             bytes_under_way += under_way[-1][1]
             while under_way and (
-                _is_done(under_way[0][0])
+                isinstance(under_way[0][0], RecordedMessage)
+                or all(part.done() for part in under_way[0][0])
                 or len(under_way) >= _MAX_UNDER_WAY
                 or (bytes_under_way > _MAX_BYTES and len(under_way) >= _MIN_UNDER_WAY)
             ):
@@ -366,10 +367,6 @@ def _decoded(item: Frame | BadFrame | EncodedFrame, gamma: float) -> Frame | Bad
     if gamma != 1.0 and isinstance(frame, Frame):
         return replace(frame, image=frame.image.gamma_corrected(gamma))
     return frame
-
-
-def _is_done(entry: _UnderWay) -> bool:
-    return isinstance(entry, RecordedMessage) or all(part.done() for part in entry)
 
 
 def _ended(entry: _UnderWay) -> FrameResults | RecordedMessage:

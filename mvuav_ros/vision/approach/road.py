@@ -273,7 +273,6 @@ class RoadTracker(StripTracker[RoadTrack]):
         return not (track.lost or (tried and hopeless))
 
     def _start(self, found: Strips, view: View) -> None:
-        """Follow the best candidates that are not followed yet."""
         fresh: list[RoadTrack] = []
         for strip in found:
             if len(fresh) == ROAD.max_started:

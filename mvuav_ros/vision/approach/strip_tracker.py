@@ -90,7 +90,6 @@ class StripTracker(Generic[TrackT]):
         self.tracks = kept
 
     def _choose(self) -> None:
-        """Show another track if it is clearly better."""
         if self.best not in self.tracks:
             self.best = None
         least = -math.inf if self.best is None else self.best.preference + self._switch_margin

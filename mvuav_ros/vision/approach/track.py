@@ -315,7 +315,6 @@ class RunwayTrack(FollowedStrip):
             self.shoulders += memory * (bool(shown) - self.shoulders)
 
     def _predicted(self) -> Edges:
-        """Points along the edges as followed."""
         strip = self.strip()
         return points_along(strip, strip[1] + strip[4:6], self._spread)
 

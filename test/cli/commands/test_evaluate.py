@@ -5,6 +5,8 @@ import os
 import re
 import shutil
 import signal
+import struct
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -27,6 +29,8 @@ from mvuav_ros.offline.report import write_report
 from mvuav_ros.offline.stopping import Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.writing import RecordingWriter
 
 FLIGHT = 'sim:tanker?frames=6&noise=0'
 
@@ -291,6 +295,36 @@ def test_a_sweep_of_inputs_with_odd_names(tmp_path):
     results = in_order(sweep(plan_runs(sources, [axis], {'marker_tracker': {}})))
     page = write_report(sweep_report(results, [axis], {}), tmp_path / 'out')
     assert page.exists() and len(list((tmp_path / 'out').glob('*.png'))) > 3
+
+
+@pytest.mark.parametrize('results', [False, True])
+def test_truth_of_other_stamps_is_not_passed_over(tmp_path, results):
+    """As of another clock, or of a sensor with a rate of its own."""
+    bag, late = write_bag(tmp_path / 'flight.mcap', results), tmp_path / 'late.mcap'
+    with open_recording(bag) as recording, RecordingWriter(late) as writer:
+        for topic, kind, stamp_ns, data, *rest in recording.messages():
+            if topic.startswith('/truth/'):
+                (nanoseconds,) = struct.unpack_from('<I', data, 8)
+                data = data[:8] + struct.pack('<I', nanoseconds + 1000) + data[12:]
+            writer.write(topic, kind, stamp_ns, data, *rest)
+    evaluated = mvuav('evaluate', late, '-o', tmp_path / 'evaluation')
+    assert evaluated.status == 1
+    assert 'no result has the stamp of any truth' in evaluated.err
+    axis = parse_axis('marker_tracker:threshold:=0.5')
+    (result,) = sweep(plan_runs([str(late)], [axis], {'marker_tracker': {}}))
+    assert any('the stamp of any truth' in loss for loss in result.losses)
+
+
+def test_a_sweep_of_a_folder_is_one_of_each_of_its_recordings(tmp_path):
+    bag = write_bag(tmp_path / 'flight.mcap', results=False)
+    (tmp_path / 'season').mkdir()
+    for name in ('b.mcap', 'a.mcap'):
+        shutil.copy(bag, tmp_path / 'season' / name)
+    axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
+    runs = plan_runs([str(tmp_path / 'season'), FLIGHT], [axis], {'marker_tracker': {}})
+    names = [Path(run.source).name for run in runs if run.source != FLIGHT]
+    assert names == ['a.mcap', 'a.mcap', 'b.mcap', 'b.mcap'] and len(runs) == 6
+    assert not any(result.error for result in sweep(runs[:4]))
 
 
 def test_integrity_of_no_frames_is_refused(tmp_path):

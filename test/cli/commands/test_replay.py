@@ -6,10 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pytest
 from rosbags import rosbag2
+from support.coded_videos import HEIGHT, WIDTH
+from support.coded_videos import image as coded_image
 from support.commands import (
     MARKERS,
     NO_LIGHT,
@@ -254,6 +257,38 @@ def test_a_part_keeps_all_inputs_of_that_time(bag: Path, tmp_path: Path) -> None
     assert mvuav('replay', bag, '-o', out, *NODE, *options).status == 0
     assert stamps(out, TOPIC) == [stamp(n) for n in range(7, 22)]
     assert stamps(out) == [stamp(n) for n in range(7, 22, 4)]
+
+
+@pytest.mark.parametrize('kind', ['a.mp4', 'a.mkv', 'a.avi', 'images'])
+def test_a_part_is_that_of_the_whole_and_what_is_before_it_need_not_be_sound(
+    tmp_path: Path, kind: str
+) -> None:
+    source, lost, count = tmp_path / kind, 20, 150
+    if kind == 'images':
+        source.mkdir()
+        for number in range(count):
+            pixels = np.full((48, 64), number, np.uint8)
+            copies = 1 + (number == lost)
+            cv2.imwritemulti(str(source / f'{number}.tiff'), [pixels] * copies)
+    else:
+        with av.open(str(source), 'w') as container:
+            stream = container.add_stream('libx264', rate=30, options={'bf': '0'})
+            stream.width, stream.height, stream.codec_context.gop_size = WIDTH, HEIGHT, 10
+            images = (coded_image(number % 20) for number in range(count))
+            frames = [av.VideoFrame.from_ndarray(image, 'bgr24') for image in images]
+            packets = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
+            del packets[lost + 3]
+            container.mux(packets)
+    whole, part = tmp_path / 'whole.mcap', tmp_path / 'part.mcap'
+    options = (*NODE, '--keep-inputs')
+    assert 'damage: ' in mvuav('replay', source, '-o', whole, *options).err
+    run = mvuav('replay', source, '-o', part, *options, '--start', '3.01', '--duration', '1.5')
+    assert run.status == 0
+    assert ('damage: ' in run.err) == (kind == 'a.avi')  # which is read from its beginning
+    inside = [each for each in read(whole) if 3_010_000_000 <= each.stamp_ns < 4_510_000_000]
+    wanted = [(each.stamp_ns, each.data) for each in inside if each.topic == '/image_raw']
+    found = [(each.stamp_ns, each.data) for each in read(part) if each.topic == '/image_raw']
+    assert len(found) == 45 and found == wanted
 
 
 def test_nothing_in_that_part(bag: Path, tmp_path: Path) -> None:
