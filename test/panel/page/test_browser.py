@@ -99,6 +99,33 @@ def test_the_slider_changes_the_nodes_parameter(panel):
     graph.probe.destroy_client(client)
 
 
+def test_a_slider_stands_where_the_server_says_and_stays_where_a_hand_puts_it_until_the_answer(
+    panel,
+):
+    page = panel.new_page()
+    page.clock.install()
+    page.reload()
+    page.locator('.panel').wait_for()
+    at_once = page.evaluate("""async () => {
+        window.slider = document.createElement('input');
+        slider.type = 'range';
+        slider.className = 'range';
+        slider.dataset.index = '10';
+        document.querySelector('.panel').append(slider);
+        await null;
+        const place = slider.value;
+        slider.value = '40';
+        slider.dispatchEvent(new Event('input', { bubbles: true }));
+        return place;
+    }""")
+    page.clock.run_for(3000)
+    unanswered = page.evaluate('slider.value')
+    page.evaluate("slider.dataset.index = '41'")
+    page.clock.run_for(2000)
+    assert (at_once, unanswered, page.evaluate('slider.value')) == ('10', '40', '41')
+    page.context.close()
+
+
 def test_a_refusal_shows_the_nodes_reason_at_the_field(panel):
     panel.choose(DETECTOR)
     panel.enter('peak_neighborhood_rho', 10)
