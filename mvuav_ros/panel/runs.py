@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import mvuav_ros
-from mvuav_ros.messages.images import is_image_type
 from mvuav_ros.offline.evaluation.metrics import Metric
 from mvuav_ros.offline.processes import ProcessDiedError, Report, TaskProgress, Worker
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
@@ -28,7 +27,7 @@ from mvuav_ros.parameters.declaration import Value, default_text
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import BAG_SUFFIXES, METADATA, plain_name
-from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.sources.bag import BagImages
 
 RESULTS = 'results.mcap'
 REPORT = 'report'
@@ -46,7 +45,7 @@ class Run:
     """A kind of node with some parameters over a recording, and what came of it.
 
     ``settings`` names the parameters' set, where they are one's; a run without a name is not kept.
-    ``image_topic`` is empty where the recording has images of one topic only; see `images_in`.
+    ``image_topic`` is empty where the recording has images of one topic only.
     It was made in s since the epoch; ``answered`` of the frames have a result, and the metrics are
     those of ``mvuav sweep``.
     """
@@ -142,8 +141,9 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     os.nice(_NICENESS)
     run, folder = task
     output = folder / RESULTS
-    topic, topics = images_in(Path(run.source), run.image_topic)
-    settings = ReplaySettings({run.kind: run.parameters}, topic)
+    images = BagImages(Path(run.source), run.image_topic, or_first=True)
+    images.close()
+    settings = ReplaySettings({run.kind: run.parameters}, images.topic)
     outcome = attempt(ReplayJob(run.source, str(output), settings), report, stop)
     if outcome.failure or outcome.interrupted:
         raise RecordingError(outcome.failure or 'interrupted')
@@ -156,20 +156,12 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
         write_report(bag_report(observed, described), folder / REPORT)
     return replace(
         run,
-        image_topic=topic if topic and len(topics) > 1 else '',
+        image_topic=images.topic if len(images.image_topics) > 1 else '',
         made=time.time(),
         frames=outcome.frames,
         answered=outcome.processed,
         metrics=tuple(m for m in metrics_of(observed) if m.name != 'time per frame'),
     )
-
-
-def images_in(path: Path, wanted: str) -> tuple[str | None, tuple[str, ...]]:
-    """A recording's topics of images, and before them the one wanted, or the first without that."""
-    with open_recording(path) as recording:
-        filled = (each for each in recording.topics if each.message_count != 0)
-        topics = tuple({each.name: 0 for each in filled if is_image_type(each.type)})
-    return wanted if wanted in topics else next(iter(topics), None), topics
 
 
 class RunStore:
