@@ -50,6 +50,8 @@ _MAX_ROWS = 12
 """Figures and curves of as many lights or lines; the words count all of them."""
 _MAX_VALUES = 100_000
 _MAX_VALUE = 1e9
+_MAX_DISTANCE = 1e5
+"""m; a camera sees nothing farther away that it could measure."""
 _MAX_RANGE = 10.0
 """Half of a view's width over its distance; no calibration of a camera is wider."""
 
@@ -152,7 +154,7 @@ class Figures:
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
         pose = message.pose.pose
         place = np.array([pose.position.x, pose.position.y, pose.position.z])
-        self._place = np.where(np.abs(place) < _MAX_VALUE, place, math.nan)
+        self._place = np.where(np.abs(place) < _MAX_DISTANCE, place, math.nan)
         self._turn = rotation_of(pose.orientation)
         variances = np.diagonal(np.reshape(message.pose.covariance, (6, 6)))
         known = (variances > 0) & (variances < _MAX_VALUE)
@@ -244,7 +246,8 @@ def _side(value: float) -> str:
 
 
 def _figure(name: str, value: float, deviation: float, unit: str) -> Figure:
-    return name, _written(value, unit), f'± {deviation:.2g}{unit}' if deviation < _MAX_VALUE else ''
+    known = deviation < _MAX_VALUE and not math.isnan(value)
+    return name, _written(value, unit), f'± {deviation:.2g}{unit}' if known else ''
 
 
 def _written(value: float, unit: str) -> str:
