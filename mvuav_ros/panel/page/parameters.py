@@ -375,7 +375,8 @@ class Parameters:
         }
         refused = len(await self._set(changes))
         if refused:
-            el.notify(f'{refused} values of {name} were refused; each line says why', bad=True)
+            were = 'value was' if refused == 1 else 'values were'
+            el.notify(f'{refused} {were} refused from {name}; the lines say why', bad=True)
         else:
             el.notify(f'{name} is loaded')
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
+from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
@@ -72,8 +73,10 @@ class SetBar:
             words = f'{len(differing)} live {differ} from {name}'
         elif name:
             words = f'The live values are those of {name}.'
-        self._match.set_text(words)
-        el.set_class(self._match, 'differs', bool(differing))
+        unknown = [each for each in self.values if each not in self._node.values]
+        said = f'{words} The node has no {", ".join(unknown)}, as {name} has.' if unknown else words
+        self._match.set_text(sanitized.words(said))
+        el.set_class(self._match, 'differs', bool(differing or unknown))
         return {each: f'{name}: {value_text(own)}' for each, (own, _) in differing.items()}
 
     async def _load_chosen(self) -> None:
