@@ -57,7 +57,8 @@ class Shown:
     """A frame that was asked for: its place, the stretch's frames, and when it was recorded.
 
     ``seconds`` count from the recording's first message, as ``start_s`` of what is wanted does.
-    ``topic`` is that of its image, one of the recording's ``topics`` of images.
+    ``topic`` is that of its image, one of the recording's ``topics`` of images; ``lost`` says what
+    could not be read.
     """
 
     index: int
@@ -67,6 +68,7 @@ class Shown:
     results: tuple[Result, ...]
     topic: str
     topics: tuple[str, ...]
+    lost: str
 
 
 class ReelFailedError(RuntimeError):
@@ -114,7 +116,7 @@ class Reel:
 
     def __init__(self) -> None:
         self._opened: tuple[str, float] = ('', 0.0)
-        self._topic, self._topics = '', tuple[str, ...]()
+        self._topic, self._topics, self._lost = '', tuple[str, ...](), ''
         self._items: list[EncodedFrame | Frame | BadFrame] = []
         self._is_whole, self._zero_ns = True, 0
         self._lanes: dict[int, _Lane] = {}
@@ -132,7 +134,7 @@ class Reel:
         item = self._items[index]
         stamp_ns = item.recorded.stamp_ns if isinstance(item, EncodedFrame) else item.stamp_ns
         seconds = 1e-9 * (stamp_ns - self._zero_ns)
-        images = self._topic, self._topics
+        images = self._topic, self._topics, self._lost
         return Shown(index, len(self._items), seconds, self._is_whole, tuple(results), *images)
 
     def _open(self, source: str, start_s: float, topic: str) -> None:
@@ -149,6 +151,7 @@ class Reel:
                     break
         finally:
             images.close()
+        self._lost = '; '.join(images.account.errors)
         if not self._items:
             raise SourceError('there are no images' + f' from {start_s:g} s on' * (start_s > 0))
         # A video's frames have no time of recording.

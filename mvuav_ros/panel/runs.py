@@ -47,7 +47,7 @@ class Run:
     ``settings`` names the parameters' set, where they are one's; a run without a name is not kept.
     ``image_topic`` is empty where the recording has images of one topic only.
     It was made in s since the epoch; ``answered`` of the frames have a result, and the metrics are
-    those of ``mvuav sweep``.
+    those of ``mvuav sweep``. ``lost`` says what could not be read of the recording.
     """
 
     name: str
@@ -56,6 +56,7 @@ class Run:
     parameters: dict[str, Value]
     settings: str = ''
     image_topic: str = ''
+    lost: str = ''
     version: str = mvuav_ros.__version__
     made: float = 0.0
     frames: int = 0
@@ -90,7 +91,8 @@ class Runner:
                 self._store.finish(run)
                 keep = True
             self.last = run
-            self._show(f'{run.answered} of {run.frames} frames', 1.0)
+            lost = f'; {run.lost}' if run.lost else ''
+            self._show(f'{run.answered} of {run.frames} frames{lost}', 1.0)
             return True
         except (RecordingError, OSError, ProcessDiedError) as error:
             self.words = 'cancelled' if self._cancelled else f'failed: {error}'
@@ -157,6 +159,7 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     return replace(
         run,
         image_topic=images.topic if len(images.image_topics) > 1 else '',
+        lost='; '.join(outcome.errors),
         made=time.time(),
         frames=outcome.frames,
         answered=outcome.processed,
@@ -247,6 +250,7 @@ def _read(path: Path) -> Run:
         answered=int(answered),
         settings=words(content.get('settings', '')),
         image_topic=words(content.get('image_topic', '')),
+        lost=words(content.get('lost', ''), sanitized.LONGEST_DESCRIPTION),
     )
 
 

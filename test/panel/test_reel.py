@@ -118,6 +118,14 @@ def test_the_time_of_a_frame_counts_from_the_recordings_first_message_as_its_sta
         show(player, 0, source=str(path), start_s=60.0)
 
 
+def test_what_could_not_be_read_is_said(tmp_path):
+    cut, whole = tmp_path / 'cut.mcap', Path(TANKER).read_bytes()
+    cut.write_bytes(whole[: len(whole) // 2])
+    shown = show(Reel(), 0, source=str(cut))
+    assert 0 < shown.count < 180 and 'cut off' in shown.lost
+    assert show(Reel(), 0).lost == ''
+
+
 def test_a_compressed_recording_is_unpacked_once(tmp_path, monkeypatch):
     packed, unpacked = tmp_path / 'tanker.mcap.zstd', []
     packed.write_bytes(zstandard.compress(Path(TANKER).read_bytes()))

@@ -86,6 +86,15 @@ def test_a_run_that_fails_says_why_and_is_not_listed(made, tmp_path):
     assert not (store.folder / 'broken').exists()
 
 
+def test_a_run_over_a_damaged_recording_says_what_is_lost(tmp_path):
+    cut, store = tmp_path / 'cut.mcap', RunStore(tmp_path / 'runs')
+    cut.write_bytes(BAG.read_bytes()[: BAG.stat().st_size // 2])
+    runner, _ = run('half', store, cut)
+    (kept,) = store.all()
+    assert 0 < kept.frames < 150 and 'cut off' in kept.lost
+    assert runner.words == f'{kept.answered} of {kept.frames} frames; {kept.lost}'
+
+
 def test_a_run_can_be_cancelled(made):
     store, _, _ = made
     runner, _ = run('cancelled', store, look=lambda runner: runner.is_busy and runner.cancel())

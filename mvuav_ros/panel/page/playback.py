@@ -162,9 +162,8 @@ class Frames:
         found = differences(values[0], values[-1])
         said = (f'{n} {value_text(own)} | {value_text(its)}' for n, (own, its) in found.items())
         words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
-        self._differing.set_text(
-            sanitized.words(words if name else reason, sanitized.LONGEST_DESCRIPTION)
-        )
+        notes = filter(None, (shown.lost, words if name else reason))
+        self._differing.set_text(sanitized.words('; '.join(notes), sanitized.LONGEST_DESCRIPTION))
 
     def _clear(self, words: str) -> None:
         self._words.set_text(words)
