@@ -48,6 +48,19 @@ def test_images_appear_and_change(panel):
         assert bright > 150
 
 
+def test_images_that_were_removed_are_not_back_after_a_reload(panel):
+    page = panel.new_page()
+    panel.choose(TRACKER, page)
+    tiles = page.locator('.tile')
+    panel.until(lambda: tiles.count() == 2, 'input and result')
+    tiles.first.get_by_role('button', name='Remove').click()
+    panel.until(lambda: tiles.count() == 1, 'the input to go')
+    page.reload()
+    panel.until(lambda: tiles.count() == 1, 'the result alone')
+    assert 'Traceback' not in panel.said()
+    page.context.close()
+
+
 def test_every_parameter_is_there_with_its_value(panel):
     panel.choose(TRACKER)
     shown = panel.page.locator('[data-parameter]').evaluate_all(
