@@ -279,14 +279,15 @@ def run_table(runs: Sequence[Run]) -> Table:
 def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
     """The recordings below some folders, by the name that the page shows.
 
-    A folder with a rosbag2 ``metadata.yaml`` is one, in however many files. Where two folders have
-    a recording of the same name, the second is named with its whole path.
+    A folder with a rosbag2 ``metadata.yaml`` is one, in however many files; so is a file that is
+    named itself, whatever it holds. Where two folders have a recording of the same name, the second
+    is named with its whole path.
     """
     bags: dict[str, Path] = {}
     for folder in folders:
         for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
-            is_bag = plain_name(path.name).endswith(BAG_SUFFIXES) and path.is_file()
-            if is_bag and len(bags) < _MAX_BAGS:
+            is_bag = path == folder or plain_name(path.name).endswith(BAG_SUFFIXES)
+            if is_bag and path.is_file() and len(bags) < _MAX_BAGS:
                 if folder.is_dir() and (path.parent / METADATA).exists():
                     path = path.parent
                 name = str(path.relative_to(folder)) if path != folder else path.name

@@ -178,6 +178,10 @@ def test_recordings_are_found_below_the_folders_and_nowhere_else(tmp_path):
         (tmp_path / name).touch()
     assert list(find_bags([tmp_path])) == ['a.mcap', 'deep/b.db3']
     assert find_bags([BAG]) == {'runway.mcap': BAG}
+    # Whoever names a file is told what is wrong with it.
+    named = tmp_path / 'flight.avi'
+    named.touch()
+    assert find_bags([named]) == {'flight.avi': named}
     assert find_bags([BAG.parent, BAG]) == find_bags([BAG.parent])
 
 

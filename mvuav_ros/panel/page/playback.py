@@ -20,6 +20,7 @@ from mvuav_ros.parameters.declaration import ParameterError
 
 _PLAYING_INTERVAL = 0.1
 _LIVE = 'live values'
+_NO_RECORDING = 'No recording yet: record one, or start tuning_panel with --bags.'
 
 
 class Frames:
@@ -132,6 +133,8 @@ class Frames:
 
     async def _show_one(self) -> None:
         node, path, name = self._page.node, self._recording(), str(self._set.value or '')
+        if path is None:
+            self._clear(_NO_RECORDING)
         if node is None or path is None or not node.controls:
             return
         live = node.own_values
