@@ -48,9 +48,8 @@ class Control(ParameterSpec):
         if self.type is tuple:
             parts = [part for part in _BETWEEN.split(str(words)) if part]
             return tuple(_number(part, 'numbers') for part in parts or [''])
-        whole = self.type is int
         plain = str(words).strip()
-        if not whole:
+        if self.type is not int:
             return _number(plain.replace(',', '.'), 'a number')
         number = _number(plain, 'a whole number')
         if number != int(number) or abs(number) > _MAX_INTEGER:

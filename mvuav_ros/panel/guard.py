@@ -15,7 +15,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 NONCE: ContextVar[str] = ContextVar('NONCE', default='')
 """Of the request that is being answered; scripts written in its page bear it, others do not run."""
-_SAFE_METHODS = ('GET', 'HEAD')
 _MAX_BODY = 1_000_000
 """Bytes; a page sends nothing larger than a set of parameters."""
 _PORT = re.compile(r':\d+$')
@@ -83,7 +82,7 @@ class Guard:
             # What is not found is logged; escape codes from any site's link reach the terminal.
             return PlainTextResponse('there is no such page\n', 404)
         is_http = scope['type'] == 'http'
-        reads = is_http and scope['method'] in _SAFE_METHODS
+        reads = is_http and scope['method'] in ('GET', 'HEAD')
         ours = (f'http://{host}'.lower(), f'https://{host}'.lower())
         if not reads and (origin or '').lower() not in ours:
             return PlainTextResponse('the request comes from a page of another site\n', 403)

@@ -192,15 +192,12 @@ class Figures:
     def _take_lines(self, rows: Any) -> None:
         found = np.isfinite(rows['rho'])
         held = int(((rows['flags'] & LineFlag.CORRECTED) != 0)[found].sum())
-        words = f'{found.sum()} of {len(rows)} lines' + (f', {held} held' if held else '')
+        words = f'{found.sum()} of {len(rows)} lines'
         if self._is_approach:
             confidence = float(np.nan_to_num(rows['confidence'][found]).max(initial=0.0))
-            sure = f'confidence {100 * confidence:.0f} %' if found.any() else 'no runway'
-            words = sure + (f', {held} held' if held else '')
-            complete = bool(found[:2].all())
-        else:
-            complete = bool(found.all())
-        good = complete and not held
+            words = f'confidence {100 * confidence:.0f} %' if found.any() else 'no runway'
+        words += f', {held} held' if held else ''
+        good = found[: 2 if self._is_approach else None].all() and not held
         self._trust = (GOOD if good else DOUBTFUL if found.any() else BAD, words)
         self._missed += 1
         if not found.any() or self._missed > _MAX_MISSED:

@@ -116,16 +116,17 @@ class Reel:
 
     def __init__(self) -> None:
         self._opened: tuple[str, float] = ('', 0.0)
-        self._topic, self._topics, self._lost = '', tuple[str, ...](), ''
+        self._images: BagImages | None = None
         self._items: list[EncodedFrame | Frame | BadFrame] = []
         self._is_whole, self._zero_ns = True, 0
         self._lanes: dict[int, _Lane] = {}
 
     def __call__(self, wanted: Wanted, report: Report, stop: Stop) -> Shown:
         """Process a frame."""
-        is_other = wanted.topic in self._topics and wanted.topic != self._topic
-        if (wanted.source, wanted.start_s) != self._opened or is_other:
-            self._open(wanted.source, wanted.start_s, wanted.topic)
+        images, topic = self._images, wanted.topic
+        is_same = (wanted.source, wanted.start_s) == self._opened
+        if images is None or not is_same or topic in {*images.image_topics} - {images.topic}:
+            images = self._open(wanted.source, wanted.start_s, topic)
         index = min(max(wanted.index, 0), len(self._items) - 1)
         results = [
             self._process(number, wanted.kind, dict(values), index)
@@ -134,13 +135,12 @@ class Reel:
         item = self._items[index]
         stamp_ns = item.recorded.stamp_ns if isinstance(item, EncodedFrame) else item.stamp_ns
         seconds = 1e-9 * (stamp_ns - self._zero_ns)
-        images = self._topic, self._topics, self._lost
-        return Shown(index, len(self._items), seconds, self._is_whole, tuple(results), *images)
+        given = images.topic, images.image_topics, '; '.join(images.account.errors)
+        return Shown(index, len(self._items), seconds, self._is_whole, tuple(results), *given)
 
-    def _open(self, source: str, start_s: float, topic: str) -> None:
+    def _open(self, source: str, start_s: float, topic: str) -> BagImages:
         self._opened, self._items, self._lanes = ('', 0.0), [], {}
         images, size = BagImages(Path(source), topic, or_first=True), 0
-        self._topic, self._topics = images.topic, images.image_topics
         try:
             origin_ns = images.origin_ns
             for item in images.items(Selection(start_s), camera=True, attitude=True):
@@ -151,7 +151,6 @@ class Reel:
                     break
         finally:
             images.close()
-        self._lost = '; '.join(images.account.errors)
         if not self._items:
             raise SourceError('there are no images' + f' from {start_s:g} s on' * (start_s > 0))
         # A video's frames have no time of recording.
@@ -159,7 +158,8 @@ class Reel:
         is_known = isinstance(first, EncodedFrame)
         self._zero_ns = origin_ns if is_known else first.stamp_ns - round(1e9 * start_s)
         self._is_whole = size <= MAX_BYTES and start_s == 0
-        self._opened = source, start_s
+        self._opened, self._images = (source, start_s), images
+        return images
 
     def _process(self, number: int, kind: str, values: dict[str, Value], index: int) -> Result:
         lane = self._lanes.get(number)

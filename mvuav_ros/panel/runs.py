@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
 
 import mvuav_ros
 from mvuav_ros.offline.evaluation.metrics import Metric
@@ -204,10 +203,9 @@ class RunStore:
 
     def finish(self, run: Run) -> None:
         """Write what makes a run complete."""
-        metrics: list[dict[str, Any]] = [metric._asdict() for metric in run.metrics]
-        for each in metrics:
-            # JSON has no NaN.
-            each['value'] = each['value'] if math.isfinite(each['value']) else None
+        # JSON has no NaN.
+        known = [m.value if math.isfinite(m.value) else None for m in run.metrics]
+        metrics = [{**m._asdict(), 'value': v} for m, v in zip(run.metrics, known, strict=True)]
         content = {**vars(run), 'metrics': metrics}
         path = self.folder / checked_name(run.name) / _SUMMARY
         path.write_text(json.dumps(content, indent=1, ensure_ascii=False))

@@ -61,7 +61,7 @@ class SetBar:
             with el.errors_notified():
                 self.values = self._page.services.sets.load(name, self._node.kind)
         self._download.set_enabled(bool(name))
-        self._delete.set_enabled(bool(name) and not self._page.services.sets.is_built_in(name))
+        self._delete.set_enabled(bool(name) and name not in self._page.services.sets.built_in)
 
     def compare(self) -> dict[str, str]:
         """Say whether the live values are the chosen set's; returns the set's that differ."""
@@ -96,7 +96,7 @@ class SetBar:
                 asking.close()
 
         with el.dialog('Save the live values as a set') as asking:
-            field = ui.input('Name', value='' if sets.is_built_in(name) else name)
+            field = ui.input('Name', value='' if name in sets.built_in else name)
             field.props('outlined dense autofocus').style('width: 280px; max-width: 100%')
             field.on('keydown.enter', save)
             el.text('An ordinary ROS 2 parameter file, in', 'small soft')
