@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import yaml
@@ -10,7 +11,7 @@ import yaml
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.parameters.parameter_file import parameter_values
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parameter_values
 from mvuav_ros.processing.registry import PROCESSORS
 
 MAX_SET_BYTES = 100_000
@@ -74,11 +75,16 @@ class SetStore:
         return kinds
 
     def save(self, name: str, kind: str, values: Mapping[str, Value]) -> Path:
-        """Write a set, in place of one of the same name."""
+        """Write a set, in place of one of the same name for this kind of node."""
         if name.strip() in self.built_in:
             raise NameRefusedError(f'{name.strip()} is part of the package; choose another name')
         path = self._path(name)
-        content = {f'/**/{kind}': {'ros__parameters': dict(values)}}
+        given: dict[str, Mapping[str, object]] = {}
+        for other in NODE_PARAMETERS:
+            with suppress(ParameterError):
+                given[other] = _values(path, other)
+        given[kind] = dict(values)
+        content = {f'/**/{n}': {'ros__parameters': each} for n, each in given.items() if each}
         new = self._new(path)
         new.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
         return new.replace(path)
