@@ -90,9 +90,13 @@ class SetBar:
     def _ask_name(self) -> None:
         sets, name = self._page.services.sets, self._page.chosen_set
 
-        def save() -> None:
+        async def save() -> None:
+            new = (field.value or '').strip()
+            is_others = new != name and new in self._choice.options and new not in sets.built_in
+            if is_others and not await el.confirmed(f'Replace the set {new}?', 'Replace'):
+                return
             with el.errors_notified():
-                save_set(self._page, self._node, field.value or '')
+                save_set(self._page, self._node, new)
                 asking.close()
 
         with el.dialog('Save the live values as a set') as asking:

@@ -217,6 +217,17 @@ def test_a_set_is_saved_changed_and_loaded(panel):
     assert [path.name for path in panel.folder.rglob('*.yaml')] == ['night.yaml']
     panel.enter('search_radius', 21)
     page.get_by_text('1 live value differs from night').wait_for()
+    for name in ('day', 'night'):
+        page.get_by_role('button', name='Save', exact=True).click()
+        saving = page.get_by_role('dialog', name='Save the live values')
+        saving.get_by_label('Name').fill(name)
+        saving.get_by_role('button', name='Save').click()
+        panel.until(lambda: page.get_by_role('dialog').count() != 1, 'it to be saved or asked')
+    page.get_by_role('dialog', name='Replace the set night?').get_by_text('Cancel').click()
+    saving.get_by_role('button', name='Cancel').click()
+    choose(page, page, 'Set', 'night')
+    (panel.folder / 'sets' / 'day.yaml').unlink()
+    page.get_by_text('1 live value differs from night').wait_for()
     assert 'off-set' in panel.row('search_radius').get_attribute('class')
     page.get_by_role('button', name='Load', exact=True).click()
     panel.until(
