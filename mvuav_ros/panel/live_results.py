@@ -49,9 +49,8 @@ _MAX_MISSED = 5
 _MAX_ROWS = 12
 """Figures and curves of as many lights or lines; the words count all of them."""
 _MAX_VALUES = 100_000
-_MAX_VALUE = 1e9
-_MAX_DISTANCE = 1e5
-"""m; a camera sees nothing farther away that it could measure."""
+_MAX_VALUE, _MAX_DISTANCE = 1e9, 1e5
+"""The latter in m; a camera sees nothing farther away that it could measure."""
 _MAX_RANGE = 10.0
 """Half of a view's width over its distance; no calibration of a camera is wider."""
 

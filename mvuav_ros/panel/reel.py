@@ -57,8 +57,7 @@ class Shown:
     """A frame that was asked for: its place, the stretch's frames, and when it was recorded.
 
     ``seconds`` count from the recording's first message, as ``start_s`` of what is wanted does.
-    ``topic`` is that of its image, one of the recording's ``topics`` of images; ``lost`` says what
-    could not be read.
+    ``topic`` is that of its image, one of ``topics``; ``lost`` says what could not be read.
     """
 
     index: int
@@ -209,5 +208,4 @@ def _size(item: EncodedFrame | Frame | BadFrame) -> int:
 
 def settable(kind: str, values: Mapping[str, Value]) -> dict[str, Value]:
     """Of a node's values those that its code takes."""
-    known = PROCESSORS[kind].parameters_type.names()
-    return {name: values[name] for name in known if name in values}
+    return {n: values[n] for n in PROCESSORS[kind].parameters_type.names() if n in values}

@@ -277,9 +277,8 @@ def run_table(runs: Sequence[Run]) -> Table:
 def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
     """The recordings below some folders, by the name that the page shows.
 
-    A folder with a rosbag2 ``metadata.yaml`` is one, in however many files; so is a file that is
-    named itself, whatever it holds. Where two folders have a recording of the same name, the second
-    is named with its whole path.
+    A folder with a rosbag2 ``metadata.yaml`` is one, and so is a file that is named itself. Of two
+    of the same name the second is named with its whole path.
     """
     bags: dict[str, Path] = {}
     for folder in folders:

@@ -151,8 +151,7 @@ class BagImages(FrameSource):
         self.is_rectified = is_rectified_topic(self.topic)
         self.topics = tuple(topic.name for topic in self._recording.topics)
         self._filled = [each for each in self._recording.topics if each.message_count != 0]
-        images = (each.name for each in self._filled if is_image_type(each.type))
-        self.image_topics = tuple(dict.fromkeys(images))
+        self.image_topics = tuple({t.name: 0 for t in self._filled if is_image_type(t.type)})
         # None where there is none, as of the body's attitude.
         self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
         beside = self._named(IMU, topic_beside(self.topic, 'imu'))
@@ -164,8 +163,7 @@ class BagImages(FrameSource):
 
     def _named(self, kind: str, name: str) -> str | None:
         """The name, if there are messages of that type there."""
-        is_there = any((each.name, each.type) == (name, kind) for each in self._filled)
-        return name if is_there else None
+        return name if (name, kind) in {(t.name, t.type) for t in self._filled} else None
 
     @cached_property
     def origin_ns(self) -> int:

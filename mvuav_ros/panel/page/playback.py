@@ -20,7 +20,6 @@ from mvuav_ros.parameters.declaration import ParameterError
 
 _PLAYING_INTERVAL = 0.1
 _LIVE = 'live values'
-_NO_RECORDING = 'No recording yet: record one, or start tuning_panel with --bags.'
 
 
 class Frames:
@@ -41,7 +40,6 @@ class Frames:
                 self._play = el.icon_button('play_arrow', 'Play', self.play)
                 el.icon_button('skip_next', 'One frame on', lambda: self.step(1))
                 self._slider = el.slider('Frame', self._go).props('max=0').classes('grow')
-                self._slider.style('min-width: 160px')
                 self._words = el.text('', 'small soft number').props('role=status')
             with el.box('line wrap'):
                 self._images = el.choice({}, 'Images', on_change=self._choose_images)
@@ -134,7 +132,7 @@ class Frames:
     async def _show_one(self) -> None:
         node, path, name = self._page.node, self._recording(), str(self._set.value or '')
         if path is None:
-            self._clear(_NO_RECORDING)
+            self._clear('No recording yet: record one, or start tuning_panel with --bags.')
         if node is None or path is None or not node.controls:
             return
         live = node.own_values

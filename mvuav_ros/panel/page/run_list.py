@@ -128,7 +128,6 @@ def _place(run: Run, over: str) -> str:
 
 
 def _order(value: Any) -> tuple[bool, float, str]:
-    """Numbers by size, then words."""
     is_number = isinstance(value, (int, float)) and math.isfinite(value)
     return not is_number, float(value) if is_number else 0.0, str(value)
 
@@ -302,7 +301,6 @@ class Runs:
             services.runs_changed.emit()
 
     def _show_run(self) -> None:
-        """Follow the run, on whatever page it was begun."""
         runner = self._runner
         for each in self._buttons:
             each.set_enabled(not runner.is_busy)
@@ -329,7 +327,6 @@ class Runs:
 
 
 def _row(run: Run) -> dict[str, str]:
-    """The cells below `_HEADS`."""
     defaults = PROCESSORS[run.kind].parameters_type().as_dict()
     changed = [
         f'{name} {value_text(value)}'
