@@ -55,6 +55,8 @@ def test_images_that_were_removed_are_not_back_after_a_reload(panel):
     panel.until(lambda: tiles.count() == 2, 'input and result')
     tiles.first.get_by_role('button', name='Remove').click()
     panel.until(lambda: tiles.count() == 1, 'the input to go')
+    # The server calls it an error when a page goes that still waits for a file.
+    page.wait_for_load_state('networkidle')
     page.reload()
     panel.until(lambda: tiles.count() == 1, 'the result alone')
     assert 'Traceback' not in panel.said()
@@ -115,9 +117,9 @@ def test_the_slider_changes_the_nodes_parameter(panel):
 def test_a_slider_stands_where_the_server_says_and_stays_where_a_hand_puts_it_until_the_answer(
     panel,
 ):
-    page = panel.new_page()
+    page = panel.browser.new_context().new_page()
     page.clock.install()
-    page.reload()
+    page.goto(panel.url)
     page.locator('.panel').wait_for()
     at_once = page.evaluate("""async () => {
         window.slider = document.createElement('input');
