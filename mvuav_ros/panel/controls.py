@@ -48,9 +48,8 @@ class Control(ParameterSpec):
         if self.type is tuple:
             parts = [part for part in _BETWEEN.split(str(words)) if part]
             return tuple(_number(part, 'numbers') for part in parts or [''])
-        whole = self.type is int
         plain = str(words).strip()
-        if not whole:
+        if self.type is not int:
             return _number(plain.replace(',', '.'), 'a number')
         number = _number(plain, 'a whole number')
         if number != int(number) or abs(number) > _MAX_INTEGER:
@@ -93,9 +92,16 @@ def scale_of(control: Control, image_size: float = 0.0) -> tuple[float, ...]:
         high = min(high, max(image_size, low + 1))
     whole = control.type is int
     if low > 0 and high / low >= _LOGARITHMIC:
-        values = _two_digits(low, high, whole)
+        # All numbers of two digits, with any power of ten.
+        exponents = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)))
+        rounded = {round(digits * 10.0**e, 10) for e in exponents for digits in range(10, 100)}
+        between = (v for v in rounded | {low, high} if low <= v <= high)
+        values = sorted(v for v in between if not whole or v == int(v))
     else:
-        step = _step((high - low) / _MAX_STEPS, whole)
+        least = (high - low) / _MAX_STEPS
+        power = 10.0 ** math.floor(math.log10(least))
+        step = next(each * power for each in (1, 2, 5, 10) if each * power >= least * 0.999)
+        step = max(step, 1.0) if whole else step
         count = math.floor((high - low) / step + 1e-9)
         values = [round(low + step * index, 10) for index in range(count + 1)]
     if control.odd:
@@ -107,21 +113,6 @@ def position_on(scale: Sequence[float], value: float) -> int:
     """The position on a slider's scale whose value is nearest."""
     value = min(max(value, scale[0]), scale[-1])
     return min(range(len(scale)), key=lambda index: abs(scale[index] - value))
-
-
-def _step(least: float, whole: bool) -> float:
-    """The next of 1, 2 and 5 times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(least))
-    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= least * 0.999)
-    return max(step, 1.0) if whole else step
-
-
-def _two_digits(low: float, high: float, whole: bool) -> list[float]:
-    """All numbers of two digits, with any power of ten, from ``low`` to ``high``."""
-    values = {low, high}
-    for exponent in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1):
-        values |= {round(digits * 10.0 ** (exponent - 1), 10) for digits in range(10, 100)}
-    return sorted(v for v in values if low <= v <= high and (not whole or v == int(v)))
 
 
 def value_text(value: Any) -> str:

@@ -15,7 +15,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 NONCE: ContextVar[str] = ContextVar('NONCE', default='')
 """Of the request that is being answered; scripts written in its page bear it, others do not run."""
-_SAFE_METHODS = ('GET', 'HEAD')
+_MAX_BODY = 1_000_000
+"""Bytes; a page sends nothing larger than a set of parameters."""
 _PORT = re.compile(r':\d+$')
 _POLICY = (
     "default-src 'self'; script-src 'self' 'nonce-{nonce}' 'unsafe-eval'; "
@@ -80,7 +81,8 @@ class Guard:
         if not scope['path'].isprintable():
             # What is not found is logged; escape codes from any site's link reach the terminal.
             return PlainTextResponse('there is no such page\n', 404)
-        reads = scope['type'] == 'http' and scope['method'] in _SAFE_METHODS
+        is_http = scope['type'] == 'http'
+        reads = is_http and scope['method'] in ('GET', 'HEAD')
         ours = (f'http://{host}'.lower(), f'https://{host}'.lower())
         if not reads and (origin or '').lower() not in ours:
             return PlainTextResponse('the request comes from a page of another site\n', 403)
@@ -89,6 +91,9 @@ class Guard:
         if own and not any(hmac.compare_digest(t.encode('utf-8', 'replace'), own) for t in given):
             words = 'open the address with ?token= that the panel printed\n'
             return PlainTextResponse(words, 401)
+        size = visitor.headers.get('content-length', '')
+        if is_http and not reads and not (size.isdecimal() and int(size[:20]) <= _MAX_BODY):
+            return PlainTextResponse(f'a request has at most {_MAX_BODY} bytes, and says so\n', 413)
         return None
 
 

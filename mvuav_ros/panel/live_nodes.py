@@ -97,9 +97,8 @@ class LiveNode:
     @property
     def camera_info_topic(self) -> str:
         """Where their calibration comes from; empty without images."""
-        if self.found.camera_info_topic:
-            return self.found.camera_info_topic
-        return topic_beside(self.image_topic, 'camera_info') if self.image_topic else ''
+        beside = topic_beside(self.image_topic, 'camera_info') if self.image_topic else ''
+        return self.found.camera_info_topic or beside
 
     @property
     def image_size(self) -> int:

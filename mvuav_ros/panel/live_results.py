@@ -49,7 +49,8 @@ _MAX_MISSED = 5
 _MAX_ROWS = 12
 """Figures and curves of as many lights or lines; the words count all of them."""
 _MAX_VALUES = 100_000
-_MAX_VALUE = 1e9
+_MAX_VALUE, _MAX_DISTANCE = 1e9, 1e5
+"""The latter in m; a camera sees nothing farther away that it could measure."""
 _MAX_RANGE = 10.0
 """Half of a view's width over its distance; no calibration of a camera is wider."""
 
@@ -152,7 +153,7 @@ class Figures:
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
         pose = message.pose.pose
         place = np.array([pose.position.x, pose.position.y, pose.position.z])
-        self._place = np.where(np.abs(place) < _MAX_VALUE, place, math.nan)
+        self._place = np.where(np.abs(place) < _MAX_DISTANCE, place, math.nan)
         self._turn = rotation_of(pose.orientation)
         variances = np.diagonal(np.reshape(message.pose.covariance, (6, 6)))
         known = (variances > 0) & (variances < _MAX_VALUE)
@@ -190,15 +191,12 @@ class Figures:
     def _take_lines(self, rows: Any) -> None:
         found = np.isfinite(rows['rho'])
         held = int(((rows['flags'] & LineFlag.CORRECTED) != 0)[found].sum())
-        words = f'{found.sum()} of {len(rows)} lines' + (f', {held} held' if held else '')
+        words = f'{found.sum()} of {len(rows)} lines'
         if self._is_approach:
             confidence = float(np.nan_to_num(rows['confidence'][found]).max(initial=0.0))
-            sure = f'confidence {100 * confidence:.0f} %' if found.any() else 'no runway'
-            words = sure + (f', {held} held' if held else '')
-            complete = bool(found[:2].all())
-        else:
-            complete = bool(found.all())
-        good = complete and not held
+            words = f'confidence {100 * confidence:.0f} %' if found.any() else 'no runway'
+        words += f', {held} held' if held else ''
+        good = found[: 2 if self._is_approach else None].all() and not held
         self._trust = (GOOD if good else DOUBTFUL if found.any() else BAD, words)
         self._missed += 1
         if not found.any() or self._missed > _MAX_MISSED:
@@ -244,7 +242,8 @@ def _side(value: float) -> str:
 
 
 def _figure(name: str, value: float, deviation: float, unit: str) -> Figure:
-    return name, _written(value, unit), f'± {deviation:.2g}{unit}' if deviation < _MAX_VALUE else ''
+    known = deviation < _MAX_VALUE and not math.isnan(value)
+    return name, _written(value, unit), f'± {deviation:.2g}{unit}' if known else ''
 
 
 def _written(value: float, unit: str) -> str:

@@ -41,8 +41,7 @@ def _parse() -> argparse.Namespace:
     folder = Path(os.environ.get('XDG_DATA_HOME') or Path.home() / '.local' / 'share') / 'mvuav_ros'
     what = 'folder for saved sets and runs (%(default)s)'
     parser.add_argument('--folder', type=Path, default=folder, help=what)
-    what = 'a recording, or a folder of recordings, for runs; may be repeated'
-    what += ' (default: the sample bags)'
+    what = 'a recording, or a folder of them, for runs; repeatable (default: the sample bags)'
     parser.add_argument('--bags', type=_existing, action='append', help=what)
     # By hand: argparse refuses the -- that may end them, and rclpy would start before --help.
     words = sys.argv[1:]
@@ -71,7 +70,6 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _address(host: str, port: int, token: str) -> str:
-    """What a user opens."""
     name = f'[{host}]' if ':' in host else host
     if host in ('0.0.0.0', '::'):
         name = socket.gethostname()

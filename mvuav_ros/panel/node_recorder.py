@@ -29,7 +29,7 @@ _DEPTH = 100
 class NodeRecorder:
     """Records one node until it is stopped, whatever pages look on; its file can be replayed.
 
-    ``messages`` are written so far, of ``size`` bytes; ``over`` says how it ended. Making it makes
+    ``messages`` are written so far; ``over`` says how it ended. Making it makes
     the folder; it raises RecordingError or OSError where the file cannot be written. ``on_end`` is
     called in the loop, in which it is made.
     """
@@ -38,7 +38,7 @@ class NodeRecorder:
         self, ros: RosThread, node: LiveNode, path: Path, on_end: Callable[[], object]
     ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        self.path, self.messages, self.size, self.over = path, 0, 0, ''
+        self.path, self.messages, self.over = path, 0, ''
         self._ros, self._on_end, self._failed = ros, on_end, False
         self._began = time.monotonic()
         self._writer = RecordingWriter(path, metadata={'recorded': {'node': node.name}})
@@ -59,7 +59,7 @@ class NodeRecorder:
     def words(self) -> str:
         """How far it is, or how it ended."""
         minutes, seconds = divmod(int(time.monotonic() - self._began), 60)
-        return self.over or f'{minutes}:{seconds:02} · {self.size / 1e6:.1f} MB'
+        return self.over or f'{minutes}:{seconds:02} · {self._writer.size / 1e6:.1f} MB'
 
     def stop(self, reason: str = '') -> None:
         """End the recording."""
@@ -80,7 +80,6 @@ class NodeRecorder:
         try:
             self._writer.write(topic, kind, time.time_ns(), data)
             self.messages += 1
-            self.size += len(data)
         except RecordingError as error:
             self._failed = True
             self._ros.call_in_loop(self.stop, str(error))

@@ -17,7 +17,6 @@ from mvuav_ros.offline.replay.job import make_processors, process
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel.image_feed import encode_jpeg
 from mvuav_ros.panel.live_results import TOPICS, Figures
-from mvuav_ros.panel.runs import images_in
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.stored_file import RecordedMessage
@@ -55,9 +54,10 @@ class Result(NamedTuple):
 
 @dataclass(frozen=True)
 class Shown:
-    """A frame that was asked for: its place, and the stretch's frames and length in s.
+    """A frame that was asked for: its place, the stretch's frames, and when it was recorded.
 
-    ``topic`` is that of its image, one of the recording's ``topics`` of images.
+    ``seconds`` count from the recording's first message, as ``start_s`` of what is wanted does.
+    ``topic`` is that of its image, one of ``topics``; ``lost`` says what could not be read.
     """
 
     index: int
@@ -67,6 +67,7 @@ class Shown:
     results: tuple[Result, ...]
     topic: str
     topics: tuple[str, ...]
+    lost: str
 
 
 class ReelFailedError(RuntimeError):
@@ -114,33 +115,33 @@ class Reel:
 
     def __init__(self) -> None:
         self._opened: tuple[str, float] = ('', 0.0)
-        self._topic, self._topics = '', tuple[str, ...]()
+        self._images: BagImages | None = None
         self._items: list[EncodedFrame | Frame | BadFrame] = []
-        self._is_whole = True
+        self._is_whole, self._zero_ns = True, 0
         self._lanes: dict[int, _Lane] = {}
 
     def __call__(self, wanted: Wanted, report: Report, stop: Stop) -> Shown:
         """Process a frame."""
-        is_other = wanted.topic in self._topics and wanted.topic != self._topic
-        if (wanted.source, wanted.start_s) != self._opened or is_other:
-            self._open(wanted.source, wanted.start_s, wanted.topic)
-        if not self._items:
-            raise SourceError('there are no images')
+        images, topic = self._images, wanted.topic
+        is_same = (wanted.source, wanted.start_s) == self._opened
+        if images is None or not is_same or topic in {*images.image_topics} - {images.topic}:
+            images = self._open(wanted.source, wanted.start_s, topic)
         index = min(max(wanted.index, 0), len(self._items) - 1)
         results = [
             self._process(number, wanted.kind, dict(values), index)
             for number, values in enumerate(wanted.values)
         ]
-        seconds = 1e-9 * (self._items[index].stamp_ns - self._items[0].stamp_ns)
-        images = self._topic, self._topics
-        return Shown(index, len(self._items), seconds, self._is_whole, tuple(results), *images)
+        item = self._items[index]
+        stamp_ns = item.recorded.stamp_ns if isinstance(item, EncodedFrame) else item.stamp_ns
+        seconds = 1e-9 * (stamp_ns - self._zero_ns)
+        given = images.topic, images.image_topics, '; '.join(images.account.errors)
+        return Shown(index, len(self._items), seconds, self._is_whole, tuple(results), *given)
 
-    def _open(self, source: str, start_s: float, topic: str) -> None:
+    def _open(self, source: str, start_s: float, topic: str) -> BagImages:
         self._opened, self._items, self._lanes = ('', 0.0), [], {}
-        chosen, self._topics = images_in(Path(source), topic)
-        images, size = BagImages(Path(source), chosen), 0
-        self._topic = images.topic
+        images, size = BagImages(Path(source), topic, or_first=True), 0
         try:
+            origin_ns = images.origin_ns
             for item in images.items(Selection(start_s), camera=True, attitude=True):
                 if not isinstance(item, RecordedMessage):
                     self._items.append(item)
@@ -149,8 +150,15 @@ class Reel:
                     break
         finally:
             images.close()
+        if not self._items:
+            raise SourceError('there are no images' + f' from {start_s:g} s on' * (start_s > 0))
+        # A video's frames have no time of recording.
+        first = self._items[0]
+        is_known = isinstance(first, EncodedFrame)
+        self._zero_ns = origin_ns if is_known else first.stamp_ns - round(1e9 * start_s)
         self._is_whole = size <= MAX_BYTES and start_s == 0
-        self._opened = source, start_s
+        self._opened, self._images = (source, start_s), images
+        return images
 
     def _process(self, number: int, kind: str, values: dict[str, Value], index: int) -> Result:
         lane = self._lanes.get(number)
@@ -200,5 +208,4 @@ def _size(item: EncodedFrame | Frame | BadFrame) -> int:
 
 def settable(kind: str, values: Mapping[str, Value]) -> dict[str, Value]:
     """Of a node's values those that its code takes."""
-    known = PROCESSORS[kind].parameters_type.names()
-    return {name: values[name] for name in known if name in values}
+    return {n: values[n] for n in PROCESSORS[kind].parameters_type.names() if n in values}

@@ -10,7 +10,7 @@ from typing import Any
 
 import rclpy
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -97,13 +97,10 @@ class RosThread:
         while rclpy.ok() and not self._stopping:
             try:
                 self._executor.spin_once()
-            except (ExternalShutdownException, KeyboardInterrupt):
-                break
             except InvalidHandle:
                 # The loop has just ended what was to be waited for: wait for the others.
                 continue
             except Exception as error:
-                if not rclpy.ok():
-                    break
-                # One strange message must not end the panel.
-                self.node.get_logger().error(f'{type(error).__name__}: {error}')
+                # One strange message must not end the panel; the end of ROS does.
+                if rclpy.ok():
+                    self.node.get_logger().error(f'{type(error).__name__}: {error}')

@@ -13,10 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
 
 import mvuav_ros
-from mvuav_ros.messages.images import is_image_type
 from mvuav_ros.offline.evaluation.metrics import Metric
 from mvuav_ros.offline.processes import ProcessDiedError, Report, TaskProgress, Worker
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
@@ -28,7 +26,7 @@ from mvuav_ros.parameters.declaration import Value, default_text
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import BAG_SUFFIXES, METADATA, plain_name
-from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.sources.bag import BagImages
 
 RESULTS = 'results.mcap'
 REPORT = 'report'
@@ -46,9 +44,9 @@ class Run:
     """A kind of node with some parameters over a recording, and what came of it.
 
     ``settings`` names the parameters' set, where they are one's; a run without a name is not kept.
-    ``image_topic`` is empty where the recording has images of one topic only; see `images_in`.
+    ``image_topic`` is empty where the recording has images of one topic only.
     It was made in s since the epoch; ``answered`` of the frames have a result, and the metrics are
-    those of ``mvuav sweep``.
+    those of ``mvuav sweep``. ``lost`` says what could not be read of the recording.
     """
 
     name: str
@@ -57,6 +55,7 @@ class Run:
     parameters: dict[str, Value]
     settings: str = ''
     image_topic: str = ''
+    lost: str = ''
     version: str = mvuav_ros.__version__
     made: float = 0.0
     frames: int = 0
@@ -91,7 +90,8 @@ class Runner:
                 self._store.finish(run)
                 keep = True
             self.last = run
-            self._show(f'{run.answered} of {run.frames} frames', 1.0)
+            lost = f'; {run.lost}' if run.lost else ''
+            self._show(f'{run.answered} of {run.frames} frames{lost}', 1.0)
             return True
         except (RecordingError, OSError, ProcessDiedError) as error:
             self.words = 'cancelled' if self._cancelled else f'failed: {error}'
@@ -142,8 +142,9 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     os.nice(_NICENESS)
     run, folder = task
     output = folder / RESULTS
-    topic, topics = images_in(Path(run.source), run.image_topic)
-    settings = ReplaySettings({run.kind: run.parameters}, topic)
+    images = BagImages(Path(run.source), run.image_topic, or_first=True)
+    images.close()
+    settings = ReplaySettings({run.kind: run.parameters}, images.topic)
     outcome = attempt(ReplayJob(run.source, str(output), settings), report, stop)
     if outcome.failure or outcome.interrupted:
         raise RecordingError(outcome.failure or 'interrupted')
@@ -156,20 +157,13 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
         write_report(bag_report(observed, described), folder / REPORT)
     return replace(
         run,
-        image_topic=topic if topic and len(topics) > 1 else '',
+        image_topic=images.topic if len(images.image_topics) > 1 else '',
+        lost='; '.join(outcome.errors),
         made=time.time(),
         frames=outcome.frames,
         answered=outcome.processed,
         metrics=tuple(m for m in metrics_of(observed) if m.name != 'time per frame'),
     )
-
-
-def images_in(path: Path, wanted: str) -> tuple[str | None, tuple[str, ...]]:
-    """A recording's topics of images, and before them the one wanted, or the first without that."""
-    with open_recording(path) as recording:
-        filled = (each for each in recording.topics if each.message_count != 0)
-        topics = tuple({each.name: 0 for each in filled if is_image_type(each.type)})
-    return wanted if wanted in topics else next(iter(topics), None), topics
 
 
 class RunStore:
@@ -209,10 +203,9 @@ class RunStore:
 
     def finish(self, run: Run) -> None:
         """Write what makes a run complete."""
-        metrics: list[dict[str, Any]] = [metric._asdict() for metric in run.metrics]
-        for each in metrics:
-            # JSON has no NaN.
-            each['value'] = each['value'] if math.isfinite(each['value']) else None
+        # JSON has no NaN.
+        known = [m.value if math.isfinite(m.value) else None for m in run.metrics]
+        metrics = [{**m._asdict(), 'value': v} for m, v in zip(run.metrics, known, strict=True)]
         content = {**vars(run), 'metrics': metrics}
         path = self.folder / checked_name(run.name) / _SUMMARY
         path.write_text(json.dumps(content, indent=1, ensure_ascii=False))
@@ -255,6 +248,7 @@ def _read(path: Path) -> Run:
         answered=int(answered),
         settings=words(content.get('settings', '')),
         image_topic=words(content.get('image_topic', '')),
+        lost=words(content.get('lost', ''), sanitized.LONGEST_DESCRIPTION),
     )
 
 
@@ -283,14 +277,14 @@ def run_table(runs: Sequence[Run]) -> Table:
 def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
     """The recordings below some folders, by the name that the page shows.
 
-    A folder with a rosbag2 ``metadata.yaml`` is one, in however many files. Where two folders have
-    a recording of the same name, the second is named with its whole path.
+    A folder with a rosbag2 ``metadata.yaml`` is one, and so is a file that is named itself. Of two
+    of the same name the second is named with its whole path.
     """
     bags: dict[str, Path] = {}
     for folder in folders:
         for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
-            is_bag = plain_name(path.name).endswith(BAG_SUFFIXES) and path.is_file()
-            if is_bag and len(bags) < _MAX_BAGS:
+            is_bag = path == folder or plain_name(path.name).endswith(BAG_SUFFIXES)
+            if is_bag and path.is_file() and len(bags) < _MAX_BAGS:
                 if folder.is_dir() and (path.parent / METADATA).exists():
                     path = path.parent
                 name = str(path.relative_to(folder)) if path != folder else path.name

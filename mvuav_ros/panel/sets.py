@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import yaml
@@ -10,7 +11,7 @@ import yaml
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.parameters.parameter_file import parameter_values
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parameter_values
 from mvuav_ros.processing.registry import PROCESSORS
 
 MAX_SET_BYTES = 100_000
@@ -25,6 +26,7 @@ class SetStore:
 
     All methods with a name raise NameRefusedError where no set can have it, or may not have it;
     those that read a file ParameterError where it is none of ours, and all of them OSError.
+    ``built_in`` are the files of the shipped ones.
     ``rejected`` are the files that the last call of `names` could not use, with the reasons.
     """
 
@@ -32,23 +34,19 @@ class SetStore:
         """Look after a folder, made when the first set is saved; ``built_in`` has the shipped."""
         self.folder, self.rejected = folder, dict[str, str]()
         shipped = [built_in / f'{name}{_SUFFIX}' for name in _BUILT_IN] if built_in else []
-        self._built_in = {path.stem: path for path in shipped if path.is_file()}
+        self.built_in = {path.stem: path for path in shipped if path.is_file()}
 
     def names(self, kind: str) -> list[str]:
         """The sets that say something of a kind of node; the shipped ones first."""
-        own = sorted({path.stem for path in self.folder.glob(f'*{_SUFFIX}')} - {*self._built_in})
+        own = sorted({path.stem for path in self.folder.glob(f'*{_SUFFIX}')} - {*self.built_in})
         found, self.rejected = [], {}
-        for name in (*self._built_in, *own):
+        for name in (*self.built_in, *own):
             try:
                 if self.load(name, kind) and self._path(name).stem == name:
                     found.append(name)
             except (ParameterError, NameRefusedError) as error:
                 self.rejected[sanitized.words(name)] = sanitized.words(error)
         return found
-
-    def is_built_in(self, name: str) -> bool:
-        """Whether a set is shipped with the package."""
-        return name in self._built_in
 
     def load(self, name: str, kind: str) -> dict[str, Value]:
         """The values of a set for a kind of node; lists of anything but numbers are left out."""
@@ -77,23 +75,28 @@ class SetStore:
         return kinds
 
     def save(self, name: str, kind: str, values: Mapping[str, Value]) -> Path:
-        """Write a set, in place of one of the same name."""
-        if name.strip() in self._built_in:
+        """Write a set, in place of one of the same name for this kind of node."""
+        if name.strip() in self.built_in:
             raise NameRefusedError(f'{name.strip()} is part of the package; choose another name')
         path = self._path(name)
-        content = {f'/**/{kind}': {'ros__parameters': dict(values)}}
+        given: dict[str, Mapping[str, object]] = {}
+        for other in NODE_PARAMETERS:
+            with suppress(ParameterError):
+                given[other] = _values(path, other)
+        given[kind] = dict(values)
+        content = {f'/**/{n}': {'ros__parameters': each} for n, each in given.items() if each}
         new = self._new(path)
         new.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
         return new.replace(path)
 
     def delete(self, name: str) -> None:
         """Remove one of the user's sets."""
-        if name in self._built_in:
+        if name in self.built_in:
             raise NameRefusedError(f'{name} is part of the package and cannot be deleted')
         self._path(name).unlink(missing_ok=True)
 
     def _path(self, name: str) -> Path:
-        return self._built_in.get(name) or self.folder / f'{checked_name(name)}{_SUFFIX}'
+        return self.built_in.get(name) or self.folder / f'{checked_name(name)}{_SUFFIX}'
 
     def _new(self, path: Path) -> Path:
         """Where a file is written before it takes its place as a whole."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 from mvuav_ros.messages.cdr import CdrReader
@@ -83,10 +84,13 @@ def stamp_ns_of_image(recorded: RecordedMessage) -> int:
         return recorded.stamp_ns
 
 
-def choose_image_topic(recording: Recording, wanted: str | None = None) -> TopicInfo:
+def choose_image_topic(
+    recording: Recording, wanted: str | None = None, *, or_first: bool = False
+) -> TopicInfo:
     """The image topic of that name, with or without its leading slash; if None, the only one.
 
-    Topics known to be empty do not count where another one is not.
+    Topics known to be empty do not count where another one is not. ``or_first`` takes the first
+    where none fits or several do.
 
     Raises:
         RecordingError: none fits, or several do and none is named; says which there are.
@@ -106,17 +110,14 @@ def choose_image_topic(recording: Recording, wanted: str | None = None) -> Topic
             f'{recording.path} has no image topic; it holds {names}'
             + (f'; skipped, as not CDR: {skipped}' if skipped else '')
         )
-    if wanted is None:
-        filled = [topic for topic in images if topic.message_count != 0] or images
-        if len(filled) > 1:
-            raise RecordingError(
-                f'{recording.path} has several image topics, choose one of them: {choices}'
-            )
-        return filled[0]
-    for topic in images:
-        if topic.name.lstrip('/') == wanted.lstrip('/'):
+    filled = [topic for topic in images if topic.message_count != 0] or images
+    for topic in filled if or_first else images:
+        if wanted is not None and topic.name.lstrip('/') == wanted.lstrip('/'):
             return topic
-    raise RecordingError(f'{recording.path} has no image topic {wanted}; choose one of: {choices}')
+    if or_first or (wanted is None and len(filled) == 1):
+        return filled[0]
+    said = 'several image topics' if wanted is None else f'no image topic {wanted}'
+    raise RecordingError(f'{recording.path} has {said}; choose one of: {choices}')
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -130,15 +131,15 @@ class BagImages(FrameSource):
 
     rate: float | None = None
 
-    def __init__(self, path: Path, topic: str | None = None) -> None:
-        """Open a bag; ``topic`` is needed where it has several of images.
+    def __init__(self, path: Path, topic: str | None = None, *, or_first: bool = False) -> None:
+        """Open a bag; ``topic`` is as in `choose_image_topic`, and ``or_first`` too.
 
         Raises:
             RecordingError: it is not a bag, or the topic cannot be chosen.
         """
         self._recording = open_recording(path)
         try:
-            chosen = choose_image_topic(self._recording, topic)
+            chosen = choose_image_topic(self._recording, topic, or_first=or_first)
         except RecordingError:
             self._recording.close()
             raise
@@ -150,6 +151,8 @@ class BagImages(FrameSource):
         self.topic = chosen.name
         self.is_rectified = is_rectified_topic(self.topic)
         self.topics = tuple(topic.name for topic in self._recording.topics)
+        self._filled = [each for each in self._recording.topics if each.message_count != 0]
+        self.image_topics = tuple({t.name: 0 for t in self._filled if is_image_type(t.type)})
         # None where there is none, as of the body's attitude.
         self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
         beside = self._named(IMU, topic_beside(self.topic, 'imu'))
@@ -160,10 +163,12 @@ class BagImages(FrameSource):
         self.name = f'bag {words(path.name)} {words(self.topic)}'
 
     def _named(self, kind: str, name: str) -> str | None:
-        for topic in self._recording.topics:
-            if (topic.name, topic.type) == (name, kind) and topic.message_count != 0:
-                return name
-        return None
+        return name if (name, kind) in {(t.name, t.type) for t in self._filled} else None
+
+    @cached_property
+    def origin_ns(self) -> int:
+        """When its first message was recorded, from which a `Selection` counts; 0: none was."""
+        return next((message.stamp_ns for message in self._recording.messages()), 0)
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; a message that does not decode is a `BadFrame`.
@@ -202,10 +207,8 @@ class BagImages(FrameSource):
         synchronized = self.camera_topic if camera else None, self.imu_topic if attitude else None
         paired = SynchronizedTopics(self.topic, *synchronized)
         recording = self._recording
-        origin_ns = 0
         is_part = selection.is_part
-        if is_part:
-            origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
+        origin_ns = self.origin_ns if is_part else 0
         images = 0
         video = VideoDecoder()
         self.count = self._estimate(selection, 0, 0)

@@ -94,6 +94,13 @@ def test_a_websocket_or_post_from_another_page_is_refused(origin):
     assert not is_accepted(token=TOKEN, origin=origin, cookie=cookie)
 
 
+def test_what_is_larger_than_any_page_sends_is_refused_before_it_is_received():
+    ours = {'method': 'POST', 'origin': 'http://localhost:8642'}
+    sizes = {'0': 200, '200000': 200, '5000000000': 413, '9' * 5000: 413, '-1': 413, None: 413}
+    assert {size: status(**ours, **{'content-length': size}) for size in sizes} == sizes
+    assert status() == 200 and is_accepted(origin='http://localhost:8642')
+
+
 def test_elsewhere_a_token_is_asked_for_and_then_kept_in_a_cookie():
     host = 'robot:8642'
     assert status(TOKEN, host=host) == 401

@@ -95,6 +95,14 @@ def test_what_is_no_pose_is_not_shown_as_one(number):
         assert figures.get('heading aside', figures.get('pitch'))[0] == '-'
 
 
+@pytest.mark.parametrize('far', [1e6, -9e8])
+def test_a_distance_that_no_camera_measures_is_none(far):
+    figures, whole = said('marker_tracker', TRACK, (far, far, far), AHEAD)
+    assert whole['pose'] is None and figures['ahead'] == ('-', '')
+    figures, whole = said('runway_detector', APPROACH, (far, far, far), LEVEL)
+    assert whole['pose'] is None and figures['height'] == figures['to the near end'] == ('-', '')
+
+
 def lines(*rows):
     """A ~/line_params: rho and confidence, NaN where it is not found, and whether it is held."""
     table = np.zeros(len(rows), LINE)

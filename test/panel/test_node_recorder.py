@@ -44,11 +44,14 @@ def test_all_that_the_node_hears_is_kept_though_the_panel_is_busy(ros, tmp_path)
                 await asyncio.sleep(0.02)
             for _ in range(FRAMES):
                 for publisher in publishers:
-                    publisher.publish(publisher.msg_type())
+                    filled = {'data': bytes(20_000)} if publisher.msg_type is RosImage else {}
+                    publisher.publish(publisher.msg_type(**filled))
             # Only now it comes to listening.
             ros.start()
             while recorder.messages < FRAMES * len(TOPICS):
                 await asyncio.sleep(0.02)
+        # What the file holds, not the 0.6 MB that came.
+        assert recorder.words.endswith(' · 0.0 MB')
         recorder.stop()
         return recorder
 

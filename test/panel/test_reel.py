@@ -5,9 +5,11 @@ import time
 from dataclasses import replace
 from itertools import islice
 from multiprocessing import active_children
+from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from support.graph import ROOT
 
 pytest.importorskip('nicegui', reason='the extra panel is not installed')
@@ -16,8 +18,10 @@ from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel import reel
 from mvuav_ros.panel.reel import Reel, ReelFailedError, ReelProcess, Wanted
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.recordings import reading
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.source import SourceError
 
 TANKER = str(ROOT / 'bags' / 'tanker.mcap')
 VALUES = MarkerTrackerParameters().as_dict()
@@ -91,6 +95,49 @@ def test_of_a_recording_too_long_for_memory_a_stretch_is_shown(monkeypatch):
     assert later.count == 10 and not later.is_whole
     first, fifth = (show(Reel(), 0, start_s=s).results[0] for s in (0.0, 4.0))
     assert not np.array_equal(first.jpeg, fifth.jpeg)
+
+
+def test_the_time_of_a_frame_counts_from_the_recordings_first_message_as_its_start_does(tmp_path):
+    path = tmp_path / 'late.mcap'
+    writer = RecordingWriter(path)
+    with open_recording(TANKER) as recording:
+        for number, message in enumerate(islice(recording.messages({'/image_raw'}), 60)):
+            begun = message.stamp_ns + 2_000_000_000
+            if number == 0:
+                writer.write(
+                    '/note', 'std_msgs/msg/String', message.stamp_ns, b'\0\1\0\0' + bytes(8)
+                )
+            # The stamps of the images are those of another clock.
+            writer.write('/image_raw', message.type, begun, message.data)
+    writer.close()
+    player = Reel()
+    for start_s, index, seconds in ((0.0, 0, 2.0), (0.0, 15, 3.0), (4.0, 0, 4.0), (4.0, 15, 5.0)):
+        shown = show(player, index, source=str(path), start_s=start_s)
+        assert shown.seconds == pytest.approx(seconds, abs=0.01)
+    with pytest.raises(SourceError, match='no images from 60 s on'):
+        show(player, 0, source=str(path), start_s=60.0)
+
+
+def test_what_could_not_be_read_is_said(tmp_path):
+    cut, whole = tmp_path / 'cut.mcap', Path(TANKER).read_bytes()
+    cut.write_bytes(whole[: len(whole) // 2])
+    shown = show(Reel(), 0, source=str(cut))
+    assert 0 < shown.count < 180 and 'cut off' in shown.lost
+    assert show(Reel(), 0).lost == ''
+
+
+def test_a_compressed_recording_is_unpacked_once(tmp_path, monkeypatch):
+    packed, unpacked = tmp_path / 'tanker.mcap.zstd', []
+    packed.write_bytes(zstandard.compress(Path(TANKER).read_bytes()))
+    unpack = reading.decompress_file
+
+    def count(*arguments):
+        unpacked.append(arguments)
+        return unpack(*arguments)
+
+    monkeypatch.setattr(reading, 'decompress_file', count)
+    assert show(Reel(), 0, source=str(packed)).count == 180
+    assert len(unpacked) == 1
 
 
 def test_of_a_recording_with_several_cameras_the_images_of_each_can_be_shown(tmp_path):

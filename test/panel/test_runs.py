@@ -86,6 +86,15 @@ def test_a_run_that_fails_says_why_and_is_not_listed(made, tmp_path):
     assert not (store.folder / 'broken').exists()
 
 
+def test_a_run_over_a_damaged_recording_says_what_is_lost(tmp_path):
+    cut, store = tmp_path / 'cut.mcap', RunStore(tmp_path / 'runs')
+    cut.write_bytes(BAG.read_bytes()[: BAG.stat().st_size // 2])
+    runner, _ = run('half', store, cut)
+    (kept,) = store.all()
+    assert 0 < kept.frames < 150 and 'cut off' in kept.lost
+    assert runner.words == f'{kept.answered} of {kept.frames} frames; {kept.lost}'
+
+
 def test_a_run_can_be_cancelled(made):
     store, _, _ = made
     runner, _ = run('cancelled', store, look=lambda runner: runner.is_busy and runner.cancel())
@@ -169,6 +178,10 @@ def test_recordings_are_found_below_the_folders_and_nowhere_else(tmp_path):
         (tmp_path / name).touch()
     assert list(find_bags([tmp_path])) == ['a.mcap', 'deep/b.db3']
     assert find_bags([BAG]) == {'runway.mcap': BAG}
+    # Whoever names a file is told what is wrong with it.
+    named = tmp_path / 'flight.avi'
+    named.touch()
+    assert find_bags([named]) == {'flight.avi': named}
     assert find_bags([BAG.parent, BAG]) == find_bags([BAG.parent])
 
 

@@ -71,6 +71,17 @@ def test_a_saved_set_is_a_parameter_file_that_every_node_of_the_kind_can_load(tm
     assert store.names(KIND) == []
 
 
+def test_a_set_that_is_saved_for_one_node_keeps_what_it_says_of_another(tmp_path):
+    store = SetStore(tmp_path)
+    store.save('night', KIND, {'threshold': 0.55})
+    store.save('night', 'runway_detector', {'num_peaks': 4})
+    store.save('night', KIND, {'threshold': 0.5})
+    said = {kind: store.load('night', kind) for kind in (KIND, 'runway_detector')}
+    assert said == {KIND: {'threshold': 0.5}, 'runway_detector': {'num_peaks': 4}}
+    store.save('night', 'runway_detector', {'num_peaks': 2})
+    assert store.load('night', KIND) == {'threshold': 0.5}
+
+
 def test_several_numbers_survive_a_set(tmp_path):
     store, kind = SetStore(tmp_path), 'runway_detector'
     values = {**RunwayDetectorParameters().as_dict(), 'camera_mount_rpy_deg': (0.0, -10.5, 3.0)}

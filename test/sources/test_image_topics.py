@@ -143,6 +143,8 @@ def test_choice_of_topic(tmp_path: Path) -> None:
             choose_image_topic(recording)
         assert f'{TOPIC} (Image, 2 messages), /camera/compressed (C' in str(refusal.value)
         assert choose_image_topic(recording, '/camera/compressed').type == COMPRESSED_IMAGE
+        for wanted, chosen in ((None, TOPIC), ('/elsewhere', TOPIC), (packed.topic, packed.topic)):
+            assert choose_image_topic(recording, wanted, or_first=True).name == chosen
     samples = [string_sample(1), *image_samples(1)]
     none = write_mcap(tmp_path / 'none.mcap', samples, encodings={TOPIC: 'protobuf'})
     with open_recording(none) as recording, pytest.raises(RecordingError) as refusal:

@@ -55,7 +55,9 @@ class ParameterRow:
             el.set_props(self._row, data_parameter=self._label)
             with el.box('named'):
                 _show_name(self._label, self._description)
-                self._reset = el.icon_button('settings_backup_restore', 'Reset', self._restore)
+                self._reset = el.icon_button(
+                    'settings_backup_restore', 'Reset', lambda: self._enter(self._base)
+                )
                 el.set_props(self._reset, aria_label=f'Reset {self._label}')
             self._now = el.text(value_text(value), 'now')
             with el.box('edit'):
@@ -146,9 +148,6 @@ class ParameterRow:
             self._field.set_options([*self.control.choices, self._new], value=self._new)
         elif not same_value(self._field.value, self._written):
             self._field.value = self._written
-
-    def _restore(self) -> None:
-        self._enter(self._base)
 
     def _enter(self, value: Value) -> None:
         self._show_new(value)
@@ -375,7 +374,8 @@ class Parameters:
         }
         refused = len(await self._set(changes))
         if refused:
-            el.notify(f'{refused} values of {name} were refused; each line says why', bad=True)
+            were = 'value was' if refused == 1 else 'values were'
+            el.notify(f'{refused} {were} refused from {name}; the lines say why', bad=True)
         else:
             el.notify(f'{name} is loaded')
 

@@ -35,16 +35,16 @@ class Frames:
         self._index, self._count = 0, 1
         self._wanted = self.topic = ''
         with el.box('form'):
-            with el.box('line'):
+            with el.box('line wrap'):
                 el.icon_button('skip_previous', 'One frame back', lambda: self.step(-1))
                 self._play = el.icon_button('play_arrow', 'Play', self.play)
                 el.icon_button('skip_next', 'One frame on', lambda: self.step(1))
-                self._slider = el.slider('Frame', self._go).classes('grow').props('max=0')
+                self._slider = el.slider('Frame', self._go).props('max=0').classes('grow')
                 self._words = el.text('', 'small soft number').props('role=status')
             with el.box('line wrap'):
                 self._images = el.choice({}, 'Images', on_change=self._choose_images)
                 self._images.classes('grow').style('min-width: 160px').set_visibility(False)
-                self._from = ui.number('From [s]', value=0.0, min=0.0, on_change=self.show)
+                self._from = ui.number('From [s]', value=0.0, min=0.0, on_change=self._begin)
                 self._from.props('outlined dense debounce=500').style('width: 110px')
                 self._set = el.choice({'': 'nothing'}, 'Compare with', '', on_change=self.show)
                 self._set.classes('grow').style('min-width: 160px')
@@ -77,7 +77,11 @@ class Frames:
     def rewind(self) -> None:
         """After another recording was chosen."""
         self._wanted = self.topic = ''
-        # Until it is opened nothing of the one before stands under its name.
+        self._from.value = 0.0
+        self._begin()
+
+    def _begin(self) -> None:
+        """Go to the first frame of a stretch; until it is opened nothing stands under its name."""
         self._index, self._count = 0, 1
         self._clear('')
         self.show()
@@ -112,7 +116,7 @@ class Frames:
             self.show()
 
     def _go(self, index: int) -> None:
-        self._index = min(max(index, 0), self._count - 1)
+        self._index = max(index, 0)
         self.show()
 
     async def _work(self) -> None:
@@ -127,6 +131,8 @@ class Frames:
 
     async def _show_one(self) -> None:
         node, path, name = self._page.node, self._recording(), str(self._set.value or '')
+        if path is None:
+            self._clear('No recording yet: record one, or start tuning_panel with --bags.')
         if node is None or path is None or not node.controls:
             return
         live = node.own_values
@@ -137,7 +143,7 @@ class Frames:
             except (NameRefusedError, ParameterError, OSError) as error:
                 name, reason = '', str(error)
         values = tuple(settable(node.kind, each) for each in sets)
-        stretch = str(path), float(self._from.value or 0.0), node.kind, self._index
+        stretch = str(path), max(self._from.value or 0.0, 0.0), node.kind, self._index
         wanted = Wanted(*stretch, values, self._wanted or node.image_topic)
         if self._count == 1:
             self._words.set_text('opening …')
@@ -157,9 +163,8 @@ class Frames:
         found = differences(values[0], values[-1])
         said = (f'{n} {value_text(own)} | {value_text(its)}' for n, (own, its) in found.items())
         words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
-        self._differing.set_text(
-            sanitized.words(words if name else reason, sanitized.LONGEST_DESCRIPTION)
-        )
+        notes = filter(None, (shown.lost, words if name else reason))
+        self._differing.set_text(sanitized.words('; '.join(notes), sanitized.LONGEST_DESCRIPTION))
 
     def _clear(self, words: str) -> None:
         self._words.set_text(words)

@@ -72,10 +72,8 @@ class PoseScene:
             viewer = ui.scene.perspective_camera(fov=40, near=1.0, far=4000.0)
             view = ui.scene(grid=(400, 40), background_color='#dfe6ee', camera=viewer)
             self._scene = view.classes('scene').props('role=img')
-            needs = (
-                'No pose: it needs a calibrated camera (camera_info), and names of four lights, or '
-            )
-            el.text(f'{needs}mode approach with a runway_width.', 'soft small no-pose')
+            needs = 'a calibrated camera (camera_info), and names of four lights, or mode approach'
+            el.text(f'No pose: it needs {needs} with a runway_width.', 'soft small no-pose')
         with self._scene as scene:
             with scene.group() as self._own:
                 self._cone = _make_view(scene)

@@ -128,7 +128,6 @@ def _place(run: Run, over: str) -> str:
 
 
 def _order(value: Any) -> tuple[bool, float, str]:
-    """Numbers by size, then words."""
     is_number = isinstance(value, (int, float)) and math.isfinite(value)
     return not is_number, float(value) if is_number else 0.0, str(value)
 
@@ -175,9 +174,9 @@ class Runs:
                     el.button('Run and save', self._run, 'save', main=True),
                     el.button(_AS_SET, lambda: self._run(as_set=True), 'playlist_add_check'),
                 ]
-            with el.box('line').style('min-height: 32px'):
+            with el.box('line wrap').style('min-height: 32px'):
                 self._bar = ui.linear_progress(0.0, show_value=False).props('rounded size=6px')
-                self._bar.classes('grow').props('aria-label=Progress')
+                self._bar.classes('grow').style('min-width: 160px').props('aria-label=Progress')
                 self._words = el.text('', 'small soft number').props('role=status')
                 self._cancel = el.button('Cancel', self._runner.cancel)
 
@@ -302,13 +301,12 @@ class Runs:
             services.runs_changed.emit()
 
     def _show_run(self) -> None:
-        """Follow the run, on whatever page it was begun."""
         runner = self._runner
         for each in self._buttons:
             each.set_enabled(not runner.is_busy)
         self._cancel.set_enabled(runner.is_busy)
         self._bar.set_value(runner.fraction)
-        self._words.set_text(sanitized.words(runner.words))
+        self._words.set_text(sanitized.words(runner.words, sanitized.LONGEST_DESCRIPTION))
         if runner.last is not None and runner.last is not self._last:
             self._last = runner.last
             self._show_numbers(runner.last)
@@ -329,7 +327,6 @@ class Runs:
 
 
 def _row(run: Run) -> dict[str, str]:
-    """The cells below `_HEADS`."""
     defaults = PROCESSORS[run.kind].parameters_type().as_dict()
     changed = [
         f'{name} {value_text(value)}'
@@ -340,7 +337,7 @@ def _row(run: Run) -> dict[str, str]:
         'run': run.name,
         'node': run.kind,
         'recording': f'{Path(run.source).name} {run.image_topic}'.rstrip(),
-        'frames': f'{run.answered} of {run.frames}',
+        'frames': f'{run.answered} of {run.frames}{", damaged" if run.lost else ""}',
         'other than default': ', '.join(changed) or 'nothing',
         'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),
     }

@@ -8,6 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
+from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
@@ -60,7 +61,7 @@ class SetBar:
             with el.errors_notified():
                 self.values = self._page.services.sets.load(name, self._node.kind)
         self._download.set_enabled(bool(name))
-        self._delete.set_enabled(bool(name) and not self._page.services.sets.is_built_in(name))
+        self._delete.set_enabled(bool(name) and name not in self._page.services.sets.built_in)
 
     def compare(self) -> dict[str, str]:
         """Say whether the live values are the chosen set's; returns the set's that differ."""
@@ -72,8 +73,10 @@ class SetBar:
             words = f'{len(differing)} live {differ} from {name}'
         elif name:
             words = f'The live values are those of {name}.'
-        self._match.set_text(words)
-        el.set_class(self._match, 'differs', bool(differing))
+        unknown = [each for each in self.values if each not in self._node.values]
+        said = f'{words} The node has no {", ".join(unknown)}, as {name} has.' if unknown else words
+        self._match.set_text(sanitized.words(said))
+        el.set_class(self._match, 'differs', bool(differing or unknown))
         return {each: f'{name}: {value_text(own)}' for each, (own, _) in differing.items()}
 
     async def _load_chosen(self) -> None:
@@ -87,13 +90,17 @@ class SetBar:
     def _ask_name(self) -> None:
         sets, name = self._page.services.sets, self._page.chosen_set
 
-        def save() -> None:
+        async def save() -> None:
+            new = (field.value or '').strip()
+            is_others = new != name and new in self._choice.options and new not in sets.built_in
+            if is_others and not await el.confirmed(f'Replace the set {new}?', 'Replace'):
+                return
             with el.errors_notified():
-                save_set(self._page, self._node, field.value or '')
+                save_set(self._page, self._node, new)
                 asking.close()
 
         with el.dialog('Save the live values as a set') as asking:
-            field = ui.input('Name', value='' if sets.is_built_in(name) else name)
+            field = ui.input('Name', value='' if name in sets.built_in else name)
             field.props('outlined dense autofocus').style('width: 280px; max-width: 100%')
             field.on('keydown.enter', save)
             el.text('An ordinary ROS 2 parameter file, in', 'small soft')

@@ -89,10 +89,10 @@ class Images:
 
     def _wish(self, wishes: list[Wish]) -> None:
         """Show these, on the next visit too; none: the usual ones of whatever node is selected."""
-        self._wished = wishes
-        self.refresh()
-        kept = json.dumps(wishes)
+        self._wished, kept = wishes, json.dumps(wishes)
+        # Before the tile goes whose button was pressed, by which NiceGUI knows the page.
         ui.run_javascript(f'localStorage.setItem({json.dumps(_KEPT)}, {json.dumps(kept)})')
+        self.refresh()
 
     def rearrange(self, tile: Tile, what: str) -> None:
         """Show a tile no more, at another place, or in the next size: third, half, whole width."""

@@ -130,7 +130,6 @@ class PanelView:
             self._parameters.show()
 
     def _build(self, node: LiveNode | None) -> None:
-        """The parts of the selected node anew: it is another one, or has come back."""
         for place in (self._results_place, self._parameters_place):
             place.clear()
         with self._results_place:

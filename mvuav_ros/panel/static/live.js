@@ -188,8 +188,8 @@
     if (pose) { scene.move(moved, ...pose[0]); scene.rotate(moved, pose[1]); }
   }
 
-  // A slider speaks its value with the unit, and follows the server unless a hand is at it.
-  let held = null, heldUntil = 0;
+  // A slider speaks its value with the unit, and follows the server once that has answered the hand at it.
+  let held = null, movedAt = 0, heldUntil = 0;
   function speak(slider) {
     const value = (slider.dataset.values || '').split(' ')[slider.value];
     if (value === undefined) return;
@@ -204,7 +204,7 @@
   function followAll() { for (const slider of document.querySelectorAll('input.range')) follow(slider); }
   document.addEventListener('input', (event) => {
     if (!event.target.matches('input.range')) return;
-    held = event.target; heldUntil = performance.now() + 600;
+    held = event.target; movedAt = performance.now(); heldUntil = movedAt + 5000;
     speak(held);
   });
 
@@ -251,14 +251,17 @@
     connect();
     setInterval(() => { look(); spread(); }, 1000);
     new MutationObserver((changes) => {
+      // A new slider stands in its middle until it follows, and a key would move it from there.
+      if (changes.some(({ addedNodes }) => [...addedNodes].some((each) => each.nodeType === 1))) followAll();
       for (const { attributeName: name, target } of changes) {
+        if (name === 'data-index' && target === held) heldUntil = movedAt + 600;
         if (name === 'data-paused') hold();
         else if (name === 'data-node') ask();
         else if (name === 'data-part') spread();
-        else follow(target);
+        else if (name) follow(target);
       }
     }).observe(document.body, {
-      subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused', 'data-node', 'data-part'],
+      subtree: true, childList: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'data-paused', 'data-node', 'data-part'],
     });
   });
 })();

@@ -48,6 +48,21 @@ def test_images_appear_and_change(panel):
         assert bright > 150
 
 
+def test_images_that_were_removed_are_not_back_after_a_reload(panel):
+    page = panel.new_page()
+    panel.choose(TRACKER, page)
+    tiles = page.locator('.tile')
+    panel.until(lambda: tiles.count() == 2, 'input and result')
+    tiles.first.get_by_role('button', name='Remove').click()
+    panel.until(lambda: tiles.count() == 1, 'the input to go')
+    # The server calls it an error when a page goes that still waits for a file.
+    page.wait_for_load_state('networkidle')
+    page.reload()
+    panel.until(lambda: tiles.count() == 1, 'the result alone')
+    assert 'Traceback' not in panel.said()
+    page.context.close()
+
+
 def test_every_parameter_is_there_with_its_value(panel):
     panel.choose(TRACKER)
     shown = panel.page.locator('[data-parameter]').evaluate_all(
@@ -97,6 +112,33 @@ def test_the_slider_changes_the_nodes_parameter(panel):
     value = asked_back()
     panel.until(lambda: float(panel.now('threshold')) == value, 'the current value beside it')
     graph.probe.destroy_client(client)
+
+
+def test_a_slider_stands_where_the_server_says_and_stays_where_a_hand_puts_it_until_the_answer(
+    panel,
+):
+    page = panel.browser.new_context().new_page()
+    page.clock.install()
+    page.goto(panel.url)
+    page.locator('.panel').wait_for()
+    at_once = page.evaluate("""async () => {
+        window.slider = document.createElement('input');
+        slider.type = 'range';
+        slider.className = 'range';
+        slider.dataset.index = '10';
+        document.querySelector('.panel').append(slider);
+        await null;
+        const place = slider.value;
+        slider.value = '40';
+        slider.dispatchEvent(new Event('input', { bubbles: true }));
+        return place;
+    }""")
+    page.clock.run_for(3000)
+    unanswered = page.evaluate('slider.value')
+    page.evaluate("slider.dataset.index = '41'")
+    page.clock.run_for(2000)
+    assert (at_once, unanswered, page.evaluate('slider.value')) == ('10', '40', '41')
+    page.context.close()
 
 
 def test_a_refusal_shows_the_nodes_reason_at_the_field(panel):
@@ -176,6 +218,17 @@ def test_a_set_is_saved_changed_and_loaded(panel):
     page.get_by_text('The live values are those of night.').wait_for()
     assert [path.name for path in panel.folder.rglob('*.yaml')] == ['night.yaml']
     panel.enter('search_radius', 21)
+    page.get_by_text('1 live value differs from night').wait_for()
+    for name in ('day', 'night'):
+        page.get_by_role('button', name='Save', exact=True).click()
+        saving = page.get_by_role('dialog', name='Save the live values')
+        saving.get_by_label('Name').fill(name)
+        saving.get_by_role('button', name='Save').click()
+        panel.until(lambda: page.get_by_role('dialog').count() != 1, 'it to be saved or asked')
+    page.get_by_role('dialog', name='Replace the set night?').get_by_text('Cancel').click()
+    saving.get_by_role('button', name='Cancel').click()
+    choose(page, page, 'Set', 'night')
+    (panel.folder / 'sets' / 'day.yaml').unlink()
     page.get_by_text('1 live value differs from night').wait_for()
     assert 'off-set' in panel.row('search_radius').get_attribute('class')
     page.get_by_role('button', name='Load', exact=True).click()

@@ -2,6 +2,7 @@
 
 import asyncio
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -118,6 +119,19 @@ def test_a_set_that_cannot_be_deleted_is_named_with_the_reason(tmp_path, monkeyp
     asyncio.run(bar._delete_chosen())
     (words,) = said
     assert 'night.yaml' in words and listed
+
+
+def test_a_name_in_a_set_that_the_node_has_not_is_said():
+    bar = SetBar.__new__(SetBar)
+    bar._page, bar._match = SimpleNamespace(chosen_set='night'), MagicMock()
+    values = {'threshold': 0.7, 'min_area': 1}
+    bar._node = SimpleNamespace(values=values, own_values=values)
+    said = {}
+    for bar.values in ({'threshold': 0.7}, {'threshold': 0.7, 'thresold': 0.6}):
+        assert bar.compare() == {}
+        said[tuple(bar.values)] = bar._match.set_text.call_args.args[0]
+    plain, misspelt = said.values()
+    assert 'thresold' not in plain and 'The node has no thresold' in misspelt
 
 
 def test_a_pixel_is_seen_in_the_nodes_channel():

@@ -26,7 +26,7 @@ def test_nothing_of_one_recording_stands_under_the_name_of_another():
     frames._words, frames._differing = MagicMock(is_deleted=False), MagicMock()
     frames._lanes, frames._visible, frames._wanted = [lane], False, ''
     frames._index, frames._count = 80, 180
-    frames._fill = lambda shown, name: filled.append(shown)
+    frames._fill = lambda shown, name: filled.append(shown.source)
 
     class Process:
         async def show(self, wanted):
@@ -34,7 +34,7 @@ def test_nothing_of_one_recording_stands_under_the_name_of_another():
             if asked == 'first.mcap':
                 chosen[0] = 'second.mcap'
                 frames.rewind()
-            return asked
+            return SimpleNamespace(source=asked, lost='')
 
     frames._process = Process()
     for _ in range(2):
