@@ -135,7 +135,7 @@ class ApproachDetector:
             self._finder = Finder(self._parameters.target)
         horizon, self.attitude_problem = self._horizon_of(attitude)
         veto = _UPSIDE_DOWN if _UPSIDE_DOWN in self.attitude_problem else ''
-        found = self._finder.step(image, horizon, veto)
+        found = self._finder.step(image, horizon, veto, self._checked_camera())
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
             self._last = {}
@@ -312,7 +312,9 @@ class Finder:
         self._seen = 0
         self._depth = BitDepth()
 
-    def step(self, image: Pixels, known: HorizonLine | None, veto: str) -> Found:
+    def step(
+        self, image: Pixels, known: HorizonLine | None, veto: str, camera: CameraModel | None
+    ) -> Found:
         """Take in the next frame, of which the horizon may be known, or why it shows nothing."""
         image = as_grey(self._depth.levels(image))
         pixels, factor = shrink_levels(image)
@@ -321,7 +323,9 @@ class Finder:
         level = Derotation(width, height, factor, 0.0)
         if self.tracker.below_horizon:
             self._horizon = self._horizon or HorizonFinder(height, width)
-            horizon = known or self._horizon.find(pixels)
+            bent = camera is not None and not camera.is_straight
+            lens = camera.binned(factor, factor) if camera and bent else None
+            horizon = known or self._horizon.find(pixels, lens)
             if horizon is not None:
                 level = Derotation(width, height, factor, horizon.slope)
             if known is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -47,9 +48,14 @@ def horizon_from(
 
     None where the camera looks steeply up or down, or the attitude is none.
     """
-    if not attitude.valid:
-        return None
-    up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
+    return _seen_by(camera, OPTICAL_FROM_BODY @ (mount.T @ attitude.up)) if attitude.valid else None
+
+
+def _seen_by(camera: CameraModel, up: NDArray[np.float64]) -> HorizonLine | None:
+    """The horizon where it is nearest to the camera's axis, of the way up in the optical frame.
+
+    There a lens does not turn it, as it does beside.
+    """
     axis = np.array([0.0, 0.0, 1.0])
     level = axis - (axis @ up) * up
     if np.linalg.norm(level) < math.cos(HORIZON.max_pitch):
@@ -171,10 +177,28 @@ class HorizonFinder:
         self._shift = np.rint(np.tan(self._slopes)[:, None] * columns / self._down).astype(np.intp)
         self._pad = int(np.abs(self._shift).max())
 
-    def find(self, pixels: NDArray[Any]) -> HorizonLine | None:
-        """On a working image of grey levels, or colours blue first; None without one."""
+    def find(self, pixels: NDArray[Any], camera: CameraModel | None = None) -> HorizonLine | None:
+        """On a working image of grey levels, or colours blue first; None without one.
+
+        With the calibration of such images, a horizon that its lens bends is found as well as a
+        straight one: as `horizon_from` has it.
+        """
         # Of land and sky, blue differs most.
         blue = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
+        if camera is None:
+            return self._follow(blue)
+        replicate = cv2.BORDER_REPLICATE
+        blue = cv2.remap(blue, *_straightening(camera), cv2.INTER_LINEAR, borderMode=replicate)
+        line = self._follow(blue)
+        if line is None:
+            return None
+        tangent = math.tan(line.slope)
+        up = np.array([tangent, -1.0, line.row - tangent * 0.5 * (camera.width - 1)])
+        up = up @ camera.matrix
+        return _seen_by(camera, up / np.linalg.norm(up))
+
+    def _follow(self, blue: NDArray[Any]) -> HorizonLine | None:
+        """Near the last one, or anywhere."""
         last = None if self._frames % HORIZON.full_period == 0 else self._last
         self._frames += 1
         self._last = None
@@ -210,6 +234,16 @@ class HorizonFinder:
             (exact_row + 0.5) * self._down - 0.5,
             float(self._slopes[best] + step * vertex(sums[:, row], best)),
         )
+
+
+@lru_cache(maxsize=1)
+def _straightening(camera: CameraModel) -> tuple[Any, Any]:
+    """Maps to an image that the same camera without distortion would see."""
+    rows, columns = np.mgrid[: camera.height, : camera.width]
+    pixels = np.stack((columns, rows, np.ones_like(rows)), axis=2).reshape(-1, 3)
+    places = camera.project(pixels @ np.linalg.inv(camera.matrix).T).astype(np.float32)
+    x, y = places.T.reshape(2, *rows.shape)
+    return cv2.convertMaps(x, y, cv2.CV_16SC2)
 
 
 def _steps(blue: NDArray[Any]) -> NDArray[np.float32]:
