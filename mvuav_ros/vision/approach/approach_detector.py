@@ -204,8 +204,10 @@ class ApproachDetector:
         }
         # Only a runway ends within sight.
         if self._parameters.target == 'runway':
-            segments[LineRole.FAR_END] = (far_left, far_right)
-            if not track.open_end:
+            sees_far, sees_near = track.ends_in_view(level)
+            if sees_far:
+                segments[LineRole.FAR_END] = (far_left, far_right)
+            if sees_near:
                 segments[LineRole.NEAR_END] = (near_left, near_right)
         return replace(
             empty,
@@ -263,7 +265,7 @@ class ApproachDetector:
         if found is None or track is None or track.points is None:
             return Guidance()
         _, y = track.shape.vanishing_point
-        near_row = None if track.open_end else y + track.near_seen
+        near_row = y + track.near_seen if track.ends_in_view(found.level)[1] else None
         sigma = _slope_sigma(y, found)
         return locate(track.points, near_row, found.level, sigma, camera, width)
 

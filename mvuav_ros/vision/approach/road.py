@@ -235,7 +235,6 @@ class RoadTrack(FollowedStrip):
         )
         if sharp > ROAD.min_sharp:
             self.follow_ends(float(one.rows[first]), float(strip[1]) + end)
-            self.open_end = last >= len(depth) - 1
         return run * sharp * min(max(low, 0.0), 1.0), sharp
 
 

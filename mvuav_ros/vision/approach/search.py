@@ -24,6 +24,7 @@ from mvuav_ros.vision.approach.evidence import (
     shrunk_by,
 )
 from mvuav_ros.vision.approach.strip_edges import Strip, Strips
+from mvuav_ros.vision.approach.strips import level_of
 from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
 from mvuav_ros.vision.point_operations import intensity
 
@@ -367,9 +368,7 @@ class LevelledImage:
 
     def part_around(self, strips: Strips) -> Part | None:
         """The part of the image that is needed to describe strips, on the first one's level."""
-        # Of the pyramid, on which a strip's near end is neither too deep nor too shallow.
-        level = max(0, math.ceil(math.log2(max(float(strips[0, 5]), 1.0) / SEARCH.max_level_depth)))
-        return self._part_on(level, strips)
+        return self._part_on(level_of(float(strips[0, 5])), strips)
 
     def _part_on(self, level: int, strips: Strips) -> Part | None:
         """The part of a level of the pyramid around strips, if it is large enough."""

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
@@ -269,7 +268,6 @@ class RunwayTrack(FollowedStrip):
         through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)
         self.follow_ends(*rows.tolist())
-        self.open_end = bool(features[int(odds.argmax()), FEATURES.index('open_end')] > 0.5)
         return True
 
     def _measure(
@@ -342,10 +340,5 @@ class RunwayTrack(FollowedStrip):
         """See where it ends in the newest frame."""
         strip = self.strip()
         found = ends_of(view.working, strip)
-        if found is None:
-            return
-        if found[1] > 0.5 * self.near:
+        if found is not None and found[1] > 0.5 * self.near:
             self.follow_ends(*(strip[1] + found).tolist())
-        middle = strip[0] + 0.5 * (strip[2] + strip[3]) * self.near
-        _, last = view.frame.level.to_frame(middle, strip[1] + self.near)
-        self.open_end = bool(last > view.frame.image.shape[0] - 2 * view.frame.level.factor)
