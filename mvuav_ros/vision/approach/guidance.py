@@ -80,7 +80,7 @@ def _fitted(points: EdgePoints, factor: int) -> tuple[Vector, Vector, Matrix] | 
     spread = float((weights * error**2).sum() / weights.sum())
     least = (GUIDANCE.min_spread / factor) ** 2
     covariance = inverse * (max(spread, least) * EDGES.correlated_rows)
-    covariance += np.eye(2) * (GUIDANCE.edge_bias / factor) ** 2
+    covariance += np.diag((GUIDANCE.edge_bias / factor) ** 2 + np.square(points.doubt))
     return at_ends, ends, covariance
 
 

@@ -59,6 +59,8 @@ class EdgePoints:
     columns: NDArray[np.float64]  # (n,) px
     weights: NDArray[np.float64]  # (n,) 0 to 1
     support: float  # share of the rows searched that have a step there, 0 to 1
+    # px, standard deviations with which all points err alike at the far and at the near end
+    doubt: tuple[float, ...] = (0.0, 0.0)
 
 
 Edges = tuple[EdgePoints, EdgePoints]

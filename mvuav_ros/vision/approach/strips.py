@@ -37,18 +37,25 @@ def strips_through(
     return found
 
 
-def points_along(strip: Strip, rows: NDArray[np.float64], spread: NDArray[np.float64]) -> Edges:
+def points_along(
+    strip: Strip,
+    rows: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    variance: NDArray[np.float64] | float = 0.0,
+) -> Edges:
     """A mean strip's edges between two rows as points, the fewer the less they are known.
 
-    Their spread is (2, 2) px, of the left and of the right edge in these rows.
+    Their spread is (2, 2) px, of the left and of the right edge in these rows; likewise the
+    variance of the mean itself, px².
     """
     at = rows[0] + _SHARES * (rows[1] - rows[0])
     ends = columns_at(strip[None], rows)[0]
     columns = ends[:, :1] + _SHARES * (ends[:, 1:] - ends[:, :1])
     weights = 1.0 / (1.0 + spread.max(axis=1) ** 2)
+    doubts = np.sqrt(spread**2 + variance)
     left, right = (
-        EdgePoints(at, edge, np.full(STRIP.points, weight), 1.0)
-        for edge, weight in zip(columns, weights, strict=True)
+        EdgePoints(at, edge, np.full(STRIP.points, weight), 1.0, tuple(doubt))
+        for edge, weight, doubt in zip(columns, weights, doubts, strict=True)
     )
     return left, right
 
@@ -105,6 +112,12 @@ class Shape:
     def slopes(self) -> tuple[float, float]:
         """Of the left and of the right edge, columns per row."""
         return float(self.state[1]), float(self.state[3])
+
+    def variances(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(2, n) px², of the left and of the right edge's columns in (n,) rows."""
+        away = np.stack((np.ones_like(rows), rows - self.reference))
+        edges = self.covariance[:2, :2], self.covariance[2:, 2:]
+        return np.stack([((edge @ away) * away).sum(axis=0) for edge in edges])
 
     @property
     def vanishing_point(self) -> tuple[float, float]:

@@ -315,7 +315,8 @@ class RunwayTrack(FollowedStrip):
     def _predicted(self) -> Edges:
         """Points along the edges as followed."""
         strip = self.strip()
-        return points_along(strip, strip[1] + strip[4:6], self._spread)
+        rows = strip[1] + strip[4:6]
+        return points_along(strip, rows, self._spread, self.shape.variances(rows))
 
     def _find_steps(self, view: View, strip: Strip, *, weighed: bool) -> tuple[Edges | None, float]:
         """The steps along both edges, if they are seen, and the log odds of that kind."""
