@@ -40,7 +40,10 @@ def locate(
         measured[ends], rows[ends], noise[ends, ends] = fitted
     measured[5] = math.nan if near_row is None else near_row
     inwards = np.kron([1.0, -1.0], np.eye(2))
-    noise[:4, :4] += (GUIDANCE.width_bias / level.factor) ** 2 * (inwards.T @ inwards)
+    outside = np.concatenate([edge.outside for edge in edges])
+    measured[:4] += outside * inwards.sum(axis=0)
+    alike = np.hypot(GUIDANCE.width_bias / level.factor, GUIDANCE.outside_share * outside)
+    noise[:4, :4] += (alike * inwards).T @ (alike * inwards)
     noise[4, 4] = slope_sigma**2
     noise[5, 5] = 0.0 if near_row is None else GUIDANCE.near_sigma**2
 

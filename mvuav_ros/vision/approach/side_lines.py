@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.evidence import brightness_of
-from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame, Strip, rows_of, sample_edges
+from mvuav_ros.vision.approach.strip_edges import (
+    EdgePoints,
+    Edges,
+    LevelledFrame,
+    Strip,
+    rows_of,
+    sample_edges,
+)
 from mvuav_ros.vision.approach.strips import strips_through
 from mvuav_ros.vision.approach.tuning import LINES
 
@@ -112,7 +119,25 @@ def _outer_sides(frame: LevelledFrame, strip: Strip) -> Edges | None:
     # The land is about as dark on both sides; a joint between slabs is not as dark as it.
     if size < LINES.min_depth or min(left, right) < LINES.min_alike * max(left, right):
         return None
-    return samples.fit(np.minimum(falls, size), size)
+    sides = samples.fit(np.minimum(falls, size), size)
+    # The fall of a line that is thinner than a step is found half a step from the line's middle.
+    half = 0.5 * float(samples.across[samples.base] - samples.across[0])
+    left, right = (replace(side, outside=_outside(side, half)) for side in sides)
+    return left, right
+
+
+def _outside(side: EdgePoints, half: float) -> tuple[float, ...]:
+    """How far outside of it an edge's points are at the far and at the near end, px.
+
+    Their weights are the line's width in steps.
+    """
+    weights = side.weights[side.weights > 0]
+    middle = weights.size // 2
+    if not middle:
+        return 0.0, 0.0
+    far, near = float(weights[:middle].mean()), float(weights[middle:].mean())
+    ends = 1.5 * far - 0.5 * near, 1.5 * near - 0.5 * far
+    return tuple(half * max(0.0, 1.0 - end) for end in ends)
 
 
 def _away(strip: Strip, points: Edges) -> tuple[float, float]:

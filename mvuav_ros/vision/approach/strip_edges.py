@@ -61,6 +61,7 @@ class EdgePoints:
     support: float  # share of the rows searched that have a step there, 0 to 1
     # px, standard deviations with which all points err alike at the far and at the near end
     doubt: tuple[float, ...] = (0.0, 0.0)
+    outside: tuple[float, ...] = (0.0, 0.0)  # px, about which they lie outside of it, likewise
 
 
 Edges = tuple[EdgePoints, EdgePoints]

@@ -371,6 +371,8 @@ class GuidanceTuning:
     edge_bias: float = 0.12  # px of the frame by which an edge's points err alike, at either end
     # px of the frame, on both edges inwards or outwards alike: side stripes, defocus
     width_bias: float = 0.16
+    # standard deviation of how far points of lines lie outside, over that. Simulated, in grey
+    outside_share: float = 0.2
     min_spread: float = 0.05  # px of the frame
     near_sigma: float = 1.0  # px of the working image: of the near end's row
     beginning_sigma: float = 10.0  # m: markings and overruns blur where the pavement begins

@@ -56,6 +56,24 @@ def test_edges_that_are_no_more_than_predicted_make_the_pose_as_uncertain_as_the
         assert math.sqrt(covariance[index, index]) == pytest.approx(scatter, rel=0.2)
 
 
+def test_points_outside_of_the_edges_do_not_move_the_pose():
+    """By how much they are is known only about, and that counts in the covariance."""
+    level = Derotation(640, 480, 1, 0.0)
+    true = locate((edge(-1.0), edge(2.0)), None, level, 1e-6, CAMERA, 30.0)
+    along, outside = np.linspace(0.0, 1.0, 8), (2.0, 0.5)
+    moved = [
+        replace(
+            edge(aside),
+            columns=edge(aside).columns + sign * (outside[0] * (1 - along) + outside[1] * along),
+            outside=outside,
+        )
+        for aside, sign in ((-1.0, -1.0), (2.0, 1.0))
+    ]
+    found = locate(moved, None, level, 1e-6, CAMERA, 30.0)
+    assert (found.y, found.z, found.pitch) == pytest.approx((true.y, true.z, true.pitch))
+    assert found.covariance[2, 2] > 1.5 * true.covariance[2, 2]
+
+
 @pytest.mark.parametrize(
     ('model', 'd'), [('', ()), ('plumb_bob', (-0.25, 0.06, 0, 0)), ('equidistant', (0, 0, 0, 0))]
 )
