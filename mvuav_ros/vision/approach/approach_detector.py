@@ -32,7 +32,7 @@ from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.correction import jumps
-from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
+from mvuav_ros.vision.runway.normal_form import NO_ENDS, NormalForm, clip_segment
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
@@ -69,9 +69,9 @@ class ApproachDetector:
 
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """Use other parameters from the next frame on; another target is searched afresh."""
-        if parameters.target != self._parameters.target:
+        before, self._parameters = self._parameters, parameters
+        if parameters.target != before.target:
             self.reset()
-        self._parameters = parameters
         self._mount = mount_matrix(parameters.camera_mount_rpy_deg)
 
     def set_camera(self, camera: CameraModel) -> None:
@@ -82,7 +82,7 @@ class ApproachDetector:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
         self._last_stamp_ns: int | None = None
-        self._finder: Finder | None = None
+        self._finder = Finder(self._parameters.target)
         self._had_attitude = False
         self._shown: FollowedStrip | None = None
         self._last: dict[LineRole, NormalForm] = {}
@@ -131,8 +131,6 @@ class ApproachDetector:
         if min(height, width) < DETECTOR.min_side:
             status = f'the frame is too small ({width} x {height})'
             return replace(empty, lines=self._rows({}, None), status=status)
-        if self._finder is None:
-            self._finder = Finder(self._parameters.target)
         horizon, self.attitude_problem = self._horizon_of(attitude)
         veto = _UPSIDE_DOWN if _UPSIDE_DOWN in self.attitude_problem else ''
         found = self._finder.step(image, horizon, veto, self._checked_camera())
@@ -242,7 +240,8 @@ class ApproachDetector:
                 continue
             line = self._last[role] = line_through(*segment[0], *segment[1])
             flags = jumps(line, old.get(role, line), self._parameters)
-            ends = _confine(line, segment, (width, height))
+            upper, lower = sorted(segment, key=lambda point: point[1])
+            ends = clip_segment(*upper, *lower, width - 1.0, height - 1.0) or NO_ENDS
             number = votes[index] if index < len(votes) else math.nan
             rows.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
         self._statistics.add(rows)
@@ -355,17 +354,3 @@ class Finder:
         if abs(meeting - sight.row) > DETECTOR.max_off_attitude * SEARCH.attitude_sigma:
             return "the edges of the likeliest do not meet at the attitude's horizon"
         return ''
-
-
-def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:
-    """The part of a line that lies beside a segment and on the frame, upper end first."""
-    ends = x, y, x2, y2 = segment_ends(line, *size)
-    length = math.hypot(x2 - x, y2 - y)
-    if not length > 0.0:
-        return ends
-    across, down = (x2 - x) / length, (y2 - y) / length
-    along = sorted((px - x) * across + (py - y) * down for px, py in segment)
-    first, last = max(0.0, along[0]), min(length, along[1])
-    if first > last:
-        return math.nan, math.nan, math.nan, math.nan
-    return x + first * across, y + first * down, x + last * across, y + last * down
