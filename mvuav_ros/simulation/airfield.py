@@ -64,7 +64,6 @@ def draw_terrain(length: float, detail: float, seed: int) -> NDArray[np.uint8]:
 
 
 def _blend(land: Plane, color: Plane, cover: Plane) -> None:
-    """Lay a colour over the land where there is any cover, 0 to 1."""
     part = np.nonzero(cover)
     covered = land[part]
     land[part] = covered + cover[part][:, None] * (color - covered)

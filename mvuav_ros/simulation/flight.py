@@ -204,7 +204,6 @@ class Flight(ABC, Generic[TruthT]):
 
     @cached_property
     def _hot_pixels(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns of pixels that are always white."""
         pixels = self.camera.width * self.camera.height
         count = min(self.settings.hot_pixels, pixels)
         chosen = self._rng(RandomStream.HOT_PIXELS).choice(pixels, count, replace=False)

@@ -147,7 +147,6 @@ class ApproachDetector:
     def _horizon_of(
         self, attitude: Attitude | HorizonLine | None
     ) -> tuple[HorizonLine | None, str]:
-        """Where attitude says that the horizon is, or why the image must say it."""
         source = self._parameters.horizon_source
         if source == 'image':
             return None, ''
@@ -188,7 +187,6 @@ class ApproachDetector:
     def _with_shape(
         self, empty: ApproachResult, track: FollowedStrip, found: Found
     ) -> ApproachResult:
-        """A result with the track's edges, ends and guidance."""
         level = found.level
         x, y, left, right, far, near = (float(v) for v in track.strip())
         (far_left, near_left), (far_right, near_right), along_middle = (
@@ -222,11 +220,9 @@ class ApproachDetector:
         edges: Edges | None,
         confidence: float = 0.0,
     ) -> tuple[RunwayLine, ...]:
-        """The result's rows, one for each of `ROLES`, of the ends of the lines that are there.
+        """The result's rows, one for each of `ROLES`; points of both edges vote for the first two.
 
-        The first two are voted for by the points of both edges.
-        Each role's line is compared with the one before, as the thesis does (section 4.3.2.4). A
-        flagged line is reported as it is: the shape was followed as a whole, and an older line
+        A flagged line is reported as it is: the shape was followed as a whole, and an older line
         would no longer be one of its edges.
         """
         assert self._size is not None
@@ -248,14 +244,12 @@ class ApproachDetector:
         return tuple(rows)
 
     def _checked_camera(self) -> CameraModel | None:
-        """The calibration, if it is of frames of this size."""
         if self._camera is None or self._size is None:
             return None
         height, width = self._size
         return None if self._camera.objection(width, height) else self._camera
 
     def _guidance(self, found: Found | None) -> Guidance | None:
-        """From what was found; None where nobody asked for it or the camera is not known."""
         camera = self._checked_camera()
         width = self._parameters.runway_width
         if camera is None or not width > 0:
@@ -279,7 +273,6 @@ def _slope_sigma(meeting: float, found: Found) -> float:
 
 
 def _across(found: Found) -> tuple[Point, Point] | None:
-    """Where the horizon crosses the sides of the frame, if it is known and does."""
     level, row = found.level, found.horizon_row
     if row is None:
         return None

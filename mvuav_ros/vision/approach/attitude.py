@@ -198,7 +198,6 @@ class HorizonFinder:
         return _seen_by(camera, up / np.linalg.norm(up))
 
     def _follow(self, blue: NDArray[Any]) -> HorizonLine | None:
-        """Near the last one, or anywhere."""
         last = None if self._frames % HORIZON.full_period == 0 else self._last
         self._frames += 1
         self._last = None
@@ -214,7 +213,6 @@ class HorizonFinder:
         return self._last
 
     def _search(self, blue: NDArray[Any]) -> HorizonLine | None:
-        """Look at all slopes in all rows of a small image."""
         size = HORIZON.width, HORIZON.height
         small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
         steps = _steps(small)
@@ -247,7 +245,6 @@ def _straightening(camera: CameraModel) -> tuple[Any, Any]:
 
 
 def _steps(blue: NDArray[Any]) -> NDArray[np.float32]:
-    """How much brighter it is above each place than below, capped."""
     rows = HORIZON.step_rows
     sums = cv2.boxFilter(blue, cv2.CV_32F, (1, rows), normalize=False)
     # The boundary between two rows counts half to each.

@@ -106,7 +106,6 @@ def find_strips(pixels: NDArray[Any], target: Target, row: float | None) -> Stri
 
 
 def _possible(left: float, right: float, target: Target) -> bool:
-    """Whether a target's edges may have such slopes."""
     ratio = right - left
     aside = 0.5 * abs(left + right)
     return target.narrowest < ratio < target.widest and aside < target.farthest_aside * ratio
@@ -272,7 +271,6 @@ class RoadTracker(StripTracker[RoadTrack]):
         return not (track.lost or (tried and hopeless))
 
     def _start(self, found: Strips, view: View) -> None:
-        """Follow the best candidates that are not followed yet."""
         fresh: list[RoadTrack] = []
         for strip in found:
             if len(fresh) == ROAD.max_started:

@@ -223,7 +223,6 @@ def around(image: EvidenceMap, strip: NDArray[np.float64], most: int, widest: fl
 
 
 def _rows(y: Any, near: Any) -> NDArray[np.intp]:
-    """Rows of the map in which strips are compared."""
     share = np.linspace(SEARCH.first_row, 1.0, SEARCH.align_rows)
     return np.asarray(np.rint(y + share * near).astype(np.intp))
 
@@ -356,7 +355,6 @@ class LevelledImage:
         return Candidates(_scaled(strips, 2**level), features)
 
     def _part(self, level: int, box: Box) -> EvidenceMap:
-        """Evidence of a part of a level of the pyramid."""
         left, top, right, bottom = (side << level for side in box)
         pixels = self.level.turned(self._given, (left, top, right, bottom))
         for _ in range(level):
@@ -371,7 +369,6 @@ class LevelledImage:
         return self._part_on(level_of(float(strips[0, 5])), strips)
 
     def _part_on(self, level: int, strips: Strips) -> Part | None:
-        """The part of a level of the pyramid around strips, if it is large enough."""
         known = _scaled(strips, 0.5**level)
         x, y, left, right, _, near = known.T
         near_left, near_right = x + left * near, x + right * near
@@ -464,7 +461,6 @@ def ends_of(working: LevelledImage, strip: Strip) -> NDArray[np.float64] | None:
 
 
 def _scaled(strips: Strips, factor: float) -> Strips:
-    """Strips on an image that is so many times as large."""
     scaled = strips * [1, 1, 1, 1, factor, factor]
     scaled[:, :2] = (strips[:, :2] + 0.5) * factor - 0.5
     return scaled

@@ -11,14 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.evidence import brightness_of
-from mvuav_ros.vision.approach.strip_edges import (
-    EdgePoints,
-    Edges,
-    LevelledFrame,
-    Strip,
-    rows_of,
-    sample_edges,
-)
+from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame, Strip, rows_of, sample_edges
 from mvuav_ros.vision.approach.strips import strips_through
 from mvuav_ros.vision.approach.tuning import LINES
 
@@ -120,24 +113,16 @@ def _outer_sides(frame: LevelledFrame, strip: Strip) -> Edges | None:
     if size < LINES.min_depth or min(left, right) < LINES.min_alike * max(left, right):
         return None
     sides = samples.fit(np.minimum(falls, size), size)
-    # The fall of a line that is thinner than a step is found half a step from the line's middle.
+    # The fall of a line thinner than a step, whose weight is its width in steps, is found half a
+    # step from its middle.
     half = 0.5 * float(samples.across[samples.base] - samples.across[0])
-    left, right = (replace(side, outside=_outside(side, half)) for side in sides)
-    return left, right
-
-
-def _outside(side: EdgePoints, half: float) -> tuple[float, ...]:
-    """How far outside of it an edge's points are at the far and at the near end, px.
-
-    Their weights are the line's width in steps.
-    """
-    weights = side.weights[side.weights > 0]
-    middle = weights.size // 2
-    if not middle:
-        return 0.0, 0.0
-    far, near = float(weights[:middle].mean()), float(weights[middle:].mean())
-    ends = 1.5 * far - 0.5 * near, 1.5 * near - 0.5 * far
-    return tuple(half * max(0.0, 1.0 - end) for end in ends)
+    parts = [np.array_split(side.weights, 2) for side in sides]
+    widths = np.array([[p.sum() / max(np.count_nonzero(p), 1) for p in each] for each in parts])
+    outside = half * np.maximum(1.0 - 1.5 * widths + 0.5 * widths[:, ::-1], 0.0)
+    one, other = (
+        replace(side, outside=tuple(each)) for side, each in zip(sides, outside, strict=True)
+    )
+    return one, other
 
 
 def _away(strip: Strip, points: Edges) -> tuple[float, float]:
@@ -153,8 +138,6 @@ def _away(strip: Strip, points: Edges) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class _LineFan:
-    """All straight lines of a width along an edge."""
-
     reach: int  # samples between a line's middle and what is beside it
     ends: Numbers  # (n, 2) middle at the far and at the near end, widths of the runway
     at: NDArray[np.intp]  # (rows, n) samples through which they go
@@ -194,7 +177,6 @@ def _distinct(brightness: NDArray[np.float32]) -> list[list[Line]]:
 
 
 def _clearness(brightness: NDArray[np.float32], fan: _LineFan) -> Numbers:
-    """(2, n) of all lines of a fan along either edge."""
     reach = fan.reach
     smooth = cv2.blur(brightness.reshape(2 * LINES.rows, -1), (reach | 1, 1))
     sides = np.maximum(smooth[:, : -2 * reach], smooth[:, 2 * reach :])

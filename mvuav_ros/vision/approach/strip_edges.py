@@ -93,7 +93,6 @@ class EdgeSamples:
 
     @property
     def _steps_inside(self) -> NDArray[np.bool_]:
-        """(2, count, places - base) where the middle of a step is on the frame."""
         half = self.base // 2
         return self.inside[:, :, half:-half]
 
@@ -296,7 +295,6 @@ def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:
 def _steps(
     channel: NDArray[np.float32], window: int, seen: NDArray[np.bool_]
 ) -> NDArray[np.floating[Any]]:
-    """(2, places) median over the rows of the rise towards outside."""
     smooth = cv2.blur(channel, (window, 1))
     rise = (smooth[:, window:] - smooth[:, :-window]).reshape(2, SHOULDERS.rows, -1)
     return np.asarray(np.median(rise[:, seen], axis=1))

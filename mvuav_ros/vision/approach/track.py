@@ -56,17 +56,13 @@ def weigh(measured: Strips, odds: NDArray[np.float64]) -> tuple[Strips, NDArray[
 
 
 def _width(strip: Strip) -> float:
-    """At the near end, px."""
     return float((strip[3] - strip[2]) * strip[5])
 
 
 def _distinct(
     columns: NDArray[np.float64], odds: NDArray[np.float64], apart: float
 ) -> NDArray[np.intp]:
-    """Numbers of the strips that are so many px apart, best first, without hopeless ones.
-
-    They are known by `columns_at`.
-    """
+    """Numbers of the strips that are so many px apart, best first, without hopeless ones."""
     order = np.argsort(-odds, kind='stable')
     order = order[odds[order] >= odds.max() + TRACK.max_odds_below]
     differ = np.abs(columns[order, None] - columns[order]).max(axis=(2, 3)) > apart
@@ -248,7 +244,6 @@ class RunwayTrack(FollowedStrip):
         self.locked = begins or (self.locked and exact > TRACK.unlock_share)
 
     def _weigh(self, view: View) -> bool:
-        """Weigh all strips that may be the runway; whether there are any."""
         seen = describe_around(view.working, self.strip(), self._found, TRACK.strips_around)
         if seen is None:
             return False
@@ -273,10 +268,7 @@ class RunwayTrack(FollowedStrip):
     def _measure(
         self, view: View, strip: Strip, rows: NDArray[np.float64], *, weighed: bool
     ) -> None:
-        """Find the edges about a strip between two rows, by the likeliest kind.
-
-        The others are measured, and which is the likeliest is asked, in weighings alone.
-        """
+        """Find the edges about a strip between two rows, by the likeliest kind."""
         left, right = columns_at(strip[None], rows)[0, :, 1].tolist()
         width = right - left
         measured: dict[EdgeKind, Edges | None] = {}
@@ -313,7 +305,6 @@ class RunwayTrack(FollowedStrip):
             self.shoulders += memory * (bool(shown) - self.shoulders)
 
     def _predicted(self) -> Edges:
-        """Points along the edges as followed."""
         strip = self.strip()
         rows = strip[1] + strip[4:6]
         return points_along(strip, rows, self._spread, self.shape.variances(rows))
@@ -338,7 +329,6 @@ class RunwayTrack(FollowedStrip):
         return steps if clear > needed else None, odds
 
     def _see_ends(self, view: View) -> None:
-        """See where it ends in the newest frame."""
         strip = self.strip()
         found = ends_of(view.working, strip)
         if found is not None and found[1] > 0.5 * self.near:

@@ -107,8 +107,6 @@ class CorrectedLine(NamedTuple):
 
 @dataclass
 class _KnownLine:
-    """What a row remembers."""
-
     line: NormalForm  # the last corrected one
     measurements: int = 1  # up to the end of the warm-up
     held: int = 0  # frames in a row in which the line was flagged or not measured
