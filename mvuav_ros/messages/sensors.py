@@ -79,10 +79,11 @@ def decode_camera_info(message: Any, image_topic: str = '') -> CameraModel:
 
 def decode_imu(message: Any) -> Attitude | None:
     """The orientation of a sensor_msgs/Imu; None where it has none (REP 145), or a wrong one."""
-    if float(message.orientation_covariance[0]) == -1.0:
+    variances = [float(message.orientation_covariance[place]) for place in (0, 4)]
+    if variances[0] == -1.0:
         return None
-    given = message.orientation
-    attitude = Attitude(float(given.x), float(given.y), float(given.z), float(given.w))
+    given, sigma = message.orientation, math.sqrt(max(0.0, *variances))
+    attitude = Attitude(float(given.x), float(given.y), float(given.z), float(given.w), sigma)
     return attitude if attitude.valid else None
 
 
@@ -125,8 +126,11 @@ def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
     )
 
 
-def encode_imu(orientation: tuple[float, ...], header: Header) -> Imu:
-    """The body's orientation in a level world (x, y, z, w), without rates and accelerations."""
+def encode_imu(orientation: tuple[float, ...], sigma: float, header: Header) -> Imu:
+    """The body's orientation in a level world (x, y, z, w), without rates and accelerations.
+
+    The standard deviation, rad, is that of each angle.
+    """
     from geometry_msgs.msg import Quaternion
     from sensor_msgs.msg import Imu
 
@@ -134,6 +138,7 @@ def encode_imu(orientation: tuple[float, ...], header: Header) -> Imu:
     return Imu(
         header=header,
         orientation=Quaternion(x=x, y=y, z=z, w=w),
+        orientation_covariance=[sigma**2, *[0.0, 0.0, 0.0, sigma**2] * 2],
         angular_velocity_covariance=list(_UNKNOWN),
         linear_acceleration_covariance=list(_UNKNOWN),
     )
@@ -291,4 +296,5 @@ def _between(
     sign = 1.0 if sum(a * b for a, b in zip(first, second, strict=True)) >= 0 else -1.0
     mixed = [a + share * (sign * b - a) for a, b in zip(first, second, strict=True)]
     length = math.hypot(*mixed)
-    return Attitude(*(value / length for value in mixed)) if length > 0 else None
+    x, y, z, w = (value / (length or math.nan) for value in mixed)
+    return Attitude(x, y, z, w, max(one.sigma, other.sigma)) if length > 0 else None

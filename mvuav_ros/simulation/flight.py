@@ -188,7 +188,6 @@ class Flight(ABC, Generic[TruthT]):
         """The image at a time (s) before the lens's blur and the sensor."""
 
     def _exposed(self, pixels: Pixels, time: float) -> Pixels:
-        """An image with the lens's blur and the sensor's faults; may be the same array."""
         settings = self.settings
         if settings.blur > 0.0:
             border = cv2.BORDER_REPLICATE

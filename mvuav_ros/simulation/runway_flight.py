@@ -114,6 +114,7 @@ def _project_line(
 BIAS_DEG, NOISE_DEG = 0.4, 0.1
 """Standard deviations of roll and pitch each: of a flight, and from sample to sample, as small
 inertial units have them."""
+ATTITUDE_SIGMA = math.radians(math.hypot(BIAS_DEG, NOISE_DEG))
 _STREAM = 1004
 
 

@@ -288,7 +288,6 @@ def metrics_of(run: EvaluationRun) -> list[Metric]:
 
 
 def _line_statistics(frames: Iterable[Rows]) -> list[Metric]:
-    """By the node's own statistics, as ``~/statistics`` publishes them."""
     statistics = RunwayStatistics()
     for rows in frames:
         statistics.add([_line(row) for row in rows])

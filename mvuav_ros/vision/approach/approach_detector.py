@@ -269,7 +269,7 @@ def _slope_sigma(meeting: float, found: Found) -> float:
         return GUIDANCE.bank_sigma
     away = abs(meeting - found.horizon_row) / (0.5 * found.level.width)
     wrong = GUIDANCE.slope_share * max(0.0, away - GUIDANCE.max_usual_away)
-    return min(math.hypot(GUIDANCE.slope_sigma, wrong), GUIDANCE.bank_sigma)
+    return min(math.hypot(GUIDANCE.slope_sigma, wrong, found.stated_sigma), GUIDANCE.bank_sigma)
 
 
 def _across(found: Found) -> tuple[Point, Point] | None:
@@ -293,6 +293,7 @@ class Found:
     level: Derotation  # of the frame
     horizon_row: float | None  # on the levelled working image, if it is known
     veto: str = ''  # why no track is reported, however confident; empty if nothing forbids it
+    stated_sigma: float = 0.0  # rad, of the horizon's slope by the attitude
 
 
 class Finder:
@@ -322,20 +323,19 @@ class Finder:
             horizon = known or self._horizon.find(pixels, lens)
             if horizon is not None:
                 level = Derotation(width, height, factor, horizon.slope)
-            if known is not None:
-                row = level.row_of((known.row + 0.5) / factor - 0.5)
-                sight = Sight.from_attitude(row, level.slope)
-            elif horizon is not None:
-                self._seen += 1
-                row = level.row_of(horizon.row)
-                sight = Sight.from_image(row, level.slope, height, self._seen)
+                row, seen = horizon.row, math.inf
+                if known is None:
+                    self._seen = seen = self._seen + 1
+                else:
+                    row = (row + 0.5) / factor - 0.5
+                sight = Sight.about(level.row_of(row), level.slope, height, seen)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         veto = veto or self._veto(track, sight)
         confidence = 0.0 if veto else self.tracker.confidence
-        return Found(track, confidence, level, sight.row, veto)
+        stated = 0.0 if known is None else known.sigma
+        return Found(track, confidence, level, sight.row, veto, stated)
 
     def _veto(self, track: FollowedStrip | None, sight: Sight) -> str:
-        """Why nothing is reported: the picture is frozen, or the attitude contradicts the track."""
         unchanged = self.tracker.registration.unchanged
         if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'

@@ -24,10 +24,12 @@ class HorizonLine:
     Attributes:
         row: where it crosses the middle column, px.
         slope: rad, right end down positive; the camera's roll is its negative.
+        sigma: rad, standard deviation of the slope; 0 where none is stated.
     """
 
     row: float
     slope: float
+    sigma: float = 0.0
 
 
 def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -48,10 +50,11 @@ def horizon_from(
 
     None where the camera looks steeply up or down, or the attitude is none.
     """
-    return _seen_by(camera, OPTICAL_FROM_BODY @ (mount.T @ attitude.up)) if attitude.valid else None
+    up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
+    return _seen_by(camera, up, attitude.sigma) if attitude.valid else None
 
 
-def _seen_by(camera: CameraModel, up: NDArray[np.float64]) -> HorizonLine | None:
+def _seen_by(camera: CameraModel, up: NDArray[np.float64], sigma: float) -> HorizonLine | None:
     """The horizon where it is nearest to the camera's axis, of the way up in the optical frame.
 
     There a lens does not turn it, as it does beside.
@@ -70,7 +73,7 @@ def _seen_by(camera: CameraModel, up: NDArray[np.float64]) -> HorizonLine | None
         return None
     slope = (y2 - y1) / (x2 - x1)
     row = y1 + slope * (0.5 * (camera.width - 1) - x1)
-    return HorizonLine(float(row), math.atan(slope))
+    return HorizonLine(float(row), math.atan(slope), sigma)
 
 
 Box = tuple[int, int, int, int]
@@ -195,7 +198,7 @@ class HorizonFinder:
         tangent = math.tan(line.slope)
         up = np.array([tangent, -1.0, line.row - tangent * 0.5 * (camera.width - 1)])
         up = up @ camera.matrix
-        return _seen_by(camera, up / np.linalg.norm(up))
+        return _seen_by(camera, up / np.linalg.norm(up), line.sigma)
 
     def _follow(self, blue: NDArray[Any]) -> HorizonLine | None:
         last = None if self._frames % HORIZON.full_period == 0 else self._last

@@ -233,7 +233,6 @@ def _signed(image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any]) -
 
 
 def _agreement(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.float64]:
-    """What edges (rows, ..., 4) have in common over all rows."""
     total = np.add.reduce(in_common(one, other), axis=0, dtype=np.int16)
     return np.asarray(np.abs(total) @ _ALIGN_WEIGHTS)
 

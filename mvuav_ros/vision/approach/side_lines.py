@@ -60,7 +60,6 @@ def choose(
 
 
 def _clear(clearness: Numbers) -> Numbers:
-    """From 0 to 1, whether each line is as clear as the clearest."""
     ahead: Numbers = clearness / max(float(clearness.max()), 1e-6) - LINES.clear_share
     return np.asarray(1.0 / (1.0 + np.exp(-ahead / LINES.clear_doubt)))
 
@@ -160,7 +159,6 @@ def _line_fan(half: float) -> _LineFan:
 
 
 def _distinct(brightness: NDArray[np.float32]) -> list[list[Line]]:
-    """Along either edge the clearest lines that are apart from one another, of any width."""
     fans = [_line_fan(half) for half in LINES.half_widths]
     ends = np.concatenate([fan.ends for fan in fans])
     middles = ends.mean(axis=1)

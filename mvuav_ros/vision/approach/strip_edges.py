@@ -301,7 +301,6 @@ def _steps(
 
 
 def _clearness(size: NDArray[np.floating[Any]], place: NDArray[np.float64], first: float) -> float:
-    """By how much a step beyond the edge's own stands out from what is between the two."""
     near = np.nonzero(np.abs(place) <= first)[0]
     own = int(near[size[near].argmax()])
     beyond = size[own:]

@@ -310,7 +310,6 @@ class RunwayTrack(FollowedStrip):
         return points_along(strip, rows, self._spread, self.shape.variances(rows))
 
     def _find_steps(self, view: View, strip: Strip, *, weighed: bool) -> tuple[Edges | None, float]:
-        """The steps along both edges, if they are seen, and the log odds of that kind."""
         steps = self._look.find(view.frame, strip)
         if weighed and support(steps) < TRACK.plain_support:
             # Strips are found on an image that is the coarser the wider they are.

@@ -1,6 +1,7 @@
 """Flights with truth: lines, vanishing point, guidance and its covariance."""
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -195,6 +196,31 @@ def test_an_end_is_not_where_a_border_of_the_picture_cuts_off_the_edges(settings
                 wrong += hidden and result.lines[role - 1].found
     assert seen > 30
     assert wrong == 0
+
+
+def test_the_roll_is_as_uncertain_as_the_attitude_is_stated_to_be():
+    flight = RunwayFlight(RunwaySettings(frames=15, fps=10.0, start_distance=300.0))
+    camera = flight.camera
+    given = CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel()))
+    sure, unsure = (
+        ApproachDetector(
+            RunwayDetectorParameters(mode='approach', runway_width=30.0, min_confidence=0.0)
+        )
+        for _ in range(2)
+    )
+    deviations = []
+    for frame in flight:
+        pose = frame.truth.pose
+        attitude = Attitude.from_roll_pitch(pose.roll, pose.pitch)
+        for detector, sigma in ((sure, 0.0), (unsure, 0.007)):
+            detector.set_camera(given)
+            stated = replace(attitude, sigma=sigma)
+            guidance = detector.process(frame.image, frame.stamp_ns, stated).guidance
+            deviations.append([math.sqrt(guidance.covariance[axis, axis]) for axis in (1, 3)])
+    (y, roll), (unsure_y, unsure_roll) = deviations[-2:]
+    assert roll < 0.002
+    assert unsure_roll == pytest.approx(0.007, rel=0.1)
+    assert unsure_y > 1.5 * y
 
 
 def tolerance(truth):
