@@ -83,10 +83,11 @@ UNKNOWN_ATTITUDE = Attitude(*[math.nan] * 4)
 
 def decode_imu(message: Any) -> Attitude:
     """The orientation of a sensor_msgs/Imu, `valid` or not; unknown where it has none (REP 145)."""
-    if float(message.orientation_covariance[0]) == -1.0:
+    variances = [float(message.orientation_covariance[place]) for place in (0, 4)]
+    if variances[0] == -1.0:
         return UNKNOWN_ATTITUDE
-    given = message.orientation
-    return Attitude(float(given.x), float(given.y), float(given.z), float(given.w))
+    given, sigma = message.orientation, math.sqrt(max(0.0, *variances))
+    return Attitude(float(given.x), float(given.y), float(given.z), float(given.w), sigma)
 
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
@@ -128,8 +129,11 @@ def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
     )
 
 
-def encode_imu(orientation: tuple[float, ...], header: Header) -> Imu:
-    """The body's orientation in a level world (x, y, z, w), without rates and accelerations."""
+def encode_imu(orientation: tuple[float, ...], sigma: float, header: Header) -> Imu:
+    """The body's orientation in a level world (x, y, z, w), without rates and accelerations.
+
+    The standard deviation, rad, is that of each angle.
+    """
     from geometry_msgs.msg import Quaternion
     from sensor_msgs.msg import Imu
 
@@ -137,6 +141,7 @@ def encode_imu(orientation: tuple[float, ...], header: Header) -> Imu:
     return Imu(
         header=header,
         orientation=Quaternion(x=x, y=y, z=z, w=w),
+        orientation_covariance=[sigma**2, *[0.0, 0.0, 0.0, sigma**2] * 2],
         angular_velocity_covariance=list(_UNKNOWN),
         linear_acceleration_covariance=list(_UNKNOWN),
     )
@@ -296,4 +301,5 @@ def _between(before: tuple[int, Attitude], after: tuple[int, Attitude], stamp_ns
     sign = 1.0 if sum(a * b for a, b in zip(first, second, strict=True)) >= 0 else -1.0
     mixed = [a + share * (sign * b - a) for a, b in zip(first, second, strict=True)]
     length = math.hypot(*mixed)
-    return Attitude(*(value / length for value in mixed))
+    x, y, z, w = (value / length for value in mixed)
+    return Attitude(x, y, z, w, max(one.sigma, other.sigma))

@@ -17,7 +17,7 @@ from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.messages.sensors import encode_camera_info, encode_imu, make_header, type_name
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.flight import SimulatedFrame
-from mvuav_ros.simulation.runway_flight import RunwayTruth, measured_attitude
+from mvuav_ros.simulation.runway_flight import ATTITUDE_SIGMA, RunwayTruth, measured_attitude
 from mvuav_ros.simulation.tanker_flight import TankerTruth
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
@@ -40,7 +40,11 @@ def simulated_messages(
     yield '/camera_info', type_name(CameraInfo), serialize_message(info)
     if isinstance(frame.truth, RunwayTruth):
         attitude = measured_attitude(frame.truth.pose, seed, frame.stamp_ns)
-        yield '/imu', type_name(Imu), serialize_message(encode_imu(attitude, header))
+        yield (
+            '/imu',
+            type_name(Imu),
+            serialize_message(encode_imu(attitude, ATTITUDE_SIGMA, header)),
+        )
     image = serialize_image(frame.image, cdr_header(frame.stamp_ns, OPTICAL_FRAME))
     yield '/image_raw', type_name(Image), image
     yield from truth_messages(frame)

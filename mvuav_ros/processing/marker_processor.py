@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from functools import lru_cache, partial
+from functools import partial
 from operator import attrgetter
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -175,9 +175,14 @@ class MarkerTrackerProcessor(Processor):
         return [Output('debug_image', partial(serialize_image, Image(canvas, 'bgr8'), header))]
 
     def _encode_integrity(self, pose: Pose | None, header: bytes) -> bytes:
-        """How wrong the newest frame's pose may be; computed only where somebody listens."""
         given, camera, posed = self._parameters, self._camera, self._posed
         if pose is not None and camera is not None:
+            budget = IntegrityBudget(
+                given.integrity_risk,
+                given.light_fault_prior,
+                given.focal_length_error / 100.0,
+                given.principal_point_error,
+            )
             levels = protection_levels(
                 camera,
                 self._rig,
@@ -185,22 +190,11 @@ class MarkerTrackerProcessor(Processor):
                 pose.rotation,
                 pose.translation,
                 posed.poses.noise,
-                _budget(given),
+                budget,
             )
-        elif camera is None or not given.pose:
-            reason = 'no calibration' if camera is None else 'the parameter pose is off'
-            levels = ProtectionLevels(reason=reason)
         else:
             reason = posed.problem or f'{len(posed.seen[0])} lights have a name'
+            if camera is None or not given.pose:
+                reason = 'no calibration' if camera is None else 'the parameter pose is off'
             levels = ProtectionLevels(reason=reason)
         return encode_integrity(levels, given.alert_limit, given.integrity_risk, header)
-
-
-@lru_cache(maxsize=4)
-def _budget(given: MarkerTrackerParameters) -> IntegrityBudget:
-    return IntegrityBudget(
-        given.integrity_risk,
-        given.light_fault_prior,
-        given.focal_length_error / 100.0,
-        given.principal_point_error,
-    )

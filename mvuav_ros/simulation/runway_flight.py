@@ -19,7 +19,7 @@ from mvuav_ros.simulation.sky import Panorama
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy, quaternion, rpy
 from mvuav_ros.vision.point_operations import Pixels
-from mvuav_ros.vision.runway.normal_form import NormalForm
+from mvuav_ros.vision.runway.normal_form import NormalForm, clip_segment
 from mvuav_ros.vision.runway.results import LineRole
 
 MIN_DEPTH = 0.1  # lines are cut where they come closer than this to the camera's plane, m
@@ -110,28 +110,10 @@ def _project_line(camera: CameraModel, pose: CameraPose, role: LineRole, ends: M
     return LineTruth(role, True, rho, theta, *segment)
 
 
-def clip_segment(
-    x1: float, y1: float, x2: float, y2: float, right: float, bottom: float
-) -> tuple[float, float, float, float] | None:
-    """The part of a segment with 0 <= x <= right and 0 <= y <= bottom (Liang-Barsky)."""
-    dx, dy = x2 - x1, y2 - y1
-    enter, leave = 0.0, 1.0
-    for step, room in ((-dx, x1), (dx, right - x1), (-dy, y1), (dy, bottom - y1)):
-        if step == 0.0:
-            if room < 0.0:
-                return None
-        elif step < 0.0:
-            enter = max(enter, room / step)
-        else:
-            leave = min(leave, room / step)
-    if enter > leave:
-        return None
-    return x1 + enter * dx, y1 + enter * dy, x1 + leave * dx, y1 + leave * dy
-
-
 BIAS_DEG, NOISE_DEG = 0.4, 0.1
 """Standard deviations of roll and pitch each: of a flight, and from sample to sample, as small
 inertial units have them."""
+ATTITUDE_SIGMA = math.radians(math.hypot(BIAS_DEG, NOISE_DEG))
 _STREAM = 1004
 
 

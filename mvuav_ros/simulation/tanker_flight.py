@@ -192,7 +192,6 @@ def _erratic(_duration: float, rng: np.random.Generator) -> OffsetByTime:
 
 
 def _docking(duration: float, rng: np.random.Generator) -> OffsetByTime:
-    """Closing in ever more slowly, with a pilot's wander."""
     y, z = (random_wave(rng, [(0.02, 0.09), (0.008, 0.23)]) for _ in range(2))
     roll, pitch, yaw = (random_wave(rng, [(0.035, 0.07), (0.012, 0.31)]) for _ in range(3))
 
@@ -335,7 +334,6 @@ class TankerFlight(Flight[TankerTruth]):
         return [LightProfile(round(min(max(seen, 2.0), largest), 2)) for seen in radii]
 
     def _optical(self, pose: BodyPose) -> NDArray[np.float64]:
-        """The markers in the camera's optical frame, (n, 3), m."""
         return self.rig.positions @ pose.rotation.T + pose.translation
 
     def _project(self, pose: BodyPose) -> NDArray[np.float64]:

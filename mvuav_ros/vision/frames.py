@@ -100,7 +100,7 @@ def from_unit_quaternion(x: float, y: float, z: float, w: float) -> Matrix:
 class Attitude:
     """Orientation of the body (x forward, y left, z up) in a level world with z up (REP 103).
 
-    It is a unit quaternion.
+    It is a unit quaternion; ``sigma`` is the standard deviation of roll and of pitch, rad.
 
     Examples:
         >>> from mvuav_ros.vision.frames import Attitude
@@ -112,6 +112,7 @@ class Attitude:
     y: float
     z: float
     w: float
+    sigma: float = 0.0  # where none is stated
 
     @classmethod
     def from_roll_pitch(cls, roll: float, pitch: float) -> Attitude:

@@ -283,11 +283,7 @@ def _hypotheses(count: int) -> tuple[Array, NDArray[np.intp]]:
 def _factors(
     budget: IntegrityBudget, count: int, monitored: bytes, doubts: tuple[float, ...]
 ) -> Array | None:
-    """(m, 1), how many deviations of each hypothesis the error may be; None with no risk left.
-
-    The risk that remains after the hypotheses which are not monitored is shared alike among the
-    others and among the coordinates.
-    """
+    """(m, 1), how many deviations of each hypothesis the error may be; None with no risk left."""
     indices = _hypotheses(count)[1]
     is_monitored = np.frombuffer(monitored, np.bool_)
     wrong = np.full(count + 1, budget.light_prior)
@@ -337,7 +333,6 @@ def _normal_terms(
 
 
 def _unmonitored_reason(monitored: NDArray[np.bool_], labels: list[int], rig: MarkerRig) -> str:
-    """Which faults the lights cannot check."""
     if not monitored[0]:
         return 'the lights do not tell the pose well enough'
     single = monitored[1 : len(labels) + 1].tolist()

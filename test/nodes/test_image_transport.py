@@ -65,7 +65,7 @@ def test_no_attitude_is_lost_while_an_image_is_answered(graph: Graph) -> None:
     graph.until(lambda: publisher.get_subscription_count() == 1, 'the subscription')
     graph.until(lambda: topic.subscription.get_publisher_count() == 1, 'the publisher')
     for number in range(60):
-        publisher.publish(encode_imu((0.0, 0.0, 0.0, 1.0), make_header(1 + number, 'imu')))
+        publisher.publish(encode_imu((0.0, 0.0, 0.0, 1.0), 0.0, make_header(1 + number, 'imu')))
     known = topic._pairing._infos
 
     def all_are_known() -> bool:

@@ -8,6 +8,7 @@ from mvuav_ros.offline.simulated_messages import simulated_messages
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.simulation.runway_flight import ATTITUDE_SIGMA
 from mvuav_ros.sources.bag import BagImages
 from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.vision.approach.attitude import horizon_from, mount_matrix
@@ -45,6 +46,7 @@ def test_frames_of_the_bag_have_the_attitude_that_was_written(bag):
         horizon = horizon_from(frame.attitude, frame.camera, mount_matrix((0.0, 0.0, 0.0)))
         # The vanishing point lies on the horizon, but for the sensor's bias: 10 px are 2 degrees.
         assert abs(horizon.row - flight.truth(index).vanishing_point[1]) < 10
+        assert horizon.sigma == pytest.approx(ATTITUDE_SIGMA)
 
 
 def test_attitude_is_left_out_where_it_is_not_asked_for(bag):

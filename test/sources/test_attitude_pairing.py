@@ -1,6 +1,7 @@
 """The attitude of an image does not depend on what came first."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -27,13 +28,14 @@ def taken(pairing, *, wait):
 
 def test_it_is_interpolated_to_the_images_stamp():
     pairing = AttitudePairing()
-    pairing.add_info(100 * MS, rolled(10.0))
+    pairing.add_info(100 * MS, replace(rolled(10.0), sigma=0.01))
     pairing.add_image(105 * MS, 'image')
     assert taken(pairing, wait=True) == []
     pairing.add_info(120 * MS, rolled(30.0))
     ((attitude, image),) = taken(pairing, wait=True)
     assert image == 'image'
     assert roll_of(attitude) == pytest.approx(15.0, abs=0.05)
+    assert attitude.sigma == 0.01
 
 
 def test_opposite_quaternions_are_the_same_attitude():

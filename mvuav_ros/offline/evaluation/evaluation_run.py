@@ -183,7 +183,6 @@ def replay(
 
 
 def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame | BadFrame]:
-    """The input's frames; its truth goes to ``run`` meanwhile."""
     if text.startswith(SIMULATED):
         flight = planned_flight(text)
         for flown in flight:

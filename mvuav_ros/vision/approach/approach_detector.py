@@ -32,7 +32,7 @@ from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.correction import jumps
-from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
+from mvuav_ros.vision.runway.normal_form import NO_ENDS, NormalForm, clip_segment
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
@@ -70,9 +70,9 @@ class ApproachDetector:
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """Use other parameters from the next frame on; another target is searched afresh."""
         parameters = RunwayDetectorParameters.given(parameters)
-        if parameters.target != self._parameters.target:
+        before, self._parameters = self._parameters, parameters
+        if parameters.target != before.target:
             self.reset()
-        self._parameters = parameters
         self._mount = mount_matrix(parameters.camera_mount_rpy_deg)
 
     def set_camera(self, camera: CameraModel) -> None:
@@ -83,7 +83,7 @@ class ApproachDetector:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
         self._last_stamp_ns: int | None = None
-        self._finder: Finder | None = None
+        self._finder = Finder(self._parameters.target)
         self._had_attitude = False
         self._shown: FollowedStrip | None = None
         self._last: dict[LineRole, NormalForm] = {}
@@ -132,11 +132,9 @@ class ApproachDetector:
         if min(height, width) < DETECTOR.min_side:
             status = f'the frame is too small ({width} x {height})'
             return replace(empty, lines=self._rows({}, None), status=status)
-        if self._finder is None:
-            self._finder = Finder(self._parameters.target)
         horizon, self.attitude_problem = self._horizon_of(attitude)
         veto = _UPSIDE_DOWN if _UPSIDE_DOWN in self.attitude_problem else ''
-        found = self._finder.step(image, horizon, veto)
+        found = self._finder.step(image, horizon, veto, self._checked_camera())
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
             self._last = {}
@@ -150,7 +148,6 @@ class ApproachDetector:
     def _horizon_of(
         self, attitude: Attitude | HorizonLine | None
     ) -> tuple[HorizonLine | None, str]:
-        """Where attitude says that the horizon is, or why the image must say it."""
         source = self._parameters.horizon_source
         if source == 'image':
             return None, ''
@@ -204,8 +201,10 @@ class ApproachDetector:
         }
         # Only a runway ends within sight.
         if self._parameters.target == 'runway':
-            segments[LineRole.FAR_END] = (far_left, far_right)
-            if not track.open_end:
+            sees_far, sees_near = track.ends_in_view(level)
+            if sees_far:
+                segments[LineRole.FAR_END] = (far_left, far_right)
+            if sees_near:
                 segments[LineRole.NEAR_END] = (near_left, near_right)
         return replace(
             empty,
@@ -222,11 +221,9 @@ class ApproachDetector:
         edges: Edges | None,
         confidence: float = 0.0,
     ) -> tuple[RunwayLine, ...]:
-        """The result's rows, one for each of `ROLES`, of the ends of the lines that are there.
+        """The result's rows, one for each of `ROLES`; points of both edges vote for the first two.
 
-        The first two are voted for by the points of both edges.
-        Each role's line is compared with the one before, as the thesis does (section 4.3.2.4). A
-        flagged line is reported as it is: the shape was followed as a whole, and an older line
+        A flagged line is reported as it is: the shape was followed as a whole, and an older line
         would no longer be one of its edges.
         """
         assert self._size is not None
@@ -240,21 +237,20 @@ class ApproachDetector:
                 continue
             line = self._last[role] = line_through(*segment[0], *segment[1])
             flags = jumps(line, old.get(role, line), self._parameters)
-            ends = _confine(line, segment, (width, height))
+            upper, lower = sorted(segment, key=lambda point: point[1])
+            ends = clip_segment(*upper, *lower, width - 1.0, height - 1.0) or NO_ENDS
             number = votes[index] if index < len(votes) else math.nan
             rows.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
         self._statistics.add(rows)
         return tuple(rows)
 
     def _checked_camera(self) -> CameraModel | None:
-        """The calibration, if it is of frames of this size."""
         if self._camera is None or self._size is None:
             return None
         height, width = self._size
         return None if self._camera.objection(width, height) else self._camera
 
     def _guidance(self, found: Found | None) -> Guidance | None:
-        """From what was found; None where nobody asked for it or the camera is not known."""
         camera = self._checked_camera()
         width = self._parameters.runway_width
         if camera is None or not width > 0:
@@ -263,7 +259,7 @@ class ApproachDetector:
         if found is None or track is None or track.points is None:
             return Guidance()
         _, y = track.shape.vanishing_point
-        near_row = None if track.open_end else y + track.near_seen
+        near_row = y + track.near_seen if track.ends_in_view(found.level)[1] else None
         sigma = _slope_sigma(y, found)
         return locate(track.points, near_row, found.level, sigma, camera, width)
 
@@ -274,11 +270,10 @@ def _slope_sigma(meeting: float, found: Found) -> float:
         return GUIDANCE.bank_sigma
     away = abs(meeting - found.horizon_row) / (0.5 * found.level.width)
     wrong = GUIDANCE.slope_share * max(0.0, away - GUIDANCE.max_usual_away)
-    return min(math.hypot(GUIDANCE.slope_sigma, wrong), GUIDANCE.bank_sigma)
+    return min(math.hypot(GUIDANCE.slope_sigma, wrong, found.stated_sigma), GUIDANCE.bank_sigma)
 
 
 def _across(found: Found) -> tuple[Point, Point] | None:
-    """Where the horizon crosses the sides of the frame, if it is known and does."""
     level, row = found.level, found.horizon_row
     if row is None:
         return None
@@ -299,6 +294,7 @@ class Found:
     level: Derotation  # of the frame
     horizon_row: float | None  # on the levelled working image, if it is known
     veto: str = ''  # why no track is reported, however confident; empty if nothing forbids it
+    stated_sigma: float = 0.0  # rad, of the horizon's slope by the attitude
 
 
 class Finder:
@@ -312,7 +308,9 @@ class Finder:
         self._seen = 0
         self._depth = BitDepth()
 
-    def step(self, image: Pixels, known: HorizonLine | None, veto: str) -> Found:
+    def step(
+        self, image: Pixels, known: HorizonLine | None, veto: str, camera: CameraModel | None
+    ) -> Found:
         """Take in the next frame, of which the horizon may be known, or why it shows nothing."""
         image = as_grey(self._depth.levels(image))
         pixels, factor = shrink_levels(image)
@@ -321,23 +319,24 @@ class Finder:
         level = Derotation(width, height, factor, 0.0)
         if self.tracker.below_horizon:
             self._horizon = self._horizon or HorizonFinder(height, width)
-            horizon = known or self._horizon.find(pixels)
+            bent = camera is not None and not camera.is_straight
+            lens = camera.binned(factor, factor) if camera and bent else None
+            horizon = known or self._horizon.find(pixels, lens)
             if horizon is not None:
                 level = Derotation(width, height, factor, horizon.slope)
-            if known is not None:
-                row = level.row_of((known.row + 0.5) / factor - 0.5)
-                sight = Sight.from_attitude(row, level.slope)
-            elif horizon is not None:
-                self._seen += 1
-                row = level.row_of(horizon.row)
-                sight = Sight.from_image(row, level.slope, height, self._seen)
+                row, seen = horizon.row, math.inf
+                if known is None:
+                    self._seen = seen = self._seen + 1
+                else:
+                    row = (row + 0.5) / factor - 0.5
+                sight = Sight.about(level.row_of(row), level.slope, height, seen)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         veto = veto or self._veto(track, sight)
         confidence = 0.0 if veto else self.tracker.confidence
-        return Found(track, confidence, level, sight.row, veto)
+        stated = 0.0 if known is None else known.sigma
+        return Found(track, confidence, level, sight.row, veto, stated)
 
     def _veto(self, track: FollowedStrip | None, sight: Sight) -> str:
-        """Why nothing is reported: the picture is frozen, or the attitude contradicts the track."""
         unchanged = self.tracker.registration.unchanged
         if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
@@ -349,17 +348,3 @@ class Finder:
         if abs(meeting - sight.row) > DETECTOR.max_off_attitude * SEARCH.attitude_sigma:
             return "the edges of the likeliest do not meet at the attitude's horizon"
         return ''
-
-
-def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:
-    """The part of a line that lies beside a segment and on the frame, upper end first."""
-    ends = x, y, x2, y2 = segment_ends(line, *size)
-    length = math.hypot(x2 - x, y2 - y)
-    if not length > 0.0:
-        return ends
-    across, down = (x2 - x) / length, (y2 - y) / length
-    along = sorted((px - x) * across + (py - y) * down for px, py in segment)
-    first, last = max(0.0, along[0]), min(length, along[1])
-    if first > last:
-        return math.nan, math.nan, math.nan, math.nan
-    return x + first * across, y + first * down, x + last * across, y + last * down

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -23,10 +24,12 @@ class HorizonLine:
     Attributes:
         row: where it crosses the middle column, px.
         slope: rad, right end down positive; the camera's roll is its negative.
+        sigma: rad, standard deviation of the slope; 0 where none is stated.
     """
 
     row: float
     slope: float
+    sigma: float = 0.0
 
 
 def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -47,9 +50,15 @@ def horizon_from(
 
     None where the camera looks steeply up or down, or the attitude is none.
     """
-    if not attitude.valid:
-        return None
     up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
+    return _seen_by(camera, up, attitude.sigma) if attitude.valid else None
+
+
+def _seen_by(camera: CameraModel, up: NDArray[np.float64], sigma: float) -> HorizonLine | None:
+    """The horizon where it is nearest to the camera's axis, of the way up in the optical frame.
+
+    There a lens does not turn it, as it does beside.
+    """
     axis = np.array([0.0, 0.0, 1.0])
     level = axis - (axis @ up) * up
     if np.linalg.norm(level) < math.cos(HORIZON.max_pitch):
@@ -64,7 +73,7 @@ def horizon_from(
         return None
     slope = (y2 - y1) / (x2 - x1)
     row = y1 + slope * (0.5 * (camera.width - 1) - x1)
-    return HorizonLine(float(row), math.atan(slope))
+    return HorizonLine(float(row), math.atan(slope), sigma)
 
 
 Box = tuple[int, int, int, int]
@@ -171,26 +180,43 @@ class HorizonFinder:
         self._shift = np.rint(np.tan(self._slopes)[:, None] * columns / self._down).astype(np.intp)
         self._pad = int(np.abs(self._shift).max())
 
-    def find(self, pixels: NDArray[Any]) -> HorizonLine | None:
-        """On a working image of grey levels, or colours blue first; None without one."""
+    def find(self, pixels: NDArray[Any], camera: CameraModel | None = None) -> HorizonLine | None:
+        """On a working image of grey levels, or colours blue first; None without one.
+
+        With the calibration of such images, a horizon that its lens bends is found as well as a
+        straight one: as `horizon_from` has it.
+        """
         # Of land and sky, blue differs most.
         blue = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
+        if camera is None:
+            return self._follow(blue)
+        replicate = cv2.BORDER_REPLICATE
+        blue = cv2.remap(blue, *_straightening(camera), cv2.INTER_LINEAR, borderMode=replicate)
+        line = self._follow(blue)
+        if line is None:
+            return None
+        tangent = math.tan(line.slope)
+        up = np.array([tangent, -1.0, line.row - tangent * 0.5 * (camera.width - 1)])
+        up = up @ camera.matrix
+        return _seen_by(camera, up / np.linalg.norm(up), line.sigma)
+
+    def _follow(self, blue: NDArray[Any]) -> HorizonLine | None:
         last = None if self._frames % HORIZON.full_period == 0 else self._last
         self._frames += 1
         self._last = None
         if last is not None:
             found, agreeing = _refined(last, blue)
+            # A fit is drawn towards the line that it starts from.
+            if abs(found.slope - last.slope) > HORIZON.max_turned:
+                found, agreeing = _refined(found, blue)
             if agreeing > HORIZON.min_agreement:
                 self._last = found
         if self._last is None:
             coarse = self._search(blue)
-            if coarse is not None:
-                # The first fit is drawn towards the coarse line.
-                self._last = _refined(_refined(coarse, blue)[0], blue)[0]
+            self._last = coarse and _refined(_refined(coarse, blue)[0], blue)[0]
         return self._last
 
     def _search(self, blue: NDArray[Any]) -> HorizonLine | None:
-        """Look at all slopes in all rows of a small image."""
         size = HORIZON.width, HORIZON.height
         small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
         steps = _steps(small)
@@ -212,8 +238,17 @@ class HorizonFinder:
         )
 
 
+@lru_cache(maxsize=1)
+def _straightening(camera: CameraModel) -> tuple[Any, Any]:
+    """Maps to an image that the same camera without distortion would see."""
+    rows, columns = np.mgrid[: camera.height, : camera.width]
+    pixels = np.stack((columns, rows, np.ones_like(rows)), axis=2).reshape(-1, 3)
+    places = camera.project(pixels @ np.linalg.inv(camera.matrix).T).astype(np.float32)
+    x, y = places.T.reshape(2, *rows.shape)
+    return cv2.convertMaps(x, y, cv2.CV_16SC2)
+
+
 def _steps(blue: NDArray[Any]) -> NDArray[np.float32]:
-    """How much brighter it is above each place than below, capped."""
     rows = HORIZON.step_rows
     sums = cv2.boxFilter(blue, cv2.CV_32F, (1, rows), normalize=False)
     # The boundary between two rows counts half to each.

@@ -40,7 +40,10 @@ def locate(
         measured[ends], rows[ends], noise[ends, ends] = fitted
     measured[5] = math.nan if near_row is None else near_row
     inwards = np.kron([1.0, -1.0], np.eye(2))
-    noise[:4, :4] += (GUIDANCE.width_bias / level.factor) ** 2 * (inwards.T @ inwards)
+    outside = np.concatenate([edge.outside for edge in edges])
+    measured[:4] += outside * inwards.sum(axis=0)
+    alike = np.hypot(GUIDANCE.width_bias / level.factor, GUIDANCE.outside_share * outside)
+    noise[:4, :4] += (alike * inwards).T @ (alike * inwards)
     noise[4, 4] = slope_sigma**2
     noise[5, 5] = 0.0 if near_row is None else GUIDANCE.near_sigma**2
 
@@ -80,7 +83,7 @@ def _fitted(points: EdgePoints, factor: int) -> tuple[Vector, Vector, Matrix] | 
     spread = float((weights * error**2).sum() / weights.sum())
     least = (GUIDANCE.min_spread / factor) ** 2
     covariance = inverse * (max(spread, least) * EDGES.correlated_rows)
-    covariance += np.eye(2) * (GUIDANCE.edge_bias / factor) ** 2
+    covariance += np.diag((GUIDANCE.edge_bias / factor) ** 2 + np.square(points.doubt))
     return at_ends, ends, covariance
 
 
@@ -136,7 +139,6 @@ def _pose(
 
 
 def _rays(columns: Vector, rows: Vector, level: Derotation, camera: CameraModel) -> Matrix:
-    """(n, 3) directions in the optical frame of points of the levelled working image."""
     x, y = level.to_frame(columns, rows)
     flat = camera.undistort(np.stack([x, y], axis=1))
     return np.concatenate([flat, np.ones((len(flat), 1))], axis=1)

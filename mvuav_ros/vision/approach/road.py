@@ -106,7 +106,6 @@ def find_strips(pixels: NDArray[Any], target: Target, row: float | None) -> Stri
 
 
 def _possible(left: float, right: float, target: Target) -> bool:
-    """Whether a target's edges may have such slopes."""
     ratio = right - left
     aside = 0.5 * abs(left + right)
     return target.narrowest < ratio < target.widest and aside < target.farthest_aside * ratio
@@ -134,7 +133,6 @@ def _sides(pixels: NDArray[Any], painted: bool) -> list[tuple[list[Line], list[L
 
 
 def _lines(marked: NDArray[np.bool_], margin: int) -> list[Line]:
-    """Straight lines through places marked in an image but for its sides, strongest first."""
     mask = np.pad(marked.astype(np.uint8), ((0, 0), (margin, margin)))
     found = cv2.HoughLinesWithAccumulator(mask, 1.0, math.radians(1.5), ROAD.min_votes)
     lines: list[Line] = []
@@ -235,7 +233,6 @@ class RoadTrack(FollowedStrip):
         )
         if sharp > ROAD.min_sharp:
             self.follow_ends(float(one.rows[first]), float(strip[1]) + end)
-            self.open_end = last >= len(depth) - 1
         return run * sharp * min(max(low, 0.0), 1.0), sharp
 
 

@@ -24,6 +24,7 @@ from mvuav_ros.vision.approach.evidence import (
     shrunk_by,
 )
 from mvuav_ros.vision.approach.strip_edges import Strip, Strips
+from mvuav_ros.vision.approach.strips import level_of
 from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
 from mvuav_ros.vision.point_operations import intensity
 
@@ -222,7 +223,6 @@ def around(image: EvidenceMap, strip: NDArray[np.float64], most: int, widest: fl
 
 
 def _rows(y: Any, near: Any) -> NDArray[np.intp]:
-    """Rows of the map in which strips are compared."""
     share = np.linspace(SEARCH.first_row, 1.0, SEARCH.align_rows)
     return np.asarray(np.rint(y + share * near).astype(np.intp))
 
@@ -233,7 +233,6 @@ def _signed(image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any]) -
 
 
 def _agreement(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.float64]:
-    """What edges (rows, ..., 4) have in common over all rows."""
     total = np.add.reduce(in_common(one, other), axis=0, dtype=np.int16)
     return np.asarray(np.abs(total) @ _ALIGN_WEIGHTS)
 
@@ -355,7 +354,6 @@ class LevelledImage:
         return Candidates(_scaled(strips, 2**level), features)
 
     def _part(self, level: int, box: Box) -> EvidenceMap:
-        """Evidence of a part of a level of the pyramid."""
         left, top, right, bottom = (side << level for side in box)
         pixels = self.level.turned(self._given, (left, top, right, bottom))
         for _ in range(level):
@@ -367,12 +365,9 @@ class LevelledImage:
 
     def part_around(self, strips: Strips) -> Part | None:
         """The part of the image that is needed to describe strips, on the first one's level."""
-        # Of the pyramid, on which a strip's near end is neither too deep nor too shallow.
-        level = max(0, math.ceil(math.log2(max(float(strips[0, 5]), 1.0) / SEARCH.max_level_depth)))
-        return self._part_on(level, strips)
+        return self._part_on(level_of(float(strips[0, 5])), strips)
 
     def _part_on(self, level: int, strips: Strips) -> Part | None:
-        """The part of a level of the pyramid around strips, if it is large enough."""
         known = _scaled(strips, 0.5**level)
         x, y, left, right, _, near = known.T
         near_left, near_right = x + left * near, x + right * near
@@ -465,7 +460,6 @@ def ends_of(working: LevelledImage, strip: Strip) -> NDArray[np.float64] | None:
 
 
 def _scaled(strips: Strips, factor: float) -> Strips:
-    """Strips on an image that is so many times as large."""
     scaled = strips * [1, 1, 1, 1, factor, factor]
     scaled[:, :2] = (strips[:, :2] + 0.5) * factor - 0.5
     return scaled

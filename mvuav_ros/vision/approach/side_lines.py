@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -60,7 +60,6 @@ def choose(
 
 
 def _clear(clearness: Numbers) -> Numbers:
-    """From 0 to 1, whether each line is as clear as the clearest."""
     ahead: Numbers = clearness / max(float(clearness.max()), 1e-6) - LINES.clear_share
     return np.asarray(1.0 / (1.0 + np.exp(-ahead / LINES.clear_doubt)))
 
@@ -112,7 +111,17 @@ def _outer_sides(frame: LevelledFrame, strip: Strip) -> Edges | None:
     # The land is about as dark on both sides; a joint between slabs is not as dark as it.
     if size < LINES.min_depth or min(left, right) < LINES.min_alike * max(left, right):
         return None
-    return samples.fit(np.minimum(falls, size), size)
+    sides = samples.fit(np.minimum(falls, size), size)
+    # The fall of a line thinner than a step, whose weight is its width in steps, is found half a
+    # step from its middle.
+    half = 0.5 * float(samples.across[samples.base] - samples.across[0])
+    parts = [np.array_split(side.weights, 2) for side in sides]
+    widths = np.array([[p.sum() / max(np.count_nonzero(p), 1) for p in each] for each in parts])
+    outside = half * np.maximum(1.0 - 1.5 * widths + 0.5 * widths[:, ::-1], 0.0)
+    one, other = (
+        replace(side, outside=tuple(each)) for side, each in zip(sides, outside, strict=True)
+    )
+    return one, other
 
 
 def _away(strip: Strip, points: Edges) -> tuple[float, float]:
@@ -128,8 +137,6 @@ def _away(strip: Strip, points: Edges) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class _LineFan:
-    """All straight lines of a width along an edge."""
-
     reach: int  # samples between a line's middle and what is beside it
     ends: Numbers  # (n, 2) middle at the far and at the near end, widths of the runway
     at: NDArray[np.intp]  # (rows, n) samples through which they go
@@ -152,7 +159,6 @@ def _line_fan(half: float) -> _LineFan:
 
 
 def _distinct(brightness: NDArray[np.float32]) -> list[list[Line]]:
-    """Along either edge the clearest lines that are apart from one another, of any width."""
     fans = [_line_fan(half) for half in LINES.half_widths]
     ends = np.concatenate([fan.ends for fan in fans])
     middles = ends.mean(axis=1)
@@ -169,7 +175,6 @@ def _distinct(brightness: NDArray[np.float32]) -> list[list[Line]]:
 
 
 def _clearness(brightness: NDArray[np.float32], fan: _LineFan) -> Numbers:
-    """(2, n) of all lines of a fan along either edge."""
     reach = fan.reach
     smooth = cv2.blur(brightness.reshape(2 * LINES.rows, -1), (reach | 1, 1))
     sides = np.maximum(smooth[:, : -2 * reach], smooth[:, 2 * reach :])

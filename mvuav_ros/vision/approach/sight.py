@@ -34,15 +34,14 @@ class Sight(NamedTuple):
         return cls(None, [SearchRange(0.0, first, last), beyond])
 
     @classmethod
-    def from_attitude(cls, row: float, slope: float) -> Sight:
-        """A sensor has given the horizon's row and slope."""
-        reach = SEARCH.attitude_reach
-        ranges = [SearchRange(slope, row - reach, row + reach)]
-        return cls(row, ranges, (row, SEARCH.attitude_sigma), math.inf)
+    def about(cls, row: float, slope: float, height: int, seen: float) -> Sight:
+        """The image shows a horizon, or the edge of clouds or hills, in so many frames.
 
-    @classmethod
-    def from_image(cls, row: float, slope: float, height: int, seen: int) -> Sight:
-        """The image shows a horizon, or the edge of clouds or hills, in so many frames."""
+        In infinitely many where a sensor has given its row and slope.
+        """
+        if seen == math.inf:
+            near = SearchRange(slope, row - SEARCH.attitude_reach, row + SEARCH.attitude_reach)
+            return cls(row, [near], (row, SEARCH.attitude_sigma), seen)
         above, below = SEARCH.horizon_reach
         ranges = [SearchRange(slope, row - above, row + below), *cls.unknown(height).ranges]
         return cls(row, ranges, seen=seen)

@@ -65,7 +65,6 @@ class StripTracker(Generic[TrackT]):
         return self.best is not None and self.best.rank > 0.0
 
     def _turn(self, level: Derotation) -> None:
-        """Go over to the next frame's derotation."""
         if self.level is not None:
             for track in self.tracks:
                 track.turn(self.level, level)
@@ -82,7 +81,6 @@ class StripTracker(Generic[TrackT]):
         return True
 
     def _merge(self) -> None:
-        """Of tracks that have become the same one keep the one shown, or the better."""
         kept: list[TrackT] = []
         for track in sorted(self.tracks, key=lambda t: (t is not self.best, -t.rank)):
             if not any(other.covers(track.strip()) for other in kept):
@@ -136,7 +134,6 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         return self.best
 
     def _search_period(self) -> int:
-        """Frames from one share of the search to the next."""
         if self.certain:
             return TRACKER.period_certain
         return TRACKER.period_later if self._rounds else TRACKER.period_first

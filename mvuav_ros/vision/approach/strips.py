@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation, turn_edge
 from mvuav_ros.vision.approach.strip_edges import EdgePoints, Edges, Strip, Strips
-from mvuav_ros.vision.approach.tuning import EDGES, STRIP
+from mvuav_ros.vision.approach.tuning import EDGES, SEARCH, STRIP
+
+
+def level_of(near: float) -> int:
+    """Of the pyramid, on which a near end so many px deep is neither too deep nor too shallow."""
+    return max(0, math.ceil(math.log2(max(near, 1.0) / SEARCH.max_level_depth)))
 
 
 def columns_at(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -32,18 +37,25 @@ def strips_through(
     return found
 
 
-def points_along(strip: Strip, rows: NDArray[np.float64], spread: NDArray[np.float64]) -> Edges:
+def points_along(
+    strip: Strip,
+    rows: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    variance: NDArray[np.float64] | float = 0.0,
+) -> Edges:
     """A mean strip's edges between two rows as points, the fewer the less they are known.
 
-    Their spread is (2, 2) px, of the left and of the right edge in these rows.
+    Their spread is (2, 2) px, of the left and of the right edge in these rows; likewise the
+    variance of the mean itself, px².
     """
     at = rows[0] + _SHARES * (rows[1] - rows[0])
     ends = columns_at(strip[None], rows)[0]
     columns = ends[:, :1] + _SHARES * (ends[:, 1:] - ends[:, :1])
     weights = 1.0 / (1.0 + spread.max(axis=1) ** 2)
+    doubts = np.sqrt(spread**2 + variance)
     left, right = (
-        EdgePoints(at, edge, np.full(STRIP.points, weight), 1.0)
-        for edge, weight in zip(columns, weights, strict=True)
+        EdgePoints(at, edge, np.full(STRIP.points, weight), 1.0, tuple(doubt))
+        for edge, weight, doubt in zip(columns, weights, doubts, strict=True)
     )
     return left, right
 
@@ -100,6 +112,12 @@ class Shape:
     def slopes(self) -> tuple[float, float]:
         """Of the left and of the right edge, columns per row."""
         return float(self.state[1]), float(self.state[3])
+
+    def variances(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(2, n) px², of the left and of the right edge's columns in (n,) rows."""
+        away = np.stack((np.ones_like(rows), rows - self.reference))
+        edges = self.covariance[:2, :2], self.covariance[2:, 2:]
+        return np.stack([((edge @ away) * away).sum(axis=0) for edge in edges])
 
     @property
     def vanishing_point(self) -> tuple[float, float]:
@@ -174,7 +192,6 @@ class FollowedStrip:
         # Rows from the vanishing point to both ends, px of the working image; smoothed.
         self.far, self.near = float(strip[4]), float(strip[5])
         self.near_seen = self.near  # in the newest frame alone
-        self.open_end = False  # the near end is out of sight
         self.age = 0  # frames
         self.misses = 0  # looks in a row in which it was not seen
         self.points: Edges | None = None  # in the newest frame, if seen
@@ -218,6 +235,18 @@ class FollowedStrip:
         """(6,) where it is."""
         _, left, _, right = self.shape.state.tolist()
         return np.array([*self.shape.vanishing_point, left, right, self.far, self.near])
+
+    def ends_in_view(self, level: Derotation) -> list[bool]:
+        """Whether the far and the near end are, and no border of a picture cuts the edges off."""
+        x, y, left, right, far, _ = self.strip().tolist()
+        # Evidence may end a row before the edges do.
+        margin = 2.0 * 2 ** level_of(self.near_seen)
+        depth = np.array([[far - margin], [self.near_seen + margin]])
+        places = np.stack(np.broadcast_arrays(x + depth * (left, right), y + depth))
+        on_frame = (np.stack(level.to_frame(*places)) + 0.5) / level.factor - 0.5
+        size = np.array([level.width, level.height]).reshape(2, 1, 1)
+        inside = [(at > -0.5) & (at < size - 0.5) for at in (places, on_frame)]
+        return list(np.all(inside, axis=(0, 1, 3)))
 
     def covers(self, strip: Strip) -> bool:
         """Whether they share half of the narrower one, and meet at about the same place."""

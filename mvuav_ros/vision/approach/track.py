@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
@@ -57,17 +56,13 @@ def weigh(measured: Strips, odds: NDArray[np.float64]) -> tuple[Strips, NDArray[
 
 
 def _width(strip: Strip) -> float:
-    """At the near end, px."""
     return float((strip[3] - strip[2]) * strip[5])
 
 
 def _distinct(
     columns: NDArray[np.float64], odds: NDArray[np.float64], apart: float
 ) -> NDArray[np.intp]:
-    """Numbers of the strips that are so many px apart, best first, without hopeless ones.
-
-    They are known by `columns_at`.
-    """
+    """Numbers of the strips that are so many px apart, best first, without hopeless ones."""
     order = np.argsort(-odds, kind='stable')
     order = order[odds[order] >= odds.max() + TRACK.max_odds_below]
     differ = np.abs(columns[order, None] - columns[order]).max(axis=(2, 3)) > apart
@@ -249,7 +244,6 @@ class RunwayTrack(FollowedStrip):
         self.locked = begins or (self.locked and exact > TRACK.unlock_share)
 
     def _weigh(self, view: View) -> bool:
-        """Weigh all strips that may be the runway; whether there are any."""
         seen = describe_around(view.working, self.strip(), self._found, TRACK.strips_around)
         if seen is None:
             return False
@@ -269,16 +263,12 @@ class RunwayTrack(FollowedStrip):
         through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)
         self.follow_ends(*rows.tolist())
-        self.open_end = bool(features[int(odds.argmax()), FEATURES.index('open_end')] > 0.5)
         return True
 
     def _measure(
         self, view: View, strip: Strip, rows: NDArray[np.float64], *, weighed: bool
     ) -> None:
-        """Find the edges about a strip between two rows, by the likeliest kind.
-
-        The others are measured, and which is the likeliest is asked, in weighings alone.
-        """
+        """Find the edges about a strip between two rows, by the likeliest kind."""
         left, right = columns_at(strip[None], rows)[0, :, 1].tolist()
         width = right - left
         measured: dict[EdgeKind, Edges | None] = {}
@@ -316,10 +306,10 @@ class RunwayTrack(FollowedStrip):
 
     def _predicted(self) -> Edges:
         strip = self.strip()
-        return points_along(strip, strip[1] + strip[4:6], self._spread)
+        rows = strip[1] + strip[4:6]
+        return points_along(strip, rows, self._spread, self.shape.variances(rows))
 
     def _find_steps(self, view: View, strip: Strip, *, weighed: bool) -> tuple[Edges | None, float]:
-        """The steps along both edges, if they are seen, and the log odds of that kind."""
         steps = self._look.find(view.frame, strip)
         if weighed and support(steps) < TRACK.plain_support:
             # Strips are found on an image that is the coarser the wider they are.
@@ -338,13 +328,7 @@ class RunwayTrack(FollowedStrip):
         return steps if clear > needed else None, odds
 
     def _see_ends(self, view: View) -> None:
-        """See where it ends in the newest frame."""
         strip = self.strip()
         found = ends_of(view.working, strip)
-        if found is None:
-            return
-        if found[1] > 0.5 * self.near:
+        if found is not None and found[1] > 0.5 * self.near:
             self.follow_ends(*(strip[1] + found).tolist())
-        middle = strip[0] + 0.5 * (strip[2] + strip[3]) * self.near
-        _, last = view.frame.level.to_frame(middle, strip[1] + self.near)
-        self.open_end = bool(last > view.frame.image.shape[0] - 2 * view.frame.level.factor)

@@ -52,6 +52,8 @@ class HorizonTuning:
     min_agreement: float = 0.55  # share of columns on the line, with which a followed one is kept
     texture_cost: float = 1.0  # grey levels of step per one of texture: haze is smoother
     max_texture_cost: float = 6.0  # grey levels of texture; more counts as that
+    # rad between two frames, beyond which a line is refined again: a fit lags by a quarter of that
+    max_turned: float = math.radians(0.5)
     full_period: int = 10  # frames between two looks for the horizon at any slope
     row_cost: float = 0.03  # grey levels per row: of steps alike the upper one
 
@@ -371,6 +373,8 @@ class GuidanceTuning:
     edge_bias: float = 0.12  # px of the frame by which an edge's points err alike, at either end
     # px of the frame, on both edges inwards or outwards alike: side stripes, defocus
     width_bias: float = 0.16
+    # standard deviation of how far points of lines lie outside, over that. Simulated, in grey
+    outside_share: float = 0.2
     min_spread: float = 0.05  # px of the frame
     near_sigma: float = 1.0  # px of the working image: of the near end's row
     beginning_sigma: float = 10.0  # m: markings and overruns blur where the pavement begins

@@ -70,7 +70,6 @@ def _cost(known: NormalForm, measured: NormalForm, rho_limit: float, theta_limit
 
 
 def _cheapest(costs: Sequence[Sequence[float]]) -> list[tuple[int, int]]:
-    """Pairs of row and column, each used once, as many as there can be, of the least sum."""
     rows, columns = len(costs), len(costs[0])
     if max(rows, columns) > _MAX_TRIED:
         from scipy.optimize import linear_sum_assignment

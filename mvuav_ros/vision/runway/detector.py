@@ -118,7 +118,6 @@ class RunwayDetector:
         return RunwayResult(stamp_ns, width, height, (first, last), lines, status, workings)
 
     def _rows(self, height: int, width: int) -> tuple[int, int, str]:
-        """The rows to search, [first, last), and what is wrong with them."""
         first, last = self._parameters.start_row, self._parameters.end_row
         if not (height and width):
             return 0, 0, f'the frame is empty ({width} x {height})'

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 Ends = tuple[float, float, float, float]
 
-_NO_ENDS: Ends = (math.nan, math.nan, math.nan, math.nan)
+NO_ENDS: Ends = (math.nan, math.nan, math.nan, math.nan)
 _PARALLEL = 1e-12
 _ROUNDING = 1e-9
 
@@ -54,18 +54,18 @@ def segment_ends(line: NormalForm, width: int, height: int) -> Ends:
     """
     cos, sin = math.cos(line.theta), math.sin(line.theta)
     if not (width > 0 and height > 0 and math.isfinite(line.rho) and math.isfinite(cos)):
-        return _NO_ENDS
+        return NO_ENDS
     foot_x, foot_y = line.rho * cos, line.rho * sin
     first, last = -math.inf, math.inf
     for foot, step, limit in ((foot_x, -sin, width - 1.0), (foot_y, cos, height - 1.0)):
         if abs(step) < _PARALLEL:
             if not -_ROUNDING <= foot <= limit + _ROUNDING:
-                return _NO_ENDS
+                return NO_ENDS
             continue
         enters, leaves = sorted((-foot / step, (limit - foot) / step))
         first, last = max(first, enters), min(last, leaves)
     if first > last + _ROUNDING:
-        return _NO_ENDS
+        return NO_ENDS
     (x, y), (x2, y2) = (
         (
             min(max(foot_x - t * sin, 0.0), width - 1.0),
@@ -76,3 +76,21 @@ def segment_ends(line: NormalForm, width: int, height: int) -> Ends:
     # cos(90°) is not quite 0: which end of a horizontal line is the upper one must not be noise.
     wrong_way = x > x2 if abs(y - y2) < _ROUNDING else y > y2
     return (x2, y2, x, y) if wrong_way else (x, y, x2, y2)
+
+
+def clip_segment(
+    x1: float, y1: float, x2: float, y2: float, right: float, bottom: float
+) -> Ends | None:
+    """The part of a segment with 0 <= x <= right and 0 <= y <= bottom (Liang-Barsky)."""
+    enter, leave = 0.0, 1.0
+    for start, step, limit in ((x1, x2 - x1, right), (y1, y2 - y1, bottom)):
+        if step == 0.0:
+            if not 0.0 <= start <= limit:
+                return None
+            continue
+        first, last = sorted((-start / step, (limit - start) / step))
+        enter, leave = max(enter, first), min(leave, last)
+    if not enter <= leave:
+        return None
+    dx, dy = x2 - x1, y2 - y1
+    return x1 + enter * dx, y1 + enter * dy, x1 + leave * dx, y1 + leave * dy

@@ -10,7 +10,7 @@ from mvuav_ros.simulation.runway_flight import RunwayFlight, measured_attitude
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.attitude import HorizonFinder, horizon_from, mount_matrix
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import Attitude
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude
 
 CAMERA = CameraModel(640, 480, (500.0, 0, 319.5, 0, 500.0, 239.5, 0, 0, 1.0))
 AHEAD = mount_matrix((0.0, 0.0, 0.0))
@@ -118,6 +118,21 @@ def test_small_slopes_are_measured_closely():
         assert horizon.row == pytest.approx(100.3, abs=0.6)
 
 
+@pytest.mark.parametrize(('model', 'd'), [('plumb_bob', (-0.25, 0, 0, 0)), ('equidistant', ())])
+@pytest.mark.parametrize('roll_deg', [-20.0, 0.0, 12.0])
+def test_a_horizon_that_a_lens_bends_is_where_the_attitude_has_it(roll_deg, model, d):
+    camera = CameraModel(WIDTH, HEIGHT, (277, 0, 150, 0, 270, 125, 0, 0, 1), d, model)
+    attitude = Attitude.from_roll_pitch(math.radians(roll_deg), math.radians(9.0))
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    rays = camera.undistort(np.stack((x.ravel(), y.ravel()), axis=1))
+    above = np.column_stack((rays, np.ones(len(rays)))) @ OPTICAL_FROM_BODY @ attitude.up
+    image = np.where(above > 0, 235, 50).astype(np.uint8).reshape(HEIGHT, WIDTH)
+    found = HorizonFinder(HEIGHT, WIDTH).find(image, camera)
+    true = horizon_from(attitude, camera, AHEAD)
+    assert math.degrees(found.slope) == pytest.approx(math.degrees(true.slope), abs=0.1)
+    assert found.row == pytest.approx(true.row, abs=0.4)
+
+
 def test_a_horizon_that_moves_a_little_is_followed_and_one_that_jumps_is_found_again():
     finder = HorizonFinder(HEIGHT, WIDTH)
     finder.find(view(100, 0))
@@ -126,6 +141,14 @@ def test_a_horizon_that_moves_a_little_is_followed_and_one_that_jumps_is_found_a
     far = finder.find(view(150, 30))
     assert far.row == pytest.approx(150, abs=1.5)
     assert math.degrees(far.slope) == pytest.approx(30, abs=0.3)
+
+
+def test_a_horizon_that_turns_fast_is_not_behind():
+    """As at a few frames per second: a fit is drawn towards the line before."""
+    finder = HorizonFinder(HEIGHT, WIDTH)
+    slopes = np.arange(0.0, 14.0, 1.5)
+    found = [math.degrees(finder.find(view(100.0, slope)).slope) for slope in slopes]
+    assert found[1:] == pytest.approx(slopes[1:], abs=0.15)
 
 
 def test_treetops_and_an_even_image_are_not_trusted():

@@ -1,6 +1,7 @@
 """Where the camera is, from edges whose places are known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +33,45 @@ def test_what_is_not_observed_has_no_variance_of_what_is(near_row, x):
     assert guidance.x == pytest.approx(x, nan_ok=True)
     assert (guidance.covariance[0, 0] == UNKNOWN_VARIANCE) == math.isnan(x)
     assert not guidance.covariance[0, 1:].any() or not math.isnan(x)
+
+
+def test_edges_that_are_no_more_than_predicted_make_the_pose_as_uncertain_as_they_are():
+    """Their points lie on straight lines: scatter says nothing of where these are."""
+    level = Derotation(640, 480, 1, 0.0)
+    doubts = np.array([(2.0, 8.0), (3.0, 5.0)])
+    edges = [
+        replace(edge(aside), doubt=tuple(doubt))
+        for aside, doubt in zip((-1, 2), doubts, strict=True)
+    ]
+    covariance = locate(edges, None, level, 1e-6, CAMERA, 30.0).covariance
+    rng, poses, along = np.random.default_rng(1), [], np.linspace(0.0, 1.0, 8)
+    for _ in range(1000):
+        moved = []
+        for (far, near), points in zip(doubts * rng.normal(size=(2, 2)), edges, strict=True):
+            columns = points.columns + far * (1 - along) + near * along
+            moved.append(replace(points, columns=columns))
+        poses.append(locate(moved, None, level, 1e-6, CAMERA, 30.0))
+    for index, name in ((1, 'y'), (2, 'z'), (4, 'pitch'), (5, 'yaw')):
+        scatter = np.std([getattr(pose, name) for pose in poses])
+        assert math.sqrt(covariance[index, index]) == pytest.approx(scatter, rel=0.2)
+
+
+def test_points_outside_of_the_edges_do_not_move_the_pose():
+    """By how much they are is known only about, and that counts in the covariance."""
+    level = Derotation(640, 480, 1, 0.0)
+    true = locate((edge(-1.0), edge(2.0)), None, level, 1e-6, CAMERA, 30.0)
+    along, outside = np.linspace(0.0, 1.0, 8), (2.0, 0.5)
+    moved = [
+        replace(
+            edge(aside),
+            columns=edge(aside).columns + sign * (outside[0] * (1 - along) + outside[1] * along),
+            outside=outside,
+        )
+        for aside, sign in ((-1.0, -1.0), (2.0, 1.0))
+    ]
+    found = locate(moved, None, level, 1e-6, CAMERA, 30.0)
+    assert (found.y, found.z, found.pitch) == pytest.approx((true.y, true.z, true.pitch))
+    assert found.covariance[2, 2] > 1.5 * true.covariance[2, 2]
 
 
 @pytest.mark.parametrize(

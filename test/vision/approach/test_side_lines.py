@@ -54,6 +54,21 @@ def test_the_edge_is_where_the_line_ends_wherever_it_was_expected(expected):
     assert offsets(runway((0.7, 1.0)), expected) == pytest.approx((0, 0), abs=0.5)
 
 
+@pytest.mark.parametrize('inner', [0.85, 0.9, 0.94])
+def test_points_of_thin_lines_say_how_far_outside_they_lie(inner):
+    """That is where the line is thinnest, at the far end."""
+    strip = np.array([X, Y, -SLOPE, SLOPE, *SPAN])
+    image = cv2.convertScaleAbs(runway((inner, 1.0)), alpha=1.2)
+    sides = find_side_lines(LevelledFrame(image, LEVEL), strip)
+    for side, sign in zip(sides, (-1.0, 1.0), strict=True):
+        away = sign * (side.columns - X) - SLOPE * (side.rows - Y)
+        line = np.polyfit(side.rows, away, 1, w=np.sqrt(side.weights))
+        found = np.polyval(line, side.rows[0])
+        assert found > 0.7
+        assert found - side.outside[0] == pytest.approx(0, abs=0.35)
+        assert 0.0 <= side.outside[1] < side.outside[0]
+
+
 @pytest.mark.parametrize('expected', [1.0, 1.15])
 def test_of_two_lines_the_outer_one_is_the_shoulders(expected):
     image = runway((0.8, 1.0), (1.3, 1.5))

@@ -1,6 +1,7 @@
 """Flights with truth: lines, vanishing point, guidance and its covariance."""
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.runway.results import LineRole
 
 WARM_UP = 25
@@ -166,6 +168,59 @@ def test_beyond_the_threshold_the_distance_is_unknown_and_says_so():
             near_end = result.lines[LineRole.NEAR_END - 1]
             assert not near_end.found
     assert seen > 10
+
+
+@pytest.mark.parametrize(
+    'settings',
+    [
+        {'motion': 'low_pass', 'camera_pitch_deg': 30.0, 'start_distance': 10.0},
+        {'motion': 's_turn', 'camera_pitch_deg': 10.0, 'start_distance': -50.0, 'seed': 1},
+    ],
+)
+def test_an_end_is_not_where_a_border_of_the_picture_cuts_off_the_edges(settings):
+    """Its sides, its top, or the corners of a picture that is turned level."""
+    flight = RunwayFlight(RunwaySettings(frames=80, fps=10.0, runway_width=18.0, **settings))
+    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach', runway_width=18.0))
+    camera = flight.camera
+    pipeline.set_camera(CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel())))
+    seen = wrong = 0
+    for index, frame in enumerate(flight):
+        pose = frame.truth.pose
+        attitude = Attitude.from_roll_pitch(pose.roll, pose.pitch)
+        result = pipeline.process(frame.image.pixels, frame.stamp_ns, attitude)
+        if index > WARM_UP + 5 and result.guidance.known:
+            seen += 1
+            wrong += not math.isnan(result.guidance.x)
+            for role in (LineRole.FAR_END, LineRole.NEAR_END):
+                hidden = not frame.truth.lines[role - 1].visible
+                wrong += hidden and result.lines[role - 1].found
+    assert seen > 30
+    assert wrong == 0
+
+
+def test_the_roll_is_as_uncertain_as_the_attitude_is_stated_to_be():
+    flight = RunwayFlight(RunwaySettings(frames=15, fps=10.0, start_distance=300.0))
+    camera = flight.camera
+    given = CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel()))
+    sure, unsure = (
+        ApproachDetector(
+            RunwayDetectorParameters(mode='approach', runway_width=30.0, min_confidence=0.0)
+        )
+        for _ in range(2)
+    )
+    deviations = []
+    for frame in flight:
+        pose = frame.truth.pose
+        attitude = Attitude.from_roll_pitch(pose.roll, pose.pitch)
+        for detector, sigma in ((sure, 0.0), (unsure, 0.007)):
+            detector.set_camera(given)
+            stated = replace(attitude, sigma=sigma)
+            guidance = detector.process(frame.image, frame.stamp_ns, stated).guidance
+            deviations.append([math.sqrt(guidance.covariance[axis, axis]) for axis in (1, 3)])
+    (y, roll), (unsure_y, unsure_roll) = deviations[-2:]
+    assert roll < 0.002
+    assert unsure_roll == pytest.approx(0.007, rel=0.1)
+    assert unsure_y > 1.5 * y
 
 
 def tolerance(truth):

@@ -103,6 +103,20 @@ def test_between_weighings_the_edges_are_measured_and_their_kind_stays():
     assert [track.kinds.share(kind) for kind in EdgeKind] != before
 
 
+def test_edges_that_are_predicted_are_doubted_the_more_the_longer():
+    seen = view()
+    track = RunwayTrack(STRIP, 1.0)
+    for _ in range(8):
+        track.step(seen, 1)
+    assert all(edge.doubt == (0.0, 0.0) for edge in track.points)
+    doubts = []
+    for _ in range(4):
+        track.step(seen, 6)
+        doubts.append([max(edge.doubt) for edge in track.points])
+    assert np.min(doubts) > 1.0
+    assert np.min(np.diff(doubts, axis=0)) > 0.0
+
+
 def test_a_runway_that_is_followed_by_its_edges_alone_and_not_seen_is_weighed_again(monkeypatch):
     """Its log odds rest while its edges are seen; without them the strips decide."""
     seen = view()
