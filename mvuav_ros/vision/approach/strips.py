@@ -84,7 +84,8 @@ def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
         and width * near > STRIP.min_width
         and abs(left + right) / 2 < 2.0 * width
         and -0.5 * columns < x < 1.5 * columns
-        and -STRIP.max_above * height < y < height - 6
+        and -STRIP.max_above * height < y
+        and y + far < height - 6
         and near > far
         and (y > STRIP.top_row or y + near > STRIP.min_below_top)
     )
@@ -125,6 +126,13 @@ class Shape:
         p_left, left, p_right, right = self.state.tolist()
         depth = (p_left - p_right) / max(right - left, 1e-3)
         return p_left + left * depth, self.reference + depth
+
+    def deviation(self, rows: NDArray[np.float64]) -> float:
+        """Standard deviation of the edges' columns in some rows, px: the largest."""
+        depth = rows - self.reference
+        variances = self.covariance.reshape(2, 2, 2, 2)[[0, 1], :, [0, 1]]
+        place, both, slope = variances[:, [0, 0, 1], [0, 1, 1], None].transpose(1, 0, 2)
+        return math.sqrt(float((place + (2.0 * both + slope * depth) * depth).max()))
 
     def predict(self, rightwards: float = 0.0, downwards: float = 0.0) -> None:
         """One frame passes, in which the image was seen to move, px."""
