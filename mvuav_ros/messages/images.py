@@ -209,6 +209,7 @@ def check_compressed_image(message: CodedImage) -> tuple[int, int]:
 
 
 def _bytes_of(data: Any) -> NDArray[np.uint8]:
+    """``data`` (array.array, bytes or uint8 array) as a flat uint8 array, not copied."""
     return np.frombuffer(data, np.uint8) if len(data) else np.empty(0, np.uint8)
 
 

@@ -224,6 +224,7 @@ def _serve(
 
 
 def _next_task(connection: Connection, stop: Stop, parent: int) -> tuple[int, Any] | None:
+    """Wait for a task; None when there will be none any more."""
     while not stop and os.getppid() == parent:
         if connection.poll(_PARENT_LOOK):
             with suppress(EOFError):

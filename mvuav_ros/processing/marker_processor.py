@@ -175,6 +175,7 @@ class MarkerTrackerProcessor(Processor):
         return [Output('debug_image', partial(serialize_image, Image(canvas, 'bgr8'), header))]
 
     def _encode_integrity(self, pose: Pose | None, header: bytes) -> bytes:
+        """How wrong the newest frame's pose may be; computed only where somebody listens."""
         given, camera, posed = self._parameters, self._camera, self._posed
         if pose is not None and camera is not None:
             budget = IntegrityBudget(

@@ -193,6 +193,7 @@ class RunwayDetectorProcessor(Processor):
         return outputs
 
     def _encode_integrity(self, result: RunwayResult | ApproachResult, header: bytes) -> bytes:
+        """How wrong the newest guidance may be; computed only where somebody listens."""
         given = self._parameters
         if not isinstance(result, ApproachResult):
             levels = RunwayLevels(reason='only mode approach has levels')

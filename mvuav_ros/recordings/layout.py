@@ -60,6 +60,7 @@ def named_recording(path: Path) -> Path:
 
 
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
+    """The file names in metadata.yaml; None if it is damaged."""
     from mvuav_ros.parameters.yaml_text import read_yaml  # Few who ask what a file is need it
 
     try:

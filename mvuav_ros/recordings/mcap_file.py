@@ -116,6 +116,7 @@ class McapFile(RecordingFile):
                     self.lose(('extra', span.body), said, 0)
 
     def _read_index(self, stream: BinaryIO) -> bool:
+        """Whether the channels could be taken from the file's end."""
         found = _Records(stream, self).summary()
         if found is None:
             self.lose('index', 'its index is missing (was the recording cut off?)', 0)

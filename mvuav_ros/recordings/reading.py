@@ -199,6 +199,7 @@ def _opened(path: Path, account: Account, limit: Limit) -> RecordingFile:
 
 
 def _merged(known: TopicInfo | None, channel: TopicInfo) -> TopicInfo:
+    """One topic's channels (publishers, split files) as one."""
     if known is None:
         return channel
     counts = (known.message_count, channel.message_count)

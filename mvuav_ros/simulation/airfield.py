@@ -64,6 +64,7 @@ def draw_terrain(length: float, detail: float, seed: int) -> NDArray[np.uint8]:
 
 
 def _blend(land: Plane, color: Plane, cover: Plane) -> None:
+    """Lay a colour over the land where there is any cover, 0 to 1."""
     part = np.nonzero(cover)
     covered = land[part]
     land[part] = covered + cover[part][:, None] * (color - covered)
@@ -235,6 +236,8 @@ class Surface:
             self._mark_end(unit, half, length, far)
 
     def _mark_end(self, unit: float, half: float, length: float, far: bool) -> None:
+        """Threshold bars, number, touchdown zone and aiming point, as seen when landing."""
+
         def add(x0: float, x1: float, y0: float, y1: float) -> None:
             if far:
                 x0, x1, y0, y1 = length - x1, length - x0, -y1, -y0

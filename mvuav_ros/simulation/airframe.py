@@ -84,6 +84,7 @@ def paint_tanker(
 def _fill(
     part: Pixels, pixels: Array, levels: Sequence[Sequence[float]], order: NDArray[np.intp]
 ) -> tuple[Pixels, Pixels]:
+    """The faces on black, and their cover, 0 to 255."""
     # A pixel's centre lies half a fine pixel right of the first fine pixel's.
     fine = (pixels + 0.5) * SUPERSAMPLING - 0.5
     limit = 2**20
@@ -179,6 +180,7 @@ def _faces() -> Iterator[Face]:
 
 
 def _turned(stations: Sequence[Corner], sides: int, albedo: float) -> Iterator[Face]:
+    """A body of revolution about an axis along x that may bend."""
     angles = [2 * math.pi * k / sides for k in range(sides)]
     yield from _skin(
         [[(x, r * math.cos(a), z + r * math.sin(a)) for a in angles] for x, r, z in stations],
@@ -187,6 +189,7 @@ def _turned(stations: Sequence[Corner], sides: int, albedo: float) -> Iterator[F
 
 
 def _skin(rings: Sequence[Sequence[Corner]], albedo: float) -> Iterator[Face]:
+    """Faces from each ring of points to the next."""
     for front, back in pairwise(rings):
         for k in range(len(front)):
             following = (k + 1) % len(front)
@@ -194,11 +197,13 @@ def _skin(rings: Sequence[Sequence[Corner]], albedo: float) -> Iterator[Face]:
 
 
 def _closed(outlines: Sequence[Sequence[Corner]], albedo: float) -> Iterator[Face]:
+    """A wing of outlines from the root to the tip, which is closed."""
     yield from _skin(outlines, albedo)
     yield outlines[-1], albedo
 
 
 def _outline(section: WingSection) -> tuple[Corner, Corner, Corner, Corner]:
+    """Leading edge, top, trailing edge and bottom."""
     x, chord, y, z, thickness = section
     thickest = x - 0.35 * chord
     top, bottom = z + 0.6 * thickness, z - 0.4 * thickness

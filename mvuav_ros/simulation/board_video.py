@@ -107,6 +107,7 @@ class BoardVideo:
         return np.kron(colors, np.ones((TEXEL, TEXEL))).astype(np.uint8)
 
     def _moved(self, noise: Array) -> Pixels:
+        """The board with its corners moved by (rows, columns, 2) squares."""
         picture = self.picture()
         sides = (np.arange(side, dtype=np.float32) for side in picture.shape[::-1])
         x, y = np.meshgrid(*sides)

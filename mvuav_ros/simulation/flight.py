@@ -188,6 +188,7 @@ class Flight(ABC, Generic[TruthT]):
         """The image at a time (s) before the lens's blur and the sensor."""
 
     def _exposed(self, pixels: Pixels, time: float) -> Pixels:
+        """An image with the lens's blur and the sensor's faults; may be the same array."""
         settings = self.settings
         if settings.blur > 0.0:
             border = cv2.BORDER_REPLICATE
@@ -203,6 +204,7 @@ class Flight(ABC, Generic[TruthT]):
 
     @cached_property
     def _hot_pixels(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Rows and columns of pixels that are always white."""
         pixels = self.camera.width * self.camera.height
         count = min(self.settings.hot_pixels, pixels)
         chosen = self._rng(RandomStream.HOT_PIXELS).choice(pixels, count, replace=False)

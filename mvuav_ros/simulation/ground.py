@@ -236,6 +236,7 @@ class GroundPainter:
         return band
 
     def _strip_mask(self, pose: CameraPose) -> Pixels:
+        """255 where the texture of the runway is seen."""
         mask = np.zeros((self._camera.height, self._camera.width), np.uint8)
         polygon = (self._ground.corners - pose.position) @ pose.rotation
         polygon = _cut(polygon, polygon[:, 2] - MIN_DEPTH)

@@ -96,6 +96,8 @@ def add_lights(image: Pixels, lights: list[Light], gain: float = 1.0) -> None:
 
 
 class _Window:
+    """The part of an image that one light reaches, perhaps none."""
+
     def __init__(self, image: Pixels, light: Light) -> None:
         self._light = light
         reach = light.profile.reach + 1

@@ -334,6 +334,7 @@ class TankerFlight(Flight[TankerTruth]):
         return [LightProfile(round(min(max(seen, 2.0), largest), 2)) for seen in radii]
 
     def _optical(self, pose: BodyPose) -> NDArray[np.float64]:
+        """The markers in the camera's optical frame, (n, 3), m."""
         return self.rig.positions @ pose.rotation.T + pose.translation
 
     def _project(self, pose: BodyPose) -> NDArray[np.float64]:

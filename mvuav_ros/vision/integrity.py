@@ -333,6 +333,7 @@ def _normal_terms(
 
 
 def _unmonitored_reason(monitored: NDArray[np.bool_], labels: list[int], rig: MarkerRig) -> str:
+    """Which faults the lights cannot check."""
     if not monitored[0]:
         return 'the lights do not tell the pose well enough'
     single = monitored[1 : len(labels) + 1].tolist()

@@ -207,6 +207,7 @@ def rig_text(rig: MarkerRig, deviations: NDArray[np.float64]) -> str:
 
 
 def _refuse_same_place(lights: Sequence[tuple[str, Point]]) -> None:
+    """Two markers in one place are one light."""
     size = max(math.dist(first, second) for _, first in lights for _, second in lights)
     for (name, first), (other, second) in combinations(lights, 2):
         if math.dist(first, second) <= SAME_PLACE * size:

@@ -349,6 +349,7 @@ def _alignment(points: Array, onto: Array) -> tuple[Array, float]:
 
 
 def _refuse_untold(positions: Array, covariance: Array, names: Sequence[str]) -> None:
+    """Say which light the motion leaves unknown."""
     span = float(np.linalg.norm(positions[:, None] - positions, axis=2).max())
     count = range(len(names))
     variances, axes = np.linalg.eigh(covariance.reshape(-1, 3, len(names), 3)[count, :, count])
@@ -365,6 +366,7 @@ def _refuse_untold(positions: Array, covariance: Array, names: Sequence[str]) ->
 
 
 def _refuse_exchanged(positions: Array, rough: Array, names: Sequence[str]) -> None:
+    """Say which lights lie where the rough rig has others."""
     apart = np.linalg.norm(positions[:, None] - rough, axis=2)
     _, nearest = linear_sum_assignment(apart**2)
     others = [f'{names[i]} is where {names[j]} should be' for i, j in enumerate(nearest) if i != j]

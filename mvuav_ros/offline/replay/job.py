@@ -220,6 +220,7 @@ class ReplayInput:
 def _calibration(
     image: RecordedMessage, camera: CameraModel, topic: str
 ) -> Iterator[RecordedMessage]:
+    """The CameraInfo of an image's message; none of one that is damaged."""
     from rclpy.serialization import serialize_message
 
     with suppress(ImageError):

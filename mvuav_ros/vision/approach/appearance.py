@@ -194,6 +194,7 @@ def _wider_on_one_side(image: EvidenceMap, of: Profile) -> Numbers:
 
 
 def _above(image: EvidenceMap, strips: Strips) -> Numbers:
+    """Evidence along the edges beyond the vanishing point, where no runway goes on."""
     y, near = strips[:, 1], strips[:, 5]
     rows = np.rint(y[:, None] - _UP).astype(np.intp)
     found, inside = image.at(rows, strips[:, 0:1] - strips.T[2:4, :, None] * _UP)
@@ -248,6 +249,7 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
 
 
 def _greyness(inside: Numbers, before: Numbers, after: Numbers) -> Numbers:
+    """By how much less colourful the strip is than either side, in tens of grey levels."""
     if len(inside) == 1:
         return np.zeros(inside.shape[1])
     colours = [np.hypot(each[1], each[2]).mean(axis=1) for each in (inside, before, after)]

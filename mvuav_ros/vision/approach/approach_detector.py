@@ -148,6 +148,7 @@ class ApproachDetector:
     def _horizon_of(
         self, attitude: Attitude | HorizonLine | None
     ) -> tuple[HorizonLine | None, str]:
+        """Where attitude says that the horizon is, or why the image must say it."""
         source = self._parameters.horizon_source
         if source == 'image':
             return None, ''
@@ -245,12 +246,14 @@ class ApproachDetector:
         return tuple(rows)
 
     def _checked_camera(self) -> CameraModel | None:
+        """The calibration, if it is of frames of this size."""
         if self._camera is None or self._size is None:
             return None
         height, width = self._size
         return None if self._camera.objection(width, height) else self._camera
 
     def _guidance(self, found: Found | None) -> Guidance | None:
+        """From what was found; None where nobody asked for it or the camera is not known."""
         camera = self._checked_camera()
         width = self._parameters.runway_width
         if camera is None or not width > 0:
@@ -274,6 +277,7 @@ def _slope_sigma(meeting: float, found: Found) -> float:
 
 
 def _across(found: Found) -> tuple[Point, Point] | None:
+    """Where the horizon crosses the sides of the frame, if it is known and does."""
     level, row = found.level, found.horizon_row
     if row is None:
         return None
@@ -337,6 +341,7 @@ class Finder:
         return Found(track, confidence, level, sight.row, veto, stated)
 
     def _veto(self, track: FollowedStrip | None, sight: Sight) -> str:
+        """Why nothing is reported: the picture is frozen, or the attitude contradicts the track."""
         unchanged = self.tracker.registration.unchanged
         if unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'

@@ -249,6 +249,7 @@ def _straightening(camera: CameraModel) -> tuple[Any, Any]:
 
 
 def _steps(blue: NDArray[Any]) -> NDArray[np.float32]:
+    """How much brighter it is above each place than below, capped."""
     rows = HORIZON.step_rows
     sums = cv2.boxFilter(blue, cv2.CV_32F, (1, rows), normalize=False)
     # The boundary between two rows counts half to each.

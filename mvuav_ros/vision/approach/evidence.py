@@ -222,6 +222,7 @@ def _quantised(values: NDArray[np.float32]) -> NDArray[np.int8]:
 
 
 def _steps(channel: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
+    """How much larger a channel is to the right of each pixel than to its left, in textures."""
     reach = SEARCH.step_reach
     kernel = np.array([[-1] * reach + [0] + [1] * reach], np.float32) / reach
     step = cv2.filter2D(channel, -1, kernel, borderType=cv2.BORDER_REPLICATE)
@@ -235,6 +236,7 @@ def _steps(channel: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
 
 
 def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
+    """How much brighter each pixel is than the pixels on both sides, in textures."""
     ridge = np.zeros_like(brightness)
     for reach in SEARCH.ridge_reaches:
         sides = np.maximum(brightness[:, : -2 * reach], brightness[:, 2 * reach :])

@@ -139,6 +139,7 @@ def _pose(
 
 
 def _rays(columns: Vector, rows: Vector, level: Derotation, camera: CameraModel) -> Matrix:
+    """(n, 3) directions in the optical frame of points of the levelled working image."""
     x, y = level.to_frame(columns, rows)
     flat = camera.undistort(np.stack([x, y], axis=1))
     return np.concatenate([flat, np.ones((len(flat), 1))], axis=1)

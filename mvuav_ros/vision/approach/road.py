@@ -133,6 +133,7 @@ def _sides(pixels: NDArray[Any], painted: bool) -> list[tuple[list[Line], list[L
 
 
 def _lines(marked: NDArray[np.bool_], margin: int) -> list[Line]:
+    """Straight lines through places marked in an image but for its sides, strongest first."""
     mask = np.pad(marked.astype(np.uint8), ((0, 0), (margin, margin)))
     found = cv2.HoughLinesWithAccumulator(mask, 1.0, math.radians(1.5), ROAD.min_votes)
     lines: list[Line] = []

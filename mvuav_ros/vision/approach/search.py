@@ -233,6 +233,7 @@ def _signed(image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any]) -
 
 
 def _agreement(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.float64]:
+    """What edges (rows, ..., 4) have in common over all rows."""
     total = np.add.reduce(in_common(one, other), axis=0, dtype=np.int16)
     return np.asarray(np.abs(total) @ _ALIGN_WEIGHTS)
 
@@ -368,6 +369,7 @@ class LevelledImage:
         return self._part_on(level_of(float(strips[0, 5])), strips)
 
     def _part_on(self, level: int, strips: Strips) -> Part | None:
+        """The part of a level of the pyramid around strips, if it is large enough."""
         known = _scaled(strips, 0.5**level)
         x, y, left, right, _, near = known.T
         near_left, near_right = x + left * near, x + right * near

@@ -60,6 +60,7 @@ def choose(
 
 
 def _clear(clearness: Numbers) -> Numbers:
+    """From 0 to 1, whether each line is as clear as the clearest."""
     ahead: Numbers = clearness / max(float(clearness.max()), 1e-6) - LINES.clear_share
     return np.asarray(1.0 / (1.0 + np.exp(-ahead / LINES.clear_doubt)))
 
@@ -137,6 +138,8 @@ def _away(strip: Strip, points: Edges) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class _LineFan:
+    """All straight lines of a width along an edge."""
+
     reach: int  # samples between a line's middle and what is beside it
     ends: Numbers  # (n, 2) middle at the far and at the near end, widths of the runway
     at: NDArray[np.intp]  # (rows, n) samples through which they go
@@ -159,6 +162,7 @@ def _line_fan(half: float) -> _LineFan:
 
 
 def _distinct(brightness: NDArray[np.float32]) -> list[list[Line]]:
+    """Along either edge the clearest lines that are apart from one another, of any width."""
     fans = [_line_fan(half) for half in LINES.half_widths]
     ends = np.concatenate([fan.ends for fan in fans])
     middles = ends.mean(axis=1)
@@ -175,6 +179,7 @@ def _distinct(brightness: NDArray[np.float32]) -> list[list[Line]]:
 
 
 def _clearness(brightness: NDArray[np.float32], fan: _LineFan) -> Numbers:
+    """(2, n) of all lines of a fan along either edge."""
     reach = fan.reach
     smooth = cv2.blur(brightness.reshape(2 * LINES.rows, -1), (reach | 1, 1))
     sides = np.maximum(smooth[:, : -2 * reach], smooth[:, 2 * reach :])

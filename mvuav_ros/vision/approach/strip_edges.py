@@ -93,6 +93,7 @@ class EdgeSamples:
 
     @property
     def _steps_inside(self) -> NDArray[np.bool_]:
+        """(2, count, places - base) where the middle of a step is on the frame."""
         half = self.base // 2
         return self.inside[:, :, half:-half]
 
@@ -295,12 +296,14 @@ def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:
 def _steps(
     channel: NDArray[np.float32], window: int, seen: NDArray[np.bool_]
 ) -> NDArray[np.floating[Any]]:
+    """(2, places) median over the rows of the rise towards outside."""
     smooth = cv2.blur(channel, (window, 1))
     rise = (smooth[:, window:] - smooth[:, :-window]).reshape(2, SHOULDERS.rows, -1)
     return np.asarray(np.median(rise[:, seen], axis=1))
 
 
 def _clearness(size: NDArray[np.floating[Any]], place: NDArray[np.float64], first: float) -> float:
+    """By how much a step beyond the edge's own stands out from what is between the two."""
     near = np.nonzero(np.abs(place) <= first)[0]
     own = int(near[size[near].argmax()])
     beyond = size[own:]

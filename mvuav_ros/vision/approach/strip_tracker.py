@@ -134,6 +134,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         return self.best
 
     def _search_period(self) -> int:
+        """Frames from one share of the search to the next."""
         if self.certain:
             return TRACKER.period_certain
         return TRACKER.period_later if self._rounds else TRACKER.period_first

@@ -56,6 +56,7 @@ def weigh(measured: Strips, odds: NDArray[np.float64]) -> tuple[Strips, NDArray[
 
 
 def _width(strip: Strip) -> float:
+    """At the near end, px."""
     return float((strip[3] - strip[2]) * strip[5])
 
 
@@ -257,6 +258,7 @@ class RunwayTrack(FollowedStrip):
         self.locked = begins or (self.locked and exact > TRACK.unlock_share)
 
     def _weigh(self, view: View) -> bool:
+        """Weigh all strips that may be the runway; whether there are any."""
         seen = describe_around(view.working, self.strip(), self._found, TRACK.strips_around)
         if seen is None:
             return False
@@ -317,11 +319,13 @@ class RunwayTrack(FollowedStrip):
             self.shoulders += memory * (bool(shown) - self.shoulders)
 
     def _predicted(self) -> Edges:
+        """Points along the edges as followed."""
         strip = self.strip()
         rows = strip[1] + strip[4:6]
         return points_along(strip, rows, self._spread, self.shape.variances(rows))
 
     def _find_steps(self, view: View, strip: Strip, *, weighed: bool) -> tuple[Edges | None, float]:
+        """The steps along both edges, if they are seen, and the log odds of that kind."""
         steps = self._look.find(view.frame, strip)
         if weighed and support(steps) < TRACK.plain_support:
             # Strips are found on an image that is the coarser the wider they are.
@@ -340,6 +344,7 @@ class RunwayTrack(FollowedStrip):
         return steps if clear > needed else None, odds
 
     def _see_ends(self, view: View) -> None:
+        """See where it ends in the newest frame."""
         strip = self.strip()
         found = ends_of(view.working, strip)
         if found is not None and found[1] > 0.5 * self.near:

@@ -166,6 +166,7 @@ class CalibratedTracker:
         return again
 
     def _report(self, estimate: Estimate) -> None:
+        """Say what contradicts the calibration."""
         self._doubt = ''
         if estimate.contradicts and self._camera is not None:
             ours = math.sqrt(self._camera.matrix[0, 0] * self._camera.matrix[1, 1])

@@ -69,6 +69,7 @@ def _draw_marker(canvas: NDArray[np.uint8], marker: Marker, size: int) -> None:
 
 
 def _star(x: int, y: int, size: int) -> NDArray[np.int32]:
+    """Ten corners, alternating between the outer radius and 0.4 of it."""
     angles = -math.pi / 2 + np.arange(10) * math.pi / 5
     radii = 1.4 * size * np.where(np.arange(10) % 2 == 0, 1.0, 0.4)
     corners = np.column_stack((x + radii * np.cos(angles), y + radii * np.sin(angles)))

@@ -165,6 +165,7 @@ class IdentityTracker:
     def _conclude(
         self, frame: Frame, memory: MarkerMemory, search: Search, windows: list[Window], status: str
     ) -> MarkerResult:
+        """Remember and report what a search has found."""
         # Where other lights are about, some three of all nearly always look like three markers.
         if not self._clutter.is_about:
             memory.trust(search.reacquired)

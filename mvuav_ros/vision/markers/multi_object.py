@@ -206,6 +206,7 @@ class MultiObjectTracker:
         return assign(cost, number)
 
     def _update(self, time: float, given: Integers, found: Array) -> None:
+        """Measure the known lights."""
         visible = given >= 0
         positions = np.full((len(given), 2), math.nan)
         positions[visible] = found[given[visible], :2]

@@ -207,6 +207,7 @@ class ThesisTracker:
         return self._follow(found, time)
 
     def _follow(self, found: MarkerResult, time: float) -> MarkerResult:
+        """Take a whole frame's markers as the newest positions."""
         self._whole_frames += 1
         markers = []
         for marker, motion in zip(found.markers, self._motions, strict=True):

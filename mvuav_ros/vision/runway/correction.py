@@ -70,6 +70,7 @@ def _cost(known: NormalForm, measured: NormalForm, rho_limit: float, theta_limit
 
 
 def _cheapest(costs: Sequence[Sequence[float]]) -> list[tuple[int, int]]:
+    """Pairs of row and column, each used once, as many as there can be, of the least sum."""
     rows, columns = len(costs), len(costs[0])
     if max(rows, columns) > _MAX_TRIED:
         from scipy.optimize import linear_sum_assignment
@@ -106,6 +107,8 @@ class CorrectedLine(NamedTuple):
 
 @dataclass
 class _KnownLine:
+    """What a row remembers."""
+
     line: NormalForm  # the last corrected one
     measurements: int = 1  # up to the end of the warm-up
     held: int = 0  # frames in a row in which the line was flagged or not measured
