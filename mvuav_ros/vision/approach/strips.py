@@ -127,13 +127,6 @@ class Shape:
         depth = (p_left - p_right) / max(right - left, 1e-3)
         return p_left + left * depth, self.reference + depth
 
-    def deviation(self, rows: NDArray[np.float64]) -> float:
-        """Standard deviation of the edges' columns in some rows, px: the largest."""
-        depth = rows - self.reference
-        variances = self.covariance.reshape(2, 2, 2, 2)[[0, 1], :, [0, 1]]
-        place, both, slope = variances[:, [0, 0, 1], [0, 1, 1], None].transpose(1, 0, 2)
-        return math.sqrt(float((place + (2.0 * both + slope * depth) * depth).max()))
-
     def predict(self, rightwards: float = 0.0, downwards: float = 0.0) -> None:
         """One frame passes, in which the image was seen to move, px."""
         left, right = self.slopes

@@ -208,7 +208,7 @@ class RunwayTrack(FollowedStrip):
             self.give_up()
         strip = self.strip()
         in_view = np.minimum(strip[1] + strip[4:6], view.working.size[0] - 1.0)
-        sigmas = _tolerance(_width(strip)) / self.shape.deviation(in_view)
+        sigmas = _tolerance(_width(strip)) / math.sqrt(self.shape.variances(in_view).max())
         within = math.erf(math.sqrt(0.5) * sigmas)
         self._far_off = (1.0 - within) / max(within, 1e-9)
         # What looks like a horizon in the picture may be the border of a field.
