@@ -84,8 +84,7 @@ def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
         and width * near > STRIP.min_width
         and abs(left + right) / 2 < 2.0 * width
         and -0.5 * columns < x < 1.5 * columns
-        and -STRIP.max_above * height < y
-        and y + far < height - 6
+        and -STRIP.max_above * height < y < height - 6
         and near > far
         and (y > STRIP.top_row or y + near > STRIP.min_below_top)
     )

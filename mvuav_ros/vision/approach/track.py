@@ -60,11 +60,6 @@ def _width(strip: Strip) -> float:
     return float((strip[3] - strip[2]) * strip[5])
 
 
-def _tolerance(width: float) -> float:
-    """Px by which an edge of a strip so wide may be wrong."""
-    return max(TRACK.min_tolerance, TRACK.tolerance_share * width)
-
-
 def _distinct(
     columns: NDArray[np.float64], odds: NDArray[np.float64], apart: float
 ) -> NDArray[np.intp]:
@@ -152,17 +147,14 @@ class RunwayTrack(FollowedStrip):
         self._look, self.kinds = EdgeLook(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested, self._memory = 0, 1.0
-        self._far_off = 0.0  # odds that an edge is, by the filter
 
     @property
     def other_edges(self) -> float:
         """Odds that an edge is elsewhere: 1, even, where the image shows two places for it.
 
-        It is so with paved shoulders that are plain to see. And where edges have not been seen for
-        some frames, or in few rows, they may be farther off than the tolerance.
+        It is so with paved shoulders that are plain to see.
         """
-        shoulders = float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
-        return shoulders + self._far_off
+        return float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
 
     @property
     def report(self) -> Report:
@@ -206,11 +198,6 @@ class RunwayTrack(FollowedStrip):
             self._follow(view, period, shown)
         if not is_plausible(self.strip(), view.working.size):
             self.give_up()
-        strip = self.strip()
-        in_view = np.minimum(strip[1] + strip[4:6], view.working.size[0] - 1.0)
-        sigmas = _tolerance(_width(strip)) / math.sqrt(self.shape.variances(in_view).max())
-        within = math.erf(math.sqrt(0.5) * sigmas)
-        self._far_off = (1.0 - within) / max(within, 1e-9)
         # What looks like a horizon in the picture may be the border of a field.
         known = view.sight.seen >= self.age
         self.above_horizon = known and self.lies_above(view.sight.row)
@@ -272,7 +259,8 @@ class RunwayTrack(FollowedStrip):
         mean = np.tensordot(shares, corners, axes=1)
         self._spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
         width = float(mean[1, 1] - mean[0, 1])
-        near = np.abs(corners - mean).max(axis=(1, 2)) < _tolerance(width)
+        tolerance = max(TRACK.min_tolerance, TRACK.tolerance_share * width)
+        near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance
         self.agreement += self._memory * (float(shares[near].sum()) - self.agreement)
         through = strips_through(mean[None], rows, rows[None])[0]
         self._measure(view, through, rows, weighed=True)

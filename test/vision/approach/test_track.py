@@ -117,29 +117,6 @@ def test_edges_that_are_predicted_are_doubted_the_more_the_longer():
     assert np.min(np.diff(doubts, axis=0)) > 0.0
 
 
-def test_a_runway_whose_edges_are_not_seen_any_more_loses_confidence():
-    """They may have moved by more than the tolerance since."""
-    seen = view()
-    track = RunwayTrack(STRIP, 1.0)
-    for _ in range(8):
-        track.step(seen, 1)
-    before, odds = track.confidence, track.log_odds
-    for _ in range(12):
-        track.step(seen, 20)
-    assert track.log_odds == odds
-    assert track.confidence < 0.8 * before
-
-
-def test_a_runway_wholly_below_the_picture_is_given_up():
-    seen = view()
-    below = RunwayTrack(STRIP + np.array([0.0, 0.0, 0.0, 0.0, 170.0, 170.0]), 1.0)
-    below.step(seen, 1)
-    assert below.lost
-    partly = RunwayTrack(STRIP + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 170.0]), 1.0)
-    partly.step(seen, 1)
-    assert not partly.lost
-
-
 def test_a_runway_that_is_followed_by_its_edges_alone_and_not_seen_is_weighed_again(monkeypatch):
     """Its log odds rest while its edges are seen; without them the strips decide."""
     seen = view()
