@@ -206,14 +206,13 @@ class HorizonFinder:
         self._last = None
         if last is not None:
             found, agreeing = _refined(last, blue)
-            # A fit is drawn towards the line that it starts from.
-            if abs(found.slope - last.slope) > HORIZON.max_turned:
-                found, agreeing = _refined(found, blue)
             if agreeing > HORIZON.min_agreement:
                 self._last = found
         if self._last is None:
             coarse = self._search(blue)
-            self._last = coarse and _refined(_refined(coarse, blue)[0], blue)[0]
+            if coarse is not None:
+                # The first fit is drawn towards the coarse line.
+                self._last = _refined(_refined(coarse, blue)[0], blue)[0]
         return self._last
 
     def _search(self, blue: NDArray[Any]) -> HorizonLine | None:

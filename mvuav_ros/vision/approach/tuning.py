@@ -52,8 +52,6 @@ class HorizonTuning:
     min_agreement: float = 0.55  # share of columns on the line, with which a followed one is kept
     texture_cost: float = 1.0  # grey levels of step per one of texture: haze is smoother
     max_texture_cost: float = 6.0  # grey levels of texture; more counts as that
-    # rad between two frames, beyond which a line is refined again: a fit lags by a quarter of that
-    max_turned: float = math.radians(0.5)
     full_period: int = 10  # frames between two looks for the horizon at any slope
     row_cost: float = 0.03  # grey levels per row: of steps alike the upper one
 
