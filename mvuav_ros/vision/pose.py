@@ -30,7 +30,7 @@ class PoseTuning:
     # s, for which the last pose decides which of several solutions is right, and for which three of
     # four lights or more continue their pose: later, another light in the place of one of them may
     # have bent it, which none of them shows. Seeds 27607 to 27630 of hard kinds of flights.
-    holds: float = 0.5
+    holds: float = 0.7
     # px, root mean square per axis, above which the names or the calibration must be wrong; and the
     # same over the image's span of the markers, for large images.
     max_misfit: float = 1.0
