@@ -116,8 +116,9 @@ def choose_image_topic(
             return topic
     if or_first or (wanted is None and len(filled) == 1):
         return filled[0]
-    said = 'several image topics' if wanted is None else f'no image topic {wanted}'
-    raise RecordingError(f'{recording.path} has {said}; choose one of: {choices}')
+    several = 'several image topics, choose one of them'
+    said = several if wanted is None else f'no image topic {wanted}; choose one of'
+    raise RecordingError(f'{recording.path} has {said}: {choices}')
 
 
 def _listed(names: Iterable[str]) -> str:
