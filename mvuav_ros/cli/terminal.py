@@ -5,6 +5,7 @@ Nothing else of the command line prints: what comes from files passes `visible` 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import typer
@@ -64,6 +65,11 @@ def say(*lines: object, err: bool = False) -> None:
 def report_account(account: Account) -> None:
     """A line for each thing that is wrong with an input or worth a note, and what it cost."""
     account.is_reported = True
-    said = [*account.errors, *([account.balance] if account.is_lossy else [])]
-    say(*(f'damage: {error}' for error in said), err=True)
-    say(*(f'note: {warning}' for warning in account.warnings), err=True)
+    errors = [*account.errors, *([account.balance] if account.is_lossy else [])]
+    report_damage(errors, account.warnings)
+
+
+def report_damage(errors: Iterable[str], warnings: Iterable[str]) -> None:
+    """A line for each."""
+    say(*(f'damage: {error}' for error in errors), err=True)
+    say(*(f'note: {warning}' for warning in warnings), err=True)

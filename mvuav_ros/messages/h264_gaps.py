@@ -63,16 +63,23 @@ def begins_anew(codec: str, packet: bytes) -> bool:
 
 def _units(packet: bytes, length_bytes: int = 0) -> Iterator[bytes]:
     """NAL units; of the last one more than its beginning may not be wanted."""
-    at = 0
-    while length_bytes and (start := at + length_bytes) < len(packet):
-        at = start + int.from_bytes(packet[at:start], 'big')
-        yield packet[start : min(at, start + _MAX_PARAMETER_BYTES)]
-    at = -1 if length_bytes else packet.find(_START)
+    if length_bytes:
+        yield from _measured_units(packet, length_bytes)
+        return
+    at = packet.find(_START)
     while 0 <= at < len(packet) - len(_START):
         start = at + len(_START)
         is_last = packet[start] & 0x1F in (_SLICE, _KEY_SLICE)
         at = -1 if is_last else packet.find(_START, start)
         yield packet[start : start + _MAX_PARAMETER_BYTES if at < 0 else at]
+
+
+def _measured_units(packet: bytes, length_bytes: int) -> Iterator[bytes]:
+    """The beginnings of units with their lengths before them, as in MP4 and Matroska."""
+    at = 0
+    while (start := at + length_bytes) < len(packet):
+        at = start + int.from_bytes(packet[at:start], 'big')
+        yield packet[start : min(at, start + _MAX_PARAMETER_BYTES)]
 
 
 class _Bits:

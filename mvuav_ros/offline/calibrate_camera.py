@@ -20,7 +20,7 @@ from mvuav_ros.offline.report_figures import (
     label,
     label_image,
 )
-from mvuav_ros.sources.source import FrameSource, SourceError
+from mvuav_ros.sources.source import FrameSource, SourceError, nothing_to_read
 from mvuav_ros.vision.board import Board, BoardView, different_views, in_eight_bits, sharpness
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.camera_calibration import MIN_VIEWS, CameraCalibration, calibrate_camera
@@ -88,8 +88,7 @@ def search_board(
         ):
             break
     if not search.frames:
-        none = f'{source.name}: there is no image to read'
-        raise SourceError('; '.join((none, *source.account.warnings)))
+        raise nothing_to_read(source)
     return search
 
 

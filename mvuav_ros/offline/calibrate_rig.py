@@ -20,7 +20,7 @@ from mvuav_ros.offline.report_figures import (
     legend_below,
 )
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.sources.source import FrameSource, SourceError
+from mvuav_ros.sources.source import FrameSource, SourceError, nothing_to_read
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 from mvuav_ros.vision.markers.marker_results import named_places
@@ -158,8 +158,7 @@ def name_lights(
         labels, places = named_places(result, (width, height))
         rows += [(count, label, *place) for label, place in zip(labels, places, strict=True)]
     if camera is None or not count:
-        none = f'{source.name}: there is no image to read'
-        raise SourceError('; '.join((none, *source.account.warnings)))
+        raise nothing_to_read(source)
     if not rows:
         raise RigCalibrationError(
             f'no light of {rig.name} is named in {count} images: see mvuav rig check, and the '

@@ -31,6 +31,12 @@ class FrameSource(Protocol):
         return
 
 
+def nothing_to_read(source: FrameSource) -> SourceError:
+    """The error of a source none of whose images could be read, with what was noted of them."""
+    words = f'{source.name}: there is no image to read'
+    return SourceError('; '.join((words, *source.account.warnings)))
+
+
 _NS = 1_000_000_000
 
 

@@ -21,7 +21,7 @@ from mvuav_ros.cli.options import (
     Storage,
     Strict,
 )
-from mvuav_ros.cli.terminal import frame_progress, report_account, say
+from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
@@ -114,8 +114,7 @@ def _report(outcome: ReplayOutcome) -> None:
     if outcome.account is not None:
         report_account(outcome.account)
     else:  # of a replay that was finished before
-        say(*(f'damage: {error}' for error in outcome.errors), err=True)
-        say(*(f'note: {warning}' for warning in outcome.warnings), err=True)
+        report_damage(outcome.errors, outcome.warnings)
     if outcome.failure:
         say(f'mvuav: {outcome.failure}', err=True)
 

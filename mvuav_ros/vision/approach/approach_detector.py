@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -200,9 +201,9 @@ class ApproachDetector:
             LineRole.RIGHT_EDGE: (far_right, near_right),
             LineRole.CENTRELINE: along_middle,
         }
+        sees_far, sees_near = track.ends_in_view(level)
         # Only a runway ends within sight.
         if self._parameters.target == 'runway':
-            sees_far, sees_near = track.ends_in_view(level)
             if sees_far:
                 segments[LineRole.FAR_END] = (far_left, far_right)
             if sees_near:
@@ -212,7 +213,7 @@ class ApproachDetector:
             lines=self._rows(segments, track.points, found.confidence),
             vanishing_point=level.to_frame(x, y),
             corners=(near_left, near_right, far_right, far_left),
-            guidance=self._guidance(found),
+            guidance=self._guidance(found, sees_near=sees_near),
             status='' if track.points else f'{self._parameters.target} not seen: predicted',
         )
 
@@ -252,7 +253,7 @@ class ApproachDetector:
         height, width = self._size
         return None if self._camera.objection(width, height) else self._camera
 
-    def _guidance(self, found: Found | None) -> Guidance | None:
+    def _guidance(self, found: Found | None, *, sees_near: bool = False) -> Guidance | None:
         """From what was found; None where nobody asked for it or the camera is not known."""
         camera = self._checked_camera()
         width = self._parameters.runway_width
@@ -262,7 +263,7 @@ class ApproachDetector:
         if found is None or track is None or track.points is None:
             return Guidance()
         _, y = track.shape.vanishing_point
-        near_row = y + track.near_seen if track.ends_in_view(found.level)[1] else None
+        near_row = y + track.near_seen if sees_near else None
         sigma = _slope_sigma(y, found)
         return locate(track.points, near_row, found.level, sigma, camera, width)
 
@@ -287,6 +288,15 @@ def _across(found: Found) -> tuple[Point, Point] | None:
     down = (y2 - y1) / (x2 - x1)
     right = level.width * level.factor - 1.0
     return (0.0, y1 - down * x1), (right, y1 + down * (right - x1))
+
+
+@lru_cache(maxsize=1)
+def _bent_lens(camera: CameraModel, factor: int) -> CameraModel | None:
+    """The calibration of working images, of a lens that bends lines.
+
+    One for all frames: what a camera works out of itself is kept with it.
+    """
+    return None if camera.is_straight else camera.binned(factor, factor)
 
 
 @dataclass(frozen=True)
@@ -323,8 +333,7 @@ class Finder:
         level = Derotation(width, height, factor, 0.0)
         if self.tracker.below_horizon:
             self._horizon = self._horizon or HorizonFinder(height, width)
-            bent = camera is not None and not camera.is_straight
-            lens = camera.binned(factor, factor) if camera and bent else None
+            lens = None if camera is None else _bent_lens(camera, factor)
             horizon = known or self._horizon.find(pixels, lens)
             if horizon is not None:
                 level = Derotation(width, height, factor, horizon.slope)
