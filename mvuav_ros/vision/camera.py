@@ -9,7 +9,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
@@ -253,12 +252,13 @@ class CameraModel:
         """
         d = np.append(self.distortion, np.zeros(8))
         if self.is_fisheye:
-            slope = Polynomial(np.append(1.0, d[:4] * (3, 5, 7, 9)))
+            slope = np.append(d[3::-1] * (9, 7, 5, 3), 1.0)
         else:
             # Of r a(r²) / b(r²); tangential distortion is small.
-            a, b = (Polynomial(np.append(1.0, d[kept])) for kept in ([0, 1, 4], [5, 6, 7]))
-            slope = (a * b + Polynomial((0.0, 2.0)) * (a.deriv() * b - a * b.deriv())) * b
-        roots = slope.trim().roots()
+            a, b = (np.append(d[kept], 1.0) for kept in ([4, 1, 0], [7, 6, 5]))
+            turned: Array = np.polysub(np.polymul(np.polyder(a), b), np.polymul(a, np.polyder(b)))
+            slope = np.polymul(np.polyadd(np.polymul(a, b), np.append(2.0 * turned, 0.0)), b)
+        roots = np.roots(slope)
         least = math.sqrt(min(roots[np.isreal(roots) & (roots.real > 0)].real, default=math.inf))
         return math.tan(min(least, _WIDEST_TURN)) if self.is_fisheye else least
 
