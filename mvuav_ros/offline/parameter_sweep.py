@@ -182,7 +182,9 @@ def sweep_report(
     runs = Table('runs', 'What was run', (*_run_columns(axes), Column('state')), states)
     sections = [Section('Runs', (), (runs, *_metric_tables(good, groups)))]
     if groups:
-        ticks = _ticks(good, axes)
+        shown = [place for place, axis in enumerate(axes) if len(axis.values) > 1]
+        shown = shown or list(range(len(axes)))
+        ticks = _ticks(good, shown)
         size = math.ceil(len(groups) / 2), 2
         together = _trends('trends_subplot', 'All trends', good, groups, ticks, size, 2.6)
         singles = (
@@ -191,7 +193,7 @@ def sweep_report(
         )
         sections += [
             Section('Trends together', (), (together,)),
-            Section('Trends grouped by input', (), _grouped(good, groups, axes)),
+            Section('Trends grouped by input', (), _grouped(good, groups, axes, shown)),
             Section('Trends one by one', (), tuple(singles)),
         ]
     return Report('Parameter sweep', lead, settings, tuple(sections))
@@ -246,6 +248,8 @@ def _trends(
             label(axes, group.capitalize(), 'run: value' if ticks else 'run', _unit(names))
             if ticks:
                 axes.set_xticks(numbers, ticks)
+            else:
+                axes.locator_params('x', integer=True)
             axes.legend(loc='best')
         for axes in panels[len(groups) :]:
             axes.set_visible(False)
@@ -253,14 +257,17 @@ def _trends(
 
 
 def _grouped(
-    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], axes: Sequence[Axis]
+    results: Sequence[RunResult],
+    groups: Mapping[str, Sequence[str]],
+    axes: Sequence[Axis],
+    shown: Sequence[int],
 ) -> tuple[Figure, ...]:
-    """Bars over the values of the parameters, one colour for each input."""
+    """Bars over the values of the parameters that are shown, one colour for each input."""
     from mvuav_ros.offline.report_figures import COLORS, drawing, label, legend_below
 
     sources = list(dict.fromkeys(result.run.source for result in results))
     cells = list(dict.fromkeys(result.run.values for result in results))
-    titles = [', '.join(str(_cell(value)) for value in values) or 'defaults' for values in cells]
+    titles = [', '.join(str(_cell(values[n])) for n in shown) or 'defaults' for values in cells]
     width = 0.8 / len(sources)
     figures = []
     for group, names in groups.items():
@@ -280,17 +287,17 @@ def _grouped(
                 label(panel, Column.parse(name).name, '', _unit([name]))
             upright = 0 if len(cells) <= _MAX_LEVEL else 90
             panels[-1].set_xticks(range(len(cells)), titles, rotation=upright)
-            panels[-1].set_xlabel(', '.join(axis.title for axis in axes) or 'parameters')
+            panels[-1].set_xlabel(', '.join(axes[n].title for n in shown) or 'parameters')
             legend_below(canvas.figure, panels[0], columns=1)
         figures.append(Figure(f'grouped_{_key(group)}', group.capitalize(), canvas.png))
     return tuple(figures)
 
 
-def _ticks(results: Sequence[RunResult], axes: Sequence[Axis]) -> list[str]:
-    """Run numbers with the value below, where that fits."""
-    if len(axes) != 1 or len(results) > _MAX_TICKS:
+def _ticks(results: Sequence[RunResult], shown: Sequence[int]) -> list[str]:
+    """Run numbers with the value below, where one parameter is shown and that fits."""
+    if len(shown) != 1 or len(results) > _MAX_TICKS:
         return []
-    return [f'{r.run.number}:\n{_cell(r.run.values[0])}' for r in results]
+    return [f'{r.run.number}:\n{_cell(r.run.values[shown[0]])}' for r in results]
 
 
 def _cell(value: object) -> Cell:
