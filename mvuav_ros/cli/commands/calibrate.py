@@ -177,12 +177,12 @@ def check(
         in_view = [e.distance for e in errors if not math.isnan(e.span)]
         if len(body.names) > MIN_MARKERS:
             say('', f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
-            say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
+            say('distance m   size px  gap px  along m  across m  roll deg  pitch, yaw deg')
             for e in errors:
-                numbers = f'{e.span:9.1f} {e.along:8.3g} {e.across:9.3g} {e.roll:9.3g}'
+                sizes = f'{e.span:9.1f} {e.gap:7.1f}'
+                numbers = f'{e.along:8.3g} {e.across:9.3g} {e.roll:9.3g} {e.tilt:15.3g}'
                 near = ' too near: not all markers are in view'
-                said = near if math.isnan(e.span) else f'{numbers} {e.tilt:15.3g}'
-                say(f'{e.distance:10.4g} {said}')
+                say(f'{e.distance:10.4g} {near if math.isnan(e.span) else sizes + " " + numbers}')
         exchanges = confusions(body, camera, in_view[0]) if in_view else []
         if in_view:
             say('', f'exchanged names with the smallest residuals, at {in_view[0]:.4g} m')
