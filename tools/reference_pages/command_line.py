@@ -129,7 +129,7 @@ def _nodes() -> str:
 ## Nodes
 
 {names}, `vision_process` and `tuning_panel` are executables of the package: `ros2 run mvuav_ros NAME`, or
-`.venv/bin/NAME` after `make`. They take the arguments of ROS 2:
+`.venv/bin/NAME` after `make .venv`. They take the arguments of ROS 2:
 
 ```text
 marker_tracker --ros-args -p threshold:=0.6 -r image_raw:=/nose/image --params-file mine.yaml
