@@ -44,7 +44,8 @@ Where a command takes an `INPUT`, it accepts:
 | URL, with the extra `remote` | `https://…/flight.mcap`, `s3://bucket/flight.mcap` |
 | synthetic flight | `'sim:tanker?motion=roll&shake=2'`, `'sim:runway?frames=40'` |
 
-The content decides what a file is, not its name.
+The content decides what a file is, not its name. A synthetic flight takes the options of `mvuav simulate`, with `_` for `-`
+(`start_distance=30`), and `width` and `height` for `--size`.
 """
 
 
