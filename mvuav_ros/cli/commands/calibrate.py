@@ -264,7 +264,7 @@ def calibrate_rig(
     write_report(work.report_of(flight.name, made), report)
     say(
         f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
-        f'sightings fit, noise {found.noise:.2f} px',
+        f'detections fit, noise {found.noise:.2f} px',
         'light: position m, standard deviation mm, moved mm',
     )
     for name, place, deviation, before in zip(
