@@ -182,8 +182,8 @@ def sweep_report(
     runs = Table('runs', 'What was run', (*_run_columns(axes), Column('state')), states)
     sections = [Section('Runs', (), (runs, *_metric_tables(good, groups)))]
     if groups:
-        shown = [place for place, axis in enumerate(axes) if len(axis.values) > 1]
-        shown = shown or list(range(len(axes)))
+        titles = {place: axis.title for place, axis in enumerate(axes)}
+        shown = {place: titles[place] for place in titles if len(axes[place].values) > 1} or titles
         ticks = _ticks(good, shown)
         size = math.ceil(len(groups) / 2), 2
         together = _trends('trends_subplot', 'All trends', good, groups, ticks, size, 2.6)
@@ -193,7 +193,7 @@ def sweep_report(
         )
         sections += [
             Section('Trends together', (), (together,)),
-            Section('Trends grouped by input', (), _grouped(good, groups, axes, shown)),
+            Section('Trends grouped by input', (), _grouped(good, groups, shown)),
             Section('Trends one by one', (), tuple(singles)),
         ]
     return Report('Parameter sweep', lead, settings, tuple(sections))
@@ -246,10 +246,9 @@ def _trends(
                 color = COLORS[index % len(COLORS)]
                 axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=plain)
             label(axes, group.capitalize(), 'run: value' if ticks else 'run', _unit(names))
+            axes.locator_params('x', integer=True)
             if ticks:
                 axes.set_xticks(numbers, ticks)
-            else:
-                axes.locator_params('x', integer=True)
             axes.legend(loc='best')
         for axes in panels[len(groups) :]:
             axes.set_visible(False)
@@ -257,12 +256,9 @@ def _trends(
 
 
 def _grouped(
-    results: Sequence[RunResult],
-    groups: Mapping[str, Sequence[str]],
-    axes: Sequence[Axis],
-    shown: Sequence[int],
+    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], shown: Mapping[int, str]
 ) -> tuple[Figure, ...]:
-    """Bars over the values of the parameters that are shown, one colour for each input."""
+    """Bars over the values of the parameters shown (place: title), one colour for each input."""
     from mvuav_ros.offline.report_figures import COLORS, drawing, label, legend_below
 
     sources = list(dict.fromkeys(result.run.source for result in results))
@@ -287,17 +283,18 @@ def _grouped(
                 label(panel, Column.parse(name).name, '', _unit([name]))
             upright = 0 if len(cells) <= _MAX_LEVEL else 90
             panels[-1].set_xticks(range(len(cells)), titles, rotation=upright)
-            panels[-1].set_xlabel(', '.join(axes[n].title for n in shown) or 'parameters')
+            panels[-1].set_xlabel(', '.join(shown.values()) or 'parameters')
             legend_below(canvas.figure, panels[0], columns=1)
         figures.append(Figure(f'grouped_{_key(group)}', group.capitalize(), canvas.png))
     return tuple(figures)
 
 
-def _ticks(results: Sequence[RunResult], shown: Sequence[int]) -> list[str]:
+def _ticks(results: Sequence[RunResult], shown: Mapping[int, str]) -> list[str]:
     """Run numbers with the value below, where one parameter is shown and that fits."""
     if len(shown) != 1 or len(results) > _MAX_TICKS:
         return []
-    return [f'{r.run.number}:\n{_cell(r.run.values[shown[0]])}' for r in results]
+    (place,) = shown
+    return [f'{r.run.number}:\n{_cell(r.run.values[place])}' for r in results]
 
 
 def _cell(value: object) -> Cell:
