@@ -129,7 +129,7 @@ def check(
     distance: Annotated[
         Optional[list[float]], typer.Option(help='Distance from the camera, m; may be repeated.')
     ] = None,
-    width: Annotated[int, typer.Option(help='Width of the images, px.', min=16)] = 640,
+    width: Annotated[int, typer.Option(help='Width, px; the height is 3/4 of it.', min=16)] = 640,
     fov: Annotated[
         float, typer.Option(help='Horizontal field of view, degrees.', min=1.0, max=150.0)
     ] = 60.0,
