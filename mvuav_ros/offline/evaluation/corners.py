@@ -271,7 +271,7 @@ def _horizontal_error(line: RunwayLine, point: Point) -> float:
 
 FRAME_RATE = 25
 _LABEL = (255, 255, 255)
-_PICTURE_WIDTH = 960
+_IMAGE_WIDTH = 960
 
 
 @dataclass(frozen=True)
@@ -346,7 +346,7 @@ def _results(
 
 def _image(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArray[np.uint8]:
     image = draw_overlay(result) if isinstance(result, RunwayResult) else draw_approach(result)
-    factor = max(1, round(_PICTURE_WIDTH / image.shape[1]))
+    factor = max(1, round(_IMAGE_WIDTH / image.shape[1]))
     image = image.repeat(factor, axis=0).repeat(factor, axis=1)
     corners = np.array([frame.near_left, frame.near_right, frame.far_right, frame.far_left])
     outline = (corners + 0.5) * factor - 0.5
