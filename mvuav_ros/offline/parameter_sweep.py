@@ -184,11 +184,10 @@ def sweep_report(
     if groups:
         titles = {place: axis.title for place, axis in enumerate(axes)}
         shown = {place: titles[place] for place in titles if len(axes[place].values) > 1} or titles
-        ticks = _ticks(good, shown)
         size = math.ceil(len(groups) / 2), 2
-        together = _trends('trends_subplot', 'All trends', good, groups, ticks, size, 2.6)
+        together = _trends('trends_subplot', 'All trends', good, groups, shown, size, 2.6)
         singles = (
-            _trends(f'trend_{_key(g)}', g.capitalize(), good, {g: names}, ticks, (1, 1), 3.0)
+            _trends(f'trend_{_key(g)}', g.capitalize(), good, {g: names}, shown, (1, 1), 3.0)
             for g, names in groups.items()
         )
         sections += [
@@ -229,14 +228,15 @@ def _trends(
     title: str,
     results: Sequence[RunResult],
     groups: Mapping[str, Sequence[str]],
-    ticks: Sequence[str],
+    shown: Mapping[int, str],
     size: tuple[int, int],
     height: float,
 ) -> Figure:
     """A diagram for each group, in rows and columns, each so high (inches)."""
     from mvuav_ros.offline.report_figures import COLORS, drawing, label
 
-    numbers = [result.run.number for result in results]
+    numbers, ticks = [result.run.number for result in results], _ticks(results, shown)
+    x = ': '.join(['run', *shown.values()]) if ticks else 'run'
     with drawing(9.6, 0.6 + height * size[0]) as canvas:
         panels = canvas.figure.subplots(*size, squeeze=False).ravel()
         for axes, (group, names) in zip(panels, groups.items(), strict=False):
@@ -245,7 +245,7 @@ def _trends(
                 mark, plain = _MARKS[index % len(_MARKS)], Column.parse(name).name
                 color = COLORS[index % len(COLORS)]
                 axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=plain)
-            label(axes, group.capitalize(), 'run: value' if ticks else 'run', _unit(names))
+            label(axes, group.capitalize(), x, _unit(names))
             axes.locator_params('x', integer=True)
             if ticks:
                 axes.set_xticks(numbers, ticks)

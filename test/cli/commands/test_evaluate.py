@@ -151,6 +151,8 @@ def test_the_trends_are_over_the_parameter_that_changes():
 
     drawn = figures(results, [given, threshold])
     assert len(drawn) > 10 and drawn == figures(alone, [threshold])
+    other = figures(alone, [replace(threshold, name='min_area')])
+    assert other['trends_subplot'] != drawn['trends_subplot'], 'it does not name the parameter'
 
 
 def test_a_run_over_a_url_has_the_bags_truth(tmp_path):
