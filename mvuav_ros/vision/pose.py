@@ -76,14 +76,14 @@ class Pose:
             z axes (rad), in geometry_msgs/PoseWithCovariance's order.
         reprojections: (n, 2), px, where all of the rig's lights should be seen; NaN for those
             that the camera cannot see.
-        misfit: root mean square of the residuals per axis, px.
+        residual: root mean square of the residuals per axis, px.
     """
 
     rotation: Array
     translation: Array
     covariance: Array
     reprojections: Array
-    misfit: float
+    residual: float
 
     @property
     def rpy(self) -> tuple[float, float, float]:
@@ -276,8 +276,8 @@ class PoseEstimator:
             places = self._points.dot(rotation.T) + translation
             seen = camera.project(places)
             seen[~camera.shows(places)] = math.nan
-        misfit = math.sqrt(squares / count)
-        return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, misfit)
+        residual = math.sqrt(squares / count)
+        return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, residual)
 
 
 def _most_misfit(image: Array) -> float:

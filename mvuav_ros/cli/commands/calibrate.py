@@ -129,7 +129,7 @@ def check(
     distance: Annotated[
         Optional[list[float]], typer.Option(help='Distance from the camera, m; may be repeated.')
     ] = None,
-    width: Annotated[int, typer.Option(help='Width of the images, px.', min=16)] = 640,
+    width: Annotated[int, typer.Option(help='Width, px; the height is 3/4 of it.', min=16)] = 640,
     fov: Annotated[
         float, typer.Option(help='Horizontal field of view, degrees.', min=1.0, max=150.0)
     ] = 60.0,
@@ -177,12 +177,12 @@ def check(
         in_view = [e.distance for e in errors if not math.isnan(e.span)]
         if len(body.names) > MIN_MARKERS:
             say('', f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
-            say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
+            say('distance m   size px  gap px  along m  across m  roll deg  pitch, yaw deg')
             for e in errors:
-                numbers = f'{e.span:9.1f} {e.along:8.3g} {e.across:9.3g} {e.roll:9.3g}'
+                sizes = f'{e.span:9.1f} {e.gap:7.1f}'
+                numbers = f'{e.along:8.3g} {e.across:9.3g} {e.roll:9.3g} {e.tilt:15.3g}'
                 near = ' too near: not all markers are in view'
-                said = near if math.isnan(e.span) else f'{numbers} {e.tilt:15.3g}'
-                say(f'{e.distance:10.4g} {said}')
+                say(f'{e.distance:10.4g} {near if math.isnan(e.span) else sizes + " " + numbers}')
         exchanges = confusions(body, camera, in_view[0]) if in_view else []
         if in_view:
             say('', f'exchanged names with the smallest residuals, at {in_view[0]:.4g} m')
@@ -264,7 +264,7 @@ def calibrate_rig(
     write_report(work.report_of(flight.name, made), report)
     say(
         f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
-        f'sightings fit, noise {found.noise:.2f} px',
+        f'detections fit, noise {found.noise:.2f} px',
         'light: position m, standard deviation mm, moved mm',
     )
     for name, place, deviation, before in zip(

@@ -60,6 +60,9 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
     # Of a coefficient that was fitted the page says how well.
     (shown,) = re.findall(r'>p1</td><td>[^<]*</td><td>([^<]*)</td>', page)
     assert float(shown) == pytest.approx(float(re.findall(r'p1 .* ± (.*)', run.out)[0]), rel=0.1)
+    # One that was kept at zero has no deviation, and is not told as if it were known exactly.
+    assert camera.d[-1] == 0
+    assert 'k3' not in run.out and '>k3<' not in page
     assert 'model ' in run.out
     assert 'fx ' in run.out
     assert sorted(path.name for path in output.parent.iterdir()) == ['nose.yaml', 'nose_report']

@@ -171,4 +171,4 @@ def test_a_rig_too_near_to_be_seen_has_no_errors(distance):
     assert (run.status, run.err) == (0, '')
     assert run.out.endswith(f' {distance}  too near: not all markers are in view\n')
     rows = mvuav(*command, '--distance', 60).out
-    assert '60     441.0' in rows and 'residuals, at 60 m' in rows
+    assert '60     441.0    98.9' in rows and 'residuals, at 60 m' in rows
