@@ -16,7 +16,7 @@ from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account, counted
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, natural_key, start_of
 from mvuav_ros.sources.source import FrameSource, SourceError
-from mvuav_ros.vision.image import ImageError
+from mvuav_ros.vision.image import Image, ImageError
 
 # Of the most pixels, four channels of 16 bits.
 _MAX_FILE = MAX_PIXELS * 8 + (1 << 20)
@@ -138,59 +138,21 @@ class VideoFile(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
         stamps = _Stamps(self.rate or DEFAULT_RATE, 0 if self._given_rate else self._tick)
-        packets = damaged = doubtful = gaps = end = self.account.kept = 0
-        before: list[int] = []
+        self.account.kept = 0
         with self._open() as container:
-            stream = container.streams.video[0]
-            stream.thread_type = 'AUTO'
-            decoder = stream.codec_context
             # AVI has no times of showing: FFmpeg's are in the order of decoding.
             by_decoding = container.format.name == 'avi'
-            if (first := self._leave_out(container, stream)) is not None:
+            first = self._leave_out(container)
+            if first is not None:
                 yield Frame(stamps.of(first.pts), OPTICAL_FRAME, upright(first))
-            for packet in _packets(container, stream):
-                # Below 0 is what an edit list leaves out.
-                is_shown = packet is not None and packet.size > 0 and (packet.pts or 0) >= 0
-                packets += is_shown
-                if packet is not None:
-                    end = max(end, (packet.pts or 0) + (packet.duration or 1))
-                    if packet.is_corrupt:  # as MPEG-TS says where a part is missing
-                        doubtful += 1
-                        said = f'parts of {counted(doubtful, "packet")} of the video are missing: '
-                        said += 'images up to the next key frame may be false'
-                        self.account.lose('', 'parts', said, 0)
-                try:
-                    for frame in decoder.decode(packet):
-                        if not self.account.kept and first is None:
-                            before = [pts for pts in before if pts < (frame.pts or 0)]
-                            if before:
-                                said = f'{counted(len(before), "frame")} before the first key frame'
-                                said += ' of the video not read'
-                                self.account.lose('', 'start', said, len(before))
-                        self.account.kept += 1
-                        if first is not None and (frame.pts or 0) <= first.pts:
-                            continue  # it is the first again
-                        stamp_ns = stamps.of(frame.dts if by_decoding else frame.pts)
-                        yield Frame(stamp_ns, OPTICAL_FRAME, upright(frame))
-                except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
-                    damaged += 1
-                    said = f'{damaged} packets of the video do not decode'
-                    self.account.lose('', 'packets', said, damaged)
-                else:
-                    if is_shown and not self.account.kept:
-                        before.append(packet.pts or 0)
-                if packet is None:
-                    gaps += 1
-                    self.account.lose('', 'gaps', f'images are missing at {counted(gaps, "place")}')
-                    decoder.flush_buffers()
-            unread = packets - damaged - self.account.kept - len(before)
-            # Of other codecs not every packet is a picture.
-            if unread > 0 and first is None and (gaps or decoder.name == 'hevc'):
-                said = f'{counted(unread, "frame")} not read, as others that they need are missing'
-                self.account.lose('', 'unread', said, unread)
-        self._note_end(packets if first is None else None, end)
+            reading = _Reading(container, self.account, is_part=first is not None)
+            for frame, image in reading.frames():
+                if first is None or (frame.pts or 0) > first.pts:  # else it is the first again
+                    stamp_ns = stamps.of(frame.dts if by_decoding else frame.pts)
+                    yield Frame(stamp_ns, OPTICAL_FRAME, image)
+        self._note_end(None if first is not None else reading.packets, reading.end)
 
-    def _leave_out(self, container: Any, stream: Any) -> Any:
+    def _leave_out(self, container: Any) -> Any:
         """Go to a key frame before `start_s`; gives the first frame, or None where all is read."""
         if self._given_rate or self.start_s <= _LEAD_IN_S or container.format.name not in _INDEXED:
             return None
@@ -202,7 +164,7 @@ class VideoFile(FrameSource):
                 before.seek(start, stream=video)
             except (StopIteration, TypeError, ValueError, OSError):
                 return None
-        container.seek(start, stream=stream)
+        container.seek(start, stream=container.streams.video[0])
         return first
 
     def _note_end(self, packets: int | None, end: int) -> None:
@@ -215,6 +177,97 @@ class VideoFile(FrameSource):
         elif (packets is None or self._promised == 0) and end_s < self._duration_s - _MIN_LOSS_S:
             said = f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s'
             self.account.lose('', 'end', said)
+
+
+class _Reading:
+    """A pass through a video's packets, which says what is lost while they are decoded.
+
+    Attributes:
+        packets: those so far that hold a frame which is to be shown.
+        end: of the last packet, in the file's ticks.
+    """
+
+    def __init__(self, container: Any, account: Account, *, is_part: bool) -> None:
+        self.packets = self.end = 0
+        self._account, self._is_part = account, is_part
+        self._stream = container.streams.video[0]
+        self._stream.thread_type = 'AUTO'
+        self._decoder = self._stream.codec_context
+        self._packets = container.demux(self._stream)
+        # Where packets are missing MPEG-TS says so by itself.
+        is_numbered = self._decoder.name == 'h264' and container.format.name != 'mpegts'
+        self._numbers = PictureNumbers(self._decoder.extradata or b'') if is_numbered else None
+        self._damaged = self._incomplete = self._gaps = 0
+        self._early: list[int] = []  # times of packets before the first frame
+
+    def frames(self) -> Iterator[tuple[Any, Image]]:
+        """The frames that decode, each with its image upright.
+
+        They end with the file, or where it cannot be read any more.
+        """
+        while (packet := self._next()) is not None:
+            if self._numbers is not None and self._numbers.follows_loss(bytes(packet)):
+                yield from self._resume()
+            self._take(packet)
+            yield from self._decoded(packet)
+        self._note_unread()
+
+    def _next(self) -> Any:
+        try:
+            return next(self._packets, None)
+        except (ValueError, OSError):
+            return None
+
+    def _take(self, packet: Any) -> None:
+        self.packets += _is_shown(packet)
+        self.end = max(self.end, (packet.pts or 0) + (packet.duration or 1))
+        if packet.is_corrupt:  # as MPEG-TS says where a part is missing
+            self._incomplete += 1
+            said = f'parts of {counted(self._incomplete, "packet")} of the video are missing: '
+            said += 'images up to the next key frame may be false'
+            self._account.lose('', 'parts', said, 0)
+
+    def _resume(self) -> Iterator[tuple[Any, Image]]:
+        """What is held back from before a loss; FFmpeg then waits for the next key frame."""
+        yield from self._decoded(None)
+        self._gaps += 1
+        self._account.lose('', 'gaps', f'images are missing at {counted(self._gaps, "place")}')
+        self._decoder.flush_buffers()
+
+    def _decoded(self, packet: Any) -> Iterator[tuple[Any, Image]]:
+        try:
+            for frame in self._decoder.decode(packet):
+                if self._account.kept == 0:
+                    self._note_start(frame.pts or 0)
+                self._account.kept += 1
+                yield frame, upright(frame)
+        except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
+            self._damaged += 1
+            said = f'{self._damaged} packets of the video do not decode'
+            self._account.lose('', 'packets', said, self._damaged)
+        else:
+            if self._account.kept == 0 and packet is not None and _is_shown(packet):
+                self._early.append(packet.pts or 0)
+
+    def _note_start(self, first: int) -> None:
+        """Say how many frames there are before the first one, of that time, that decodes."""
+        self._early = [] if self._is_part else [pts for pts in self._early if pts < first]
+        if self._early:
+            count = len(self._early)
+            said = f'{counted(count, "frame")} before the first key frame of the video not read'
+            self._account.lose('', 'start', said, count)
+
+    def _note_unread(self) -> None:
+        unread = self.packets - self._damaged - self._account.kept - len(self._early)
+        # Of other codecs not every packet is a picture.
+        if unread > 0 and not self._is_part and (self._gaps or self._decoder.name == 'hevc'):
+            said = f'{counted(unread, "frame")} not read, as others that they need are missing'
+            self._account.lose('', 'unread', said, unread)
+
+
+def _is_shown(packet: Any) -> bool:
+    """Whether a packet holds a frame; what an edit list leaves out is below 0."""
+    return bool(packet.size) and (packet.pts or 0) >= 0
 
 
 class _Stamps:
@@ -250,22 +303,3 @@ def _place(path: Path) -> str | BinaryIO:
     except UnicodeEncodeError:
         return path.open('rb')
     return f'file:{path}'
-
-
-def _packets(container: Any, stream: Any) -> Iterator[Any]:
-    """The packets up to the file's end or to where it cannot be read any more.
-
-    There is a None before one of H.264 that follows a lost picture; MPEG-TS says that by itself.
-    """
-    decoder, numbers = stream.codec_context, None
-    if decoder.name == 'h264' and container.format.name != 'mpegts':
-        numbers = PictureNumbers(decoder.extradata or b'')
-    packets = container.demux(stream)
-    while True:
-        try:
-            packet = next(packets)
-        except (StopIteration, ValueError, OSError):
-            return
-        if numbers is not None and numbers.follows_loss(bytes(packet)):
-            yield None
-        yield packet
