@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -194,11 +195,15 @@ class _Reading:
         self._stream.thread_type = 'AUTO'
         self._decoder = self._stream.codec_context
         self._packets = container.demux(self._stream)
-        # Where packets are missing MPEG-TS says so by itself.
-        is_numbered = self._decoder.name == 'h264' and container.format.name != 'mpegts'
+        is_numbered = self._decoder.name == 'h264'
         self._numbers = PictureNumbers(self._decoder.extradata or b'') if is_numbered else None
+        self._is_mpegts = container.format.name == 'mpegts'
+        self._is_next_incomplete = False
         self._damaged = self._incomplete = self._gaps = 0
         self._early: list[int] = []  # times of packets before the first frame
+        # What others need may be lost: the decoder would make false images of them.
+        self._awaits_key = False
+        self._shown_from = -math.inf  # in the file's ticks
 
     def frames(self) -> Iterator[tuple[Any, Image]]:
         """The frames that decode, each with its image upright.
@@ -207,9 +212,19 @@ class _Reading:
         """
         while (packet := self._next()) is not None:
             if self._numbers is not None and self._numbers.follows_loss(bytes(packet)):
-                yield from self._resume()
-            self._take(packet)
-            yield from self._decoded(packet)
+                self._gaps += 1
+                said = f'images are missing at {counted(self._gaps, "place")}'
+                self._account.lose('', 'gaps', said)
+                yield from self._break_off()
+            self.packets += _is_shown(packet)
+            self.end = max(self.end, (packet.pts or 0) + (packet.duration or 1))
+            if self._is_incomplete(packet):
+                self._incomplete += 1
+                said = f'parts of {counted(self._incomplete, "packet")} of the video are missing'
+                self._account.lose('', 'parts', said, 0)
+                yield from self._break_off()
+            elif packet.is_keyframe or not self._awaits_key:
+                yield from self._decoded(packet)
         self._note_unread()
 
     def _next(self) -> Any:
@@ -218,36 +233,47 @@ class _Reading:
         except (ValueError, OSError):
             return None
 
-    def _take(self, packet: Any) -> None:
-        self.packets += _is_shown(packet)
-        self.end = max(self.end, (packet.pts or 0) + (packet.duration or 1))
-        if packet.is_corrupt:  # as MPEG-TS says where a part is missing
-            self._incomplete += 1
-            said = f'parts of {counted(self._incomplete, "packet")} of the video are missing: '
-            said += 'images up to the next key frame may be false'
-            self._account.lose('', 'parts', said, 0)
+    def _is_incomplete(self, packet: Any) -> bool:
+        """Whether a part of a packet is missing, which FFmpeg says of MPEG-TS one packet early."""
+        before, self._is_next_incomplete = self._is_next_incomplete, packet.is_corrupt
+        return before if self._is_mpegts else packet.is_corrupt
 
-    def _resume(self) -> Iterator[tuple[Any, Image]]:
-        """What is held back from before a loss; FFmpeg then waits for the next key frame."""
-        yield from self._decoded(None)
-        self._gaps += 1
-        self._account.lose('', 'gaps', f'images are missing at {counted(self._gaps, "place")}')
-        self._decoder.flush_buffers()
+    def _break_off(self) -> Iterator[tuple[Any, Image]]:
+        """What the decoder holds back from before a loss; the next key frame begins anew."""
+        if not self._awaits_key:
+            yield from self._decoded(None)
+            self._decoder.flush_buffers()
+            self._awaits_key, self._shown_from = True, math.inf
 
     def _decoded(self, packet: Any) -> Iterator[tuple[Any, Image]]:
+        if self._awaits_key:
+            # With open groups of pictures, frames before a key frame may come behind it.
+            self._awaits_key, self._shown_from = False, packet.pts or 0
         try:
             for frame in self._decoder.decode(packet):
-                if self._account.kept == 0:
-                    self._note_start(frame.pts or 0)
-                self._account.kept += 1
-                yield frame, upright(frame)
+                if self._is_sound(frame):
+                    if self._account.kept == 0:
+                        self._note_start(frame.pts or 0)
+                    self._account.kept += 1
+                    yield frame, upright(frame)
         except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
-            self._damaged += 1
-            said = f'{self._damaged} packets of the video do not decode'
-            self._account.lose('', 'packets', said, self._damaged)
+            self._note_damage()
         else:
             if self._account.kept == 0 and packet is not None and _is_shown(packet):
                 self._early.append(packet.pts or 0)
+
+    def _is_sound(self, frame: Any) -> bool:
+        if frame.is_corrupt:
+            self._note_damage()
+        elif frame.key_frame:
+            self._shown_from = min(self._shown_from, frame.pts or 0)
+        return (frame.pts or 0) >= self._shown_from
+
+    def _note_damage(self) -> None:
+        self._damaged += 1
+        self._shown_from = math.inf
+        said = f'{self._damaged} packets of the video do not decode'
+        self._account.lose('', 'packets', said, self._damaged)
 
     def _note_start(self, first: int) -> None:
         """Say how many frames there are before the first one, of that time, that decodes."""
@@ -260,7 +286,11 @@ class _Reading:
     def _note_unread(self) -> None:
         unread = self.packets - self._damaged - self._account.kept - len(self._early)
         # Of other codecs not every packet is a picture.
-        if unread > 0 and not self._is_part and (self._gaps or self._decoder.name == 'hevc'):
+        if (
+            unread > 0
+            and not self._is_part
+            and (self._account.is_lossy or self._decoder.name == 'hevc')
+        ):
             said = f'{counted(unread, "frame")} not read, as others that they need are missing'
             self._account.lose('', 'unread', said, unread)
 
