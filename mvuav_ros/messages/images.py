@@ -36,6 +36,7 @@ COMPRESSED_VIDEO = 'foxglove_msgs/msg/CompressedVideo'
 _TYPES = (IMAGE, COMPRESSED_IMAGE, FFMPEG_PACKET, COMPRESSED_VIDEO)
 _CODECS = ('h264', 'hevc', 'vp8', 'vp9', 'av1', 'mpeg4', 'mjpeg')
 _OTHER_NAMES = {'h265': 'hevc', 'libx264': 'h264', 'libx265': 'hevc', 'x264': 'h264'}
+_OTHER_NAMES |= {'libvpx': 'vp8', 'libvpx-vp9': 'vp9', 'libaom-av1': 'av1', 'libsvtav1': 'av1'}
 _MEASURED = ('32FC', '64FC', '32SC', '16SC', '8SC')
 
 
