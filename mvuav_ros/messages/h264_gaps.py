@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import suppress
-from enum import Enum, auto
 
 _START = b'\0\0\1'
 _SLICE, _KEY_SLICE, _PARAMETERS = 1, 5, 7
@@ -57,18 +56,15 @@ class PictureNumbers:
         return number not in (last, (last + 1) % (1 << self._digits))
 
 
-class GroupStart(Enum):
-    """How a group of pictures that begins with a packet depends on those before it."""
+def groups_needed(codec: str, packet: bytes) -> int:
+    """How many groups of pictures are needed from this packet on, of the one that it begins.
 
-    CLOSED = auto()  # not at all
-    OPEN = auto()  # what comes behind the packet, but is shown before it, may need the group before
-
-
-def group_start(codec: str, packet: bytes) -> GroupStart | None:
-    """How a group begins with this packet; None where none does, or that is not known."""
+    2: the one before as well, by what comes behind the packet but is shown before it. 0: it begins
+    none, or that is not known.
+    """
     is_open, is_closed = False, codec == 'mjpeg'
     if not packet:
-        return None
+        return 0
     if codec == 'hevc':
         kinds = {unit[0] >> 1 for unit in _units(packet) if unit}
         is_closed = _HEVC_PARAMETERS in kinds and not kinds.isdisjoint(_HEVC_KEYS)
@@ -81,7 +77,7 @@ def group_start(codec: str, packet: bytes) -> GroupStart | None:
         is_closed = packet[0] & 1 == 0
     elif codec == 'vp9' and packet[0] & _VP9_PROFILE != _VP9_PROFILE:  # 3 has its bits elsewhere
         is_closed = packet[0] & _VP9_MARKER_EXISTING_INTER == _VP9_MARKER
-    return GroupStart.CLOSED if is_closed else GroupStart.OPEN if is_open else None
+    return 1 if is_closed else 2 if is_open else 0
 
 
 def _units(packet: bytes, length_bytes: int = 0) -> Iterator[bytes]:

@@ -428,25 +428,11 @@ def upright(frame: Any) -> Image:
     """A decoded frame as the camera was held; in colour, but for grey ones of more than 8 bits."""
     is_deep = frame.format.name.startswith('gray1')
     pixels = frame.to_ndarray(format='gray16le' if is_deep else 'bgr24')
-    matrix = _display_matrix(frame)
-    if matrix is None:
-        turns = round(getattr(frame, 'rotation', 0) / 90) % 4
-        pixels = np.rot90(pixels, turns)
-    else:
+    matrix = frame.side_data.get('DISPLAYMATRIX')
+    if matrix is not None:
         # x' = a x + c y, y' = b x + d y: with a quarter turn the larger terms are b and c.
-        (a, b), (c, d) = matrix
+        (a, b), (c, d) = np.frombuffer(bytes(matrix), np.int32)[:9].reshape(3, 3)[:2, :2]
         if abs(b) + abs(c) > abs(a) + abs(d):
             pixels, a, d = pixels.swapaxes(0, 1), c, b
         pixels = pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
     return Image(np.ascontiguousarray(pixels), 'mono16' if is_deep else 'bgr8')
-
-
-def _display_matrix(frame: Any) -> NDArray[np.int32] | None:
-    """The upper left of the matrix by which the frame is to be shown; None without any."""
-    try:
-        data = frame.side_data.get('DISPLAYMATRIX')
-    except (AttributeError, KeyError):  # of older versions of PyAV
-        return None
-    if data is None:
-        return None
-    return np.frombuffer(bytes(data), np.int32)[:9].reshape(3, 3)[:2, :2]

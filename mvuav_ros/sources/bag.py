@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mvuav_ros.messages.cdr import CdrReader
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.h264_gaps import GroupStart, group_start
+from mvuav_ros.messages.h264_gaps import groups_needed
 from mvuav_ros.messages.images import (
     IMAGE,
     BadFrame,
@@ -242,9 +242,9 @@ class BagImages(FrameSource):
                 packet = _video_packet(message)
                 if packet is None:
                     return
-                start = group_start(codec_of(packet.format), bytes(packet.data))
-                if start is not None:
-                    del needed[: newest if start is GroupStart.OPEN else len(needed)]
+                groups = groups_needed(codec_of(packet.format), bytes(packet.data))
+                if groups > 0:
+                    del needed[: newest if groups == 2 else len(needed)]
                     newest = len(needed)
                 needed.append(packet)
         for packet in needed:

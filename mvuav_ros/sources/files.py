@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -190,15 +191,13 @@ class _Reading:
 
     def __init__(self, container: Any, account: Account, *, is_part: bool) -> None:
         self.packets = self.end = 0
-        self._account, self._is_part = account, is_part
+        self._container, self._account, self._is_part = container, account, is_part
         self._stream = container.streams.video[0]
         self._stream.thread_type = 'AUTO'
         self._decoder = self._stream.codec_context
-        self._packets = container.demux(self._stream)
         is_numbered = self._decoder.name == 'h264'
         self._numbers = PictureNumbers(self._decoder.extradata or b'') if is_numbered else None
-        self._is_mpegts = container.format.name == 'mpegts'
-        self._is_next_incomplete = False
+        self._said_corrupt = False  # of the packet before
         self._damaged = self._incomplete = self._gaps = 0
         self._early: list[int] = []  # times of packets before the first frame
         # What others need may be lost: the decoder would make false images of them.
@@ -206,37 +205,35 @@ class _Reading:
         self._shown_from = -math.inf  # in the file's ticks
 
     def frames(self) -> Iterator[tuple[Any, Image]]:
-        """The frames that decode, each with its image upright.
+        """The frames that decode, each with its image upright."""
+        with suppress(ValueError, OSError):  # it cannot be read any more
+            for packet in self._container.demux(self._stream):
+                yield from self._read(packet)
+        unread = self.packets - self._damaged - self._account.kept - len(self._early)
+        # Of other codecs not every packet is a picture.
+        is_known = self._account.is_lossy or self._decoder.name == 'hevc'
+        if unread > 0 and is_known and not self._is_part:
+            said = f'{counted(unread, "frame")} not read, as others that they need are missing'
+            self._account.lose('', 'unread', said, unread)
 
-        They end with the file, or where it cannot be read any more.
-        """
-        while (packet := self._next()) is not None:
-            if self._numbers is not None and self._numbers.follows_loss(bytes(packet)):
-                self._gaps += 1
-                said = f'images are missing at {counted(self._gaps, "place")}'
-                self._account.lose('', 'gaps', said)
-                yield from self._break_off()
-            self.packets += _is_shown(packet)
-            self.end = max(self.end, (packet.pts or 0) + (packet.duration or 1))
-            if self._is_incomplete(packet):
-                self._incomplete += 1
-                said = f'parts of {counted(self._incomplete, "packet")} of the video are missing'
-                self._account.lose('', 'parts', said, 0)
-                yield from self._break_off()
-            elif packet.is_keyframe or not self._awaits_key:
-                yield from self._decoded(packet)
-        self._note_unread()
-
-    def _next(self) -> Any:
-        try:
-            return next(self._packets, None)
-        except (ValueError, OSError):
-            return None
-
-    def _is_incomplete(self, packet: Any) -> bool:
-        """Whether a part of a packet is missing, which FFmpeg says of MPEG-TS one packet early."""
-        before, self._is_next_incomplete = self._is_next_incomplete, packet.is_corrupt
-        return before if self._is_mpegts else packet.is_corrupt
+    def _read(self, packet: Any) -> Iterator[tuple[Any, Image]]:
+        if self._numbers is not None and self._numbers.follows_loss(bytes(packet)):
+            self._gaps += 1
+            self._account.lose('', 'gaps', f'images are missing at {counted(self._gaps, "place")}')
+            yield from self._break_off()
+        self.packets += _is_shown(packet)
+        self.end = max(self.end, (packet.pts or 0) + (packet.duration or 1))
+        # FFmpeg says of MPEG-TS one packet early that a part is missing.
+        is_early = self._container.format.name == 'mpegts'
+        is_whole = not (self._said_corrupt if is_early else packet.is_corrupt)
+        self._said_corrupt = packet.is_corrupt
+        if not is_whole:
+            self._incomplete += 1
+            said = f'parts of {counted(self._incomplete, "packet")} of the video are missing'
+            self._account.lose('', 'parts', said, 0)
+            yield from self._break_off()
+        elif packet.is_keyframe or not self._awaits_key:
+            yield from self._decoded(packet)
 
     def _break_off(self) -> Iterator[tuple[Any, Image]]:
         """What the decoder holds back from before a loss; the next key frame begins anew."""
@@ -279,20 +276,8 @@ class _Reading:
         """Say how many frames there are before the first one, of that time, that decodes."""
         self._early = [] if self._is_part else [pts for pts in self._early if pts < first]
         if self._early:
-            count = len(self._early)
-            said = f'{counted(count, "frame")} before the first key frame of the video not read'
-            self._account.lose('', 'start', said, count)
-
-    def _note_unread(self) -> None:
-        unread = self.packets - self._damaged - self._account.kept - len(self._early)
-        # Of other codecs not every packet is a picture.
-        if (
-            unread > 0
-            and not self._is_part
-            and (self._account.is_lossy or self._decoder.name == 'hevc')
-        ):
-            said = f'{counted(unread, "frame")} not read, as others that they need are missing'
-            self._account.lose('', 'unread', said, unread)
+            said = f'{counted(len(self._early), "frame")} before the first key frame of the video'
+            self._account.lose('', 'start', f'{said} not read', len(self._early))
 
 
 def _is_shown(packet: Any) -> bool:
