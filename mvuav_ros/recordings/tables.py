@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
+from secrets import token_hex
 from typing import Any, ClassVar
 
 import numpy as np
@@ -242,8 +243,9 @@ class Table:
         self.count = 0
         self._columns = columns
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._part = path.with_name(f'.{path.name}.part')
-        self._file = self._part.open('w', encoding='utf-8', newline='')
+        # Another export may write the same file meanwhile.
+        self._part = path.with_name(f'.{path.name}.{token_hex(4)}')
+        self._file = self._part.open('x', encoding='utf-8', newline='')
 
     @classmethod
     def takes(cls, topic: str, kind: str) -> bool:
