@@ -366,7 +366,7 @@ class VideoDecoder:
             self._codec, self._decoder = codec, None
         data = bytes(packet.data)
         if codec == 'h264' and self._h264.follows_loss(data):
-            yield from self.end()
+            yield from self._break_off()
         self._number += 1
         self._waiting[self._number] = packet, wanted
         if data:
@@ -379,11 +379,19 @@ class VideoDecoder:
 
     def end(self) -> Iterator[Frame | BadFrame]:
         """What the decoder still holds back."""
+        yield from self._break_off()
+        self._decoder = None
+
+    def _break_off(self) -> Iterator[Frame | BadFrame]:
+        """What the decoder holds back from before a loss; the next key frame begins anew.
+
+        It keeps the video's parameters, which some encoders send only once.
+        """
         if self._decoder is not None:
             yield from self._decode(None)
+            self._decoder.flush_buffers()
         for number in list(self._waiting):
             yield from self._unusable(number)
-        self._decoder = None
 
     def _decode(self, data: bytes | None) -> Iterator[Frame | BadFrame]:
         try:
@@ -405,9 +413,12 @@ class VideoDecoder:
             decoded = self._decoder.decode(coded)
         except (av.error.FFmpegError, ValueError, MemoryError):
             if data is not None:
-                yield from self._unusable(self._number)
+                yield from self._break_off()
             return
         for frame in decoded:
+            if frame.is_corrupt and data is not None:
+                yield from self._break_off()
+                return
             waiting = self._waiting.pop(frame.pts or 0, None)
             if waiting is None or not waiting[1]:
                 continue
