@@ -199,7 +199,8 @@ class _Reading:
         self._numbers = PictureNumbers(self._decoder.extradata or b'') if is_numbered else None
         self._said_corrupt = False  # of the packet before
         self._damaged = self._incomplete = self._gaps = 0
-        self._early: list[int] = []  # times of packets before the first frame
+        self._times: list[int] = []  # of the packets by now, until there is a frame
+        self._early = 0  # frames before the first
         # What others need may be lost: the decoder would make false images of them.
         self._awaits_key = False
         self._shown_from = -math.inf  # in the file's ticks
@@ -209,7 +210,7 @@ class _Reading:
         with suppress(ValueError, OSError):  # it cannot be read any more
             for packet in self._container.demux(self._stream):
                 yield from self._read(packet)
-        unread = self.packets - self._damaged - self._account.kept - len(self._early)
+        unread = self.packets - self._damaged - self._account.kept - self._early
         # Of other codecs not every packet is a picture.
         is_known = self._account.is_lossy or self._decoder.name == 'hevc'
         if unread > 0 and is_known and not self._is_part:
@@ -221,7 +222,10 @@ class _Reading:
             self._gaps += 1
             self._account.lose('', 'gaps', f'images are missing at {counted(self._gaps, "place")}')
             yield from self._break_off()
-        self.packets += _is_shown(packet)
+        if packet.size and (packet.pts or 0) >= 0:  # an edit list leaves out what is below 0
+            self.packets += 1
+            if self._account.kept == 0:
+                self._times.append(packet.pts or 0)
         self.end = max(self.end, (packet.pts or 0) + (packet.duration or 1))
         # FFmpeg says of MPEG-TS one packet early that a part is missing.
         is_early = self._container.format.name == 'mpegts'
@@ -255,9 +259,6 @@ class _Reading:
                     yield frame, upright(frame)
         except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
             self._note_damage()
-        else:
-            if self._account.kept == 0 and packet is not None and _is_shown(packet):
-                self._early.append(packet.pts or 0)
 
     def _is_sound(self, frame: Any) -> bool:
         if frame.is_corrupt:
@@ -274,15 +275,10 @@ class _Reading:
 
     def _note_start(self, first: int) -> None:
         """Say how many frames there are before the first one, of that time, that decodes."""
-        self._early = [] if self._is_part else [pts for pts in self._early if pts < first]
-        if self._early:
-            said = f'{counted(len(self._early), "frame")} before the first key frame of the video'
-            self._account.lose('', 'start', f'{said} not read', len(self._early))
-
-
-def _is_shown(packet: Any) -> bool:
-    """Whether a packet holds a frame; what an edit list leaves out is below 0."""
-    return bool(packet.size) and (packet.pts or 0) >= 0
+        self._early = sum(pts < first for pts in self._times) - self._damaged
+        if self._early > 0 and not self._is_part:
+            said = f'{counted(self._early, "frame")} before the first key frame of the video'
+            self._account.lose('', 'start', f'{said} not read', self._early)
 
 
 class _Stamps:

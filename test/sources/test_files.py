@@ -292,6 +292,21 @@ def test_a_video_that_begins_between_key_frames_says_so(tmp_path: Path, first: i
     ] * first
 
 
+def test_a_frame_before_the_first_key_frame_counts_as_lost_once(tmp_path: Path) -> None:
+    """Also of a codec whose decoder calls it an error."""
+    path, options = tmp_path / 'a.mkv', {'deadline': 'realtime', 'lag-in-frames': '0'}
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('libvpx-vp9', rate=20, options=options)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
+        stream.codec_context.gop_size = 10
+        frames = [av.VideoFrame.from_ndarray(image(n), format='bgr24') for n in range(16)]
+        coded = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
+        container.mux(coded[3:])
+    video = VideoFile(path)
+    assert [number_in(frame.image.pixels) for frame in video.frames()] == [*range(10, 16)]
+    assert (video.account.kept, video.account.lost) == (6, 7)
+
+
 @pytest.mark.parametrize('codec', ['libx264', 'libx265', 'mpeg2video', 'mpeg4'])
 def test_no_false_image_is_shown_where_a_downlink_lost_a_part(tmp_path: Path, codec: str) -> None:
     path, lost, count = tmp_path / 'a.ts', 13, 26
