@@ -439,7 +439,10 @@ def upright(frame: Any) -> Image:
     """A decoded frame as the camera was held; in colour, but for grey ones of more than 8 bits."""
     is_deep = frame.format.name.startswith('gray1')
     pixels = frame.to_ndarray(format='gray16le' if is_deep else 'bgr24')
-    matrix = frame.side_data.get('DISPLAYMATRIX')
+    from av.sidedata.sidedata import SideDataContainer
+
+    # Not by `frame.side_data`, which the frame keeps and which keeps it: hundreds would pile up.
+    matrix = SideDataContainer(frame).get('DISPLAYMATRIX')  # type: ignore[call-arg]
     if matrix is not None:
         # x' = a x + c y, y' = b x + d y: with a quarter turn the larger terms are b and c.
         (a, b), (c, d) = np.frombuffer(bytes(matrix), np.int32)[:9].reshape(3, 3)[:2, :2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
@@ -262,6 +263,19 @@ def test_a_video_stands_as_its_matrix_says(
     turn(path, matrix)
     for frame, before in zip(VideoFile(path).frames(), plain, strict=True):
         assert np.array_equal(frame.image.pixels, shown(before))
+
+
+def test_frames_of_a_video_do_not_pile_up(tmp_path: Path) -> None:
+    """Those of 4K that waited for Python's search for cycles would take gigabytes."""
+    video = VideoFile(write_video(tmp_path / 'a.mp4', range(0, 2000, 50)))
+    gc.collect()
+    gc.disable()
+    try:
+        assert len(list(video.frames())) == 40
+        held = [each for each in gc.get_objects() if isinstance(each, av.VideoFrame)]
+    finally:
+        gc.enable()
+    assert len(held) < 10
 
 
 @pytest.mark.parametrize('name', [b'2024-05-01T12:30:05.mp4', b'na\xefve.mp4', b'http:a.mp4'])
