@@ -416,8 +416,9 @@ class VideoDecoder:
                 yield from self._break_off()
             return
         for frame in decoded:
-            if frame.is_corrupt and data is not None:
-                yield from self._break_off()
+            if frame.is_corrupt:
+                if data is not None:
+                    yield from self._break_off()
                 return
             waiting = self._waiting.pop(frame.pts or 0, None)
             if waiting is None or not waiting[1]:

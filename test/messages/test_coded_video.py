@@ -73,3 +73,20 @@ def test_behind_a_lost_packet_a_video_goes_on_whose_parameters_came_only_once():
     frames += video.end()
     good = {f.stamp_ns: number_in(f.image.pixels) for f in frames if isinstance(f, Frame)}
     assert good == {stamp: stamp for stamp in (0, 1, *range(5, 12))}
+
+
+def test_no_false_image_is_made_of_a_last_packet_that_is_cut():
+    """Of a decoder that holds frames back, as with frames that refer to later ones."""
+    video, frames = VideoDecoder(), []
+    coded = packets('libx264', 12, b_frames=2, options={'tune': 'psnr', 'x264-params': 'bframes=2'})
+    for stamp, data in enumerate(coded):
+        data = data[: len(data) // 2] if stamp == 11 else data
+        frames += video.frames(CodedImage(stamp, 'nose', 'h264', data, True), True)
+    frames += video.end()
+    whole = VideoDecoder()
+    packed = [CodedImage(stamp, 'nose', 'h264', data, True) for stamp, data in enumerate(coded)]
+    right = [frame for each in packed for frame in whole.frames(each, True)] + [*whole.end()]
+    truth = {frame.stamp_ns: frame.image.pixels for frame in right}
+    good = [frame for frame in frames if isinstance(frame, Frame)]
+    assert len(frames) == 12 and len(good) >= 9
+    assert all(np.array_equal(frame.image.pixels, truth[frame.stamp_ns]) for frame in good)
