@@ -99,7 +99,8 @@ def _account_for(
                 ending = error
         inputs = _of_each_input(accounts)
         for account in inputs:
-            if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
+            is_over = ending is None or isinstance(ending, typer.Exit)
+            if not account.is_reported and (is_over or account.is_lossy):
                 report_account(account)
     if as_json:
         said = result if isinstance(result, dict) else dataclasses.asdict(result) if result else {}
