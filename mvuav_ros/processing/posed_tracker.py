@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +21,9 @@ class PosedTracker:
     """A `MarkerTracker`, and the pose that follows from its results by a calibration."""
 
     def __init__(
-        self, parameters: MarkerTrackerParameters | None = None, rig: MarkerRig | None = None
+        self,
+        parameters: MarkerTrackerParameters | None = None,
+        rig: MarkerRig | str | Path | None = None,
     ) -> None:
         self.tracker = MarkerTracker(parameters, rig)
         self.poses = PoseEstimator(self.tracker.rig)

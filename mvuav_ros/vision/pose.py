@@ -6,6 +6,7 @@ import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,9 +127,10 @@ class PoseEstimator:
         reason: why the newest frame has no pose; empty if it has.
     """
 
-    def __init__(self, rig: MarkerRig) -> None:
-        self._rig = rig
-        self._points = np.ascontiguousarray(rig.positions)
+    def __init__(self, rig: MarkerRig | str | Path) -> None:
+        """Prepare for the first frame of a rig, or of the one in a YAML file."""
+        self._rig = MarkerRig.given(rig)
+        self._points = np.ascontiguousarray(self._rig.positions)
         self._all = list(range(len(self._points)))
         self.reset()
 

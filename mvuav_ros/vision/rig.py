@@ -77,6 +77,15 @@ class MarkerRig:
         if len(set(self.names)) < len(self.names) or not self.markers:
             raise RigError('a rig needs at least one marker, and a name of its own for each')
 
+    @staticmethod
+    def given(rig: MarkerRig | str | Path) -> MarkerRig:
+        """What a program gives: a rig, or its file (see `load_rig`); a `TypeError` for others."""
+        if isinstance(rig, (str, Path)):
+            return load_rig(rig)
+        if not isinstance(rig, MarkerRig):
+            raise TypeError(f'rig must be a MarkerRig or its file, not {type(rig).__name__}')
+        return rig
+
     @property
     def names(self) -> tuple[str, ...]:
         """The lights' names."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mvuav_ros.parameters.declaration import ParameterError
@@ -58,20 +59,24 @@ class MarkerTracker:
     """
 
     def __init__(
-        self, parameters: MarkerTrackerParameters | None = None, rig: MarkerRig | None = None
+        self,
+        parameters: MarkerTrackerParameters | None = None,
+        rig: MarkerRig | str | Path | None = None,
     ) -> None:
         """Prepare for the first frame.
 
         Args:
             parameters: the defaults if None.
-            rig: the body whose markers are named; if None that of the parameter ``layout``.
+            rig: the body whose markers are named, or its YAML file; if None that of the
+                parameter ``layout``.
 
         Raises:
-            ParameterError: the rig's file cannot be used, it has too few or too many markers, or
-                its names or pose are ambiguous and ``allow_ambiguous`` is not set.
+            RigError: the file of ``rig`` cannot be used.
+            ParameterError: that of ``layout`` cannot be used, there are too few or too many
+                markers, or names or pose are ambiguous and ``allow_ambiguous`` is not set.
         """
         self.parameters = MarkerTrackerParameters.given(parameters)
-        self.rig = rig or rig_of(self.parameters)
+        self.rig = rig_of(self.parameters) if rig is None else MarkerRig.given(rig)
         name = self.parameters.layout or self.rig.name
         if not 2 <= len(self.rig.names) <= Label.UNLABELLED:
             raise ParameterError('layout', f'{name}: tracking needs 2 to 255 markers')
