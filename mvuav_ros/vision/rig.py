@@ -135,9 +135,15 @@ _KEYS = ('name', 'markers', 'dock', 'boom', 'standard_deviations')
 
 
 class _Loader(Loader):
-    """Refuses a key that stands twice, of which YAML would quietly keep the last."""
+    """Takes a name as it is written, where YAML has True for ``yes`` and 8 for ``010``.
+
+    A key that stands twice is refused: YAML would quietly keep the last.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value != '<<':
+                key.tag = 'tag:yaml.org,2002:str'
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
         twice = sorted({str(key) for key in keys if keys.count(key) > 1})
         if twice:
