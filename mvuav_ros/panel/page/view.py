@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, MutableMapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from nicegui import Client, ui
 
@@ -26,6 +26,23 @@ _PARTS = {
 }
 
 
+_NO_NODE = 'none'
+
+
+class _NodeParts(NamedTuple):
+    """What is shown of a node, and what it was made of."""
+
+    made_of: tuple[object, ...]
+    panels: tuple[ui.tab_panel, ui.tab_panel]
+    results: Results | None
+    parameters: Parameters | None
+
+
+def _panels() -> ui.tab_panels:
+    """A place for each node's, of which the selected one's is on the screen."""
+    return ui.tab_panels(animated=False).classes('views')
+
+
 class PanelView:
     """Puts the parts together, for a browser tab that is connected, and passes on what changes."""
 
@@ -33,7 +50,7 @@ class PanelView:
         self._page, self._client = Page(services, kept, self._selected), client
         self._parameters: Parameters | None = None
         self._results: Results | None = None
-        self._built: tuple[object, ...] = ('nothing yet',)
+        self._parts: dict[str, _NodeParts] = {}
         with el.box('panel') as self._root:
             self._head = Head(self._page)
             with el.box('body'):
@@ -47,12 +64,13 @@ class PanelView:
                         self.images = Images(self._page, self._set_parameter)
                     with ui.tab_panel('results'), el.box('part results stack'):
                         self._scene = PoseScene()
-                        self._results_place = el.box('stack')
+                        self._results_of = _panels()
                     with ui.tab_panel('runs'):
                         self._runs = Runs(self._page, self._load)
                 # Beside the others, or instead of them on a telephone.
                 self._parameters_place = el.box('part parameters', 'section')
-                self._parameters_place.props('aria-label=Parameters')
+                with self._parameters_place.props('aria-label=Parameters'):
+                    self._parameters_of = _panels()
         self._tabs = tabs
         tabs.set_value(self._page.kept['part'])
         # A button uses the space bar itself; the other keys are the panel's there, too.
@@ -122,27 +140,40 @@ class PanelView:
         key = f'{node.name} {PROCESSORS[node.kind].panel.image}' if node else ''
         el.set_props(self._preview, data_key=key)
         self._scene.show(node)
-        built = (node, *node.controls) if node else ()
-        if built != self._built:
-            self._built = built
-            self._build(node)
-        elif self._parameters:
-            self._parameters.show()
+        self._show_parts(node)
 
-    def _build(self, node: LiveNode | None) -> None:
-        for place in (self._results_place, self._parameters_place):
-            place.clear()
-        with self._results_place:
-            self._results = Results(self._page, node) if node else None
+    def _show_parts(self, node: LiveNode | None) -> None:
+        """Those of other nodes stay, for what is clicked before they are off the screen."""
+        name, made_of = (node.name, (node, *node.controls)) if node else (_NO_NODE, ())
+        parts = self._parts.get(name)
+        if parts is None or parts.made_of != made_of:
+            for old in parts.panels if parts else ():
+                old.delete()
+            parts = self._parts[name] = self._make_parts(name, node, made_of)
+        elif parts.parameters:
+            parts.parameters.show()
+        self._results, self._parameters = parts.results, parts.parameters
+        for place in (self._results_of, self._parameters_of):
+            place.value = name
+
+    def _make_parts(
+        self, name: str, node: LiveNode | None, made_of: tuple[object, ...]
+    ) -> _NodeParts:
+        with self._results_of, ui.tab_panel(name) as results_panel, el.box('stack'):
+            results = Results(self._page, node) if node else None
             if node is None:
                 el.empty('No results yet', 'They appear as soon as a node runs.', card=True)
-        with self._parameters_place:
-            self._parameters = Parameters(self._page, node) if node and node.controls else None
-            if self._parameters is None:
+        with self._parameters_of, ui.tab_panel(name) as parameters_panel:
+            parameters = Parameters(self._page, node) if node and node.controls else None
+            if parameters is None:
                 el.empty('No parameters yet', 'They appear as soon as a node answers.', card=True)
+        return _NodeParts(made_of, (results_panel, parameters_panel), results, parameters)
 
     def _selected(self) -> None:
         self._refresh()
+        if self._results and self._parameters:
+            self._results.show()
+            self._parameters.appear()
         self._runs.choose_recording()
 
     def _sets_changed(self) -> None:

@@ -399,6 +399,23 @@ def test_what_is_entered_as_the_link_breaks_arrives_when_it_is_back(panel):
     page.context.close()
 
 
+def test_what_is_entered_before_another_node_is_on_the_screen_is_still_for_the_first(panel):
+    page, late, held = panel.new_page(), [], False
+
+    def relay(socket):
+        server = socket.connect_to_server()
+        server.on_message(lambda said: late.append(said) if held else socket.send(said))
+
+    page.route_web_socket(re.compile('_nicegui_ws'), relay)
+    page.reload()
+    panel.choose(TRACKER, page)
+    held = True
+    page.get_by_role('button', name=DETECTOR, exact=True).click()
+    panel.enter('lost_timeout', 0.45, page)
+    panel.until(lambda: panel.now('lost_timeout') == '0.45', 'the value entered')
+    page.context.close()
+
+
 def test_undo_and_redo(panel):
     panel.choose(TRACKER)
     before = panel.now('lost_timeout')
