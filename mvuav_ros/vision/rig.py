@@ -78,7 +78,7 @@ class MarkerRig:
             raise RigError('a rig needs at least one marker, and a name of its own for each')
 
     @staticmethod
-    def given(rig: MarkerRig | str | Path) -> MarkerRig:
+    def given(rig: RigOrFile) -> MarkerRig:
         """What a program gives: a rig, or its file (see `load_rig`); a `TypeError` for others."""
         if isinstance(rig, (str, Path)):
             return load_rig(rig)
@@ -114,6 +114,8 @@ class MarkerRig:
         """The greatest distance of a light from the x axis, m."""
         return max(math.hypot(y, z) for _, (_, y, z) in self.markers)
 
+
+RigOrFile = MarkerRig | str | Path
 
 TANKER_747 = MarkerRig(
     name='tanker_747',
@@ -195,8 +197,6 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     if not isinstance(markers, Mapping) or not markers:
         raise RigError('"markers" must map at least one name to [x, y, z] in metres')
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
-    if len(dict(lights)) < len(lights):
-        raise RigError('two markers have the same name')
     _refuse_same_place(lights)
     dock = content.get('dock', np.mean([position for _, position in lights], axis=0))
     rig = MarkerRig(str(content.get('name', name)), lights, dock, content.get('boom', dock))

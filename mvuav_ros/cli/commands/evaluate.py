@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
 
 
-_NODE = 'runway_detector'
-
-
 def corners(
     labels: Annotated[
         Path, typer.Argument(metavar='CSV', help='The labels; the images are in the same folder.')
@@ -85,8 +82,9 @@ def corners(
 
     if as_json is not None:
         refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
-    given = resolve_parameters([_NODE], params_file, param or [])[_NODE]
-    parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
+    given = resolve_parameters(['runway_detector'], params_file, param or [])
+    chosen = {'mode': 'approach', **given['runway_detector']}
+    parameters = RunwayDetectorParameters.from_mapping(chosen)
     frames = read_corners(labels)
     lines = None if horizon is None else read_horizon(horizon, frames)
     run = LabelledRun(labels.parent, frames, lines, gray, Tolerance(tolerance, tolerance_share))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, MutableMapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from nicegui import Client, ui
 
@@ -29,20 +29,6 @@ _PARTS = {
 _NO_NODE = 'none'
 
 
-class _NodeParts(NamedTuple):
-    """What is shown of a node, and what it was made of."""
-
-    made_of: tuple[object, ...]
-    panels: tuple[ui.tab_panel, ui.tab_panel]
-    results: Results | None
-    parameters: Parameters | None
-
-
-def _panels() -> ui.tab_panels:
-    """A place for each node's, of which the selected one's is on the screen."""
-    return ui.tab_panels(animated=False).classes('views')
-
-
 class PanelView:
     """Puts the parts together, for a browser tab that is connected, and passes on what changes."""
 
@@ -50,29 +36,31 @@ class PanelView:
         self._page, self._client = Page(services, kept, self._selected), client
         self._parameters: Parameters | None = None
         self._results: Results | None = None
-        self._parts: dict[str, _NodeParts] = {}
+        self._parts: dict[str, tuple[Results | None, Parameters | None]] = {}
+        self._made_of: dict[str, tuple[object, ...]] = {}
         with el.box('panel') as self._root:
             self._head = Head(self._page)
             with el.box('body'):
                 self._preview = make_readout()
-                with ui.tabs(on_change=self._show_part) as tabs:
+                with ui.tabs(on_change=self._show_part) as self._tabs:
                     for key, words in _PARTS.items():
                         ui.tab(key, words).classes(f'tab {key}')
-                tabs.props('dense no-caps inline-label align=left aria-label="Parts of the panel"')
-                with ui.tab_panels(tabs, animated=False).classes('views') as panels:
+                self._tabs.props(
+                    'dense no-caps inline-label align=left aria-label="Parts of the panel"'
+                )
+                with ui.tab_panels(self._tabs, animated=False).classes('views') as panels:
                     with ui.tab_panel('images'):
                         self.images = Images(self._page, self._set_parameter)
                     with ui.tab_panel('results'), el.box('part results stack'):
                         self._scene = PoseScene()
-                        self._results_of = _panels()
+                        self._results_of = ui.tab_panels(animated=False).classes('views')
                     with ui.tab_panel('runs'):
                         self._runs = Runs(self._page, self._load)
                 # Beside the others, or instead of them on a telephone.
                 self._parameters_place = el.box('part parameters', 'section')
                 with self._parameters_place.props('aria-label=Parameters'):
-                    self._parameters_of = _panels()
-        self._tabs = tabs
-        tabs.set_value(self._page.kept['part'])
+                    self._parameters_of = ui.tab_panels(animated=False).classes('views')
+        self._tabs.set_value(self._page.kept['part'])
         # A button uses the space bar itself; the other keys are the panel's there, too.
         ui.keyboard(self._key, repeating=False, ignore=['input', 'select', 'textarea'])
         ui.skip_link('Skip to the images and results', target=panels)
@@ -145,29 +133,29 @@ class PanelView:
     def _show_parts(self, node: LiveNode | None) -> None:
         """Those of other nodes stay, for what is clicked before they are off the screen."""
         name, made_of = (node.name, (node, *node.controls)) if node else (_NO_NODE, ())
-        parts = self._parts.get(name)
-        if parts is None or parts.made_of != made_of:
-            for old in parts.panels if parts else ():
-                old.delete()
-            parts = self._parts[name] = self._make_parts(name, node, made_of)
-        elif parts.parameters:
-            parts.parameters.show()
-        self._results, self._parameters = parts.results, parts.parameters
+        if self._made_of.get(name) != made_of:
+            self._made_of[name], self._parts[name] = made_of, self._make_parts(name, node)
+        elif parameters := self._parts[name][1]:
+            parameters.show()
+        self._results, self._parameters = self._parts[name]
         for place in (self._results_of, self._parameters_of):
             place.value = name
 
     def _make_parts(
-        self, name: str, node: LiveNode | None, made_of: tuple[object, ...]
-    ) -> _NodeParts:
-        with self._results_of, ui.tab_panel(name) as results_panel, el.box('stack'):
+        self, name: str, node: LiveNode | None
+    ) -> tuple[Results | None, Parameters | None]:
+        for old in [*self._results_of, *self._parameters_of]:
+            if old.props['name'] == name:
+                old.delete()
+        with self._results_of, ui.tab_panel(name), el.box('stack'):
             results = Results(self._page, node) if node else None
             if node is None:
                 el.empty('No results yet', 'They appear as soon as a node runs.', card=True)
-        with self._parameters_of, ui.tab_panel(name) as parameters_panel:
+        with self._parameters_of, ui.tab_panel(name):
             parameters = Parameters(self._page, node) if node and node.controls else None
             if parameters is None:
                 el.empty('No parameters yet', 'They appear as soon as a node answers.', card=True)
-        return _NodeParts(made_of, (results_panel, parameters_panel), results, parameters)
+        return results, parameters
 
     def _selected(self) -> None:
         self._refresh()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import operator
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mvuav_ros.parameters.declaration import ParameterError
@@ -22,7 +21,7 @@ from mvuav_ros.vision.markers.marker_results import (
 )
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker, detect, detect_any
 from mvuav_ros.vision.point_operations import Pixels, full_scale
-from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, RigOrFile, load_rig
 from mvuav_ros.vision.rig_examination import examine
 
 if TYPE_CHECKING:
@@ -59,16 +58,13 @@ class MarkerTracker:
     """
 
     def __init__(
-        self,
-        parameters: MarkerTrackerParameters | None = None,
-        rig: MarkerRig | str | Path | None = None,
+        self, parameters: MarkerTrackerParameters | None = None, rig: RigOrFile | None = None
     ) -> None:
         """Prepare for the first frame.
 
         Args:
             parameters: the defaults if None.
-            rig: the body whose markers are named, or its YAML file; if None that of the
-                parameter ``layout``.
+            rig: the body, or its YAML file; if None that of the parameter ``layout``.
 
         Raises:
             RigError: the file of ``rig`` cannot be used.
