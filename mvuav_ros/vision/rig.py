@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import yaml
@@ -19,6 +19,7 @@ from mvuav_ros.parameters.yaml_text import Loader
 from mvuav_ros.vision.frames import read_only
 
 Point = tuple[float, float, float]
+RigOrFile: TypeAlias = 'MarkerRig | str | Path'
 _NUMBERS = (int, float, np.integer, np.floating)
 
 SAME_PLACE = 1e-3  # Part of a rig's size within which two markers are in one place
@@ -114,8 +115,6 @@ class MarkerRig:
         """The greatest distance of a light from the x axis, m."""
         return max(math.hypot(y, z) for _, (_, y, z) in self.markers)
 
-
-RigOrFile = MarkerRig | str | Path
 
 TANKER_747 = MarkerRig(
     name='tanker_747',

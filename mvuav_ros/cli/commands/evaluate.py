@@ -82,9 +82,8 @@ def corners(
 
     if as_json is not None:
         refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
-    given = resolve_parameters(['runway_detector'], params_file, param or [])
-    chosen = {'mode': 'approach', **given['runway_detector']}
-    parameters = RunwayDetectorParameters.from_mapping(chosen)
+    given = resolve_parameters(['runway_detector'], params_file, param or [])['runway_detector']
+    parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
     frames = read_corners(labels)
     lines = None if horizon is None else read_horizon(horizon, frames)
     run = LabelledRun(labels.parent, frames, lines, gray, Tolerance(tolerance, tolerance_share))

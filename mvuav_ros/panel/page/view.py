@@ -26,9 +26,6 @@ _PARTS = {
 }
 
 
-_NO_NODE = 'none'
-
-
 class PanelView:
     """Puts the parts together, for a browser tab that is connected, and passes on what changes."""
 
@@ -132,7 +129,7 @@ class PanelView:
 
     def _show_parts(self, node: LiveNode | None) -> None:
         """Those of other nodes stay, for what is clicked before they are off the screen."""
-        name, made_of = (node.name, (node, *node.controls)) if node else (_NO_NODE, ())
+        name, made_of = (node.name, (node, *node.controls)) if node else ('none', ())
         if self._made_of.get(name) != made_of:
             self._made_of[name], self._parts[name] = made_of, self._make_parts(name, node)
         elif parameters := self._parts[name][1]:
