@@ -171,10 +171,9 @@ def thesis(
     with frame_progress() as progress:
         task = progress.add_task('flights', total=steps_of(plan))
         report, claims = build_report(plan, lambda: progress.advance(task), ' '.join(sys.argv[1:]))
-    page = write_report(report, output)
     for claim in claims:
         say(f'{claim.verdict:>16}  {claim.statement}: {claim.ours}')
-    say(page)
+    say(write_report(report, output))
 
 
 @evaluate.command()
@@ -208,14 +207,13 @@ def integrity(
             (often, run(budget, count, often, seed, jobs, lambda: progress.advance(task)))
             for often, count in ((1.0, frames), (factor, more))
         ]
-    page = write_report(protection_report(budget, runs, seed), output)
     for often, counts in runs:
         say(
             f'faults {often:g} times as stated: {counts.misleading} of {counts.frames} frames '
             f'misleading (at most {counts.misleading_bound():.2g}, stated {often * budget.risk:g}),'
             f' {counts.silent} without levels, {counts.alerts} alerts'
         )
-    say(page)
+    say(write_report(protection_report(budget, runs, seed), output))
 
 
 @evaluate.command()
@@ -264,12 +262,11 @@ def bag(
     how = 'replayed by this version' if parameters else "the bag's own"
     described = {node: str(given or 'defaults') for node, given in parameters.items()}
     report = bag_report(run, {'results': how, **described})
-    page = write_report(report, output)
     for table in report.tables():
         if table.key == 'metrics':
             for row in range(len(table.rows)):
                 say(' '.join(table.text(row, column) for column in range(3)).rstrip())
-    say(page)
+    say(write_report(report, output))
 
 
 def _parameters(
