@@ -207,7 +207,10 @@ def _explained(error: Exception, name: str) -> tuple[str, int]:
     """A user's mistake in words and as an exit status; raises what is a defect of ours."""
     if isinstance(error, ImportError):
         return explain_missing_module(name, error), 1
-    if isinstance(error, (ParameterError, SourceError, OSError)):
+    if isinstance(error, OSError):
+        said = error.strerror or str(error)
+        return f'{error.filename}: {said}' if error.filename else said, 1
+    if isinstance(error, (ParameterError, SourceError)):
         return str(error), 1
     # Usage errors of typer, whose own click is not importable under a public name.
     if type(error).__name__ == 'NoArgsIsHelpError':

@@ -111,7 +111,7 @@ def _between(rough: MarkerRig, first: str, second: str, metres: float) -> tuple[
     roughly = math.dist(rough.positions[one], rough.positions[other])
     if not roughly / _MAX_OFF < metres < roughly * _MAX_OFF:
         raise RigCalibrationError(
-            f'{first} and {second} are {roughly:g} m apart on the rough rig, not '
+            f'{first} and {second} are {roughly:.4g} m apart on the rough rig, not '
             f'{metres:g}: is the distance in m?'
         )
     return one, other, metres

@@ -63,10 +63,6 @@ class RunResult:
         """The numbers by their columns."""
         return {metric.column: metric.cell for metric in self.metrics}
 
-    def value(self, column: str) -> float:
-        """One number; NaN where the run has none."""
-        return next((m.value for m in self.metrics if m.column == column), math.nan)
-
 
 def parse_axis(text: str) -> Axis:
     """Read ``node:name:=value,value,…``; one value is an axis of one.
@@ -241,7 +237,7 @@ def _trends(
         panels = canvas.figure.subplots(*size, squeeze=False).ravel()
         for axes, (group, names) in zip(panels, groups.items(), strict=False):
             for index, name in enumerate(names):
-                values = [result.value(name) for result in results]
+                values = [result.cells.get(name, math.nan) for result in results]
                 mark, plain = _MARKS[index % len(_MARKS)], Column.parse(name).name
                 color = COLORS[index % len(COLORS)]
                 axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=plain)
@@ -272,7 +268,7 @@ def _grouped(
             for panel, name in zip(panels, names, strict=True):
                 for index, source in enumerate(sources):
                     own = (result for result in results if result.run.source == source)
-                    found = {result.run.values: result.value(name) for result in own}
+                    found = {r.run.values: r.cells.get(name, math.nan) for r in own}
                     heights = [found.get(cell, math.nan) for cell in cells]
                     # From a legend matplotlib leaves out what begins with an underscore.
                     spaced = ' ' * source.startswith('_')

@@ -221,7 +221,6 @@ td .verdict { display: block; font-size: .9em; }
   th, td { padding: .28rem .45rem; } td.word { min-width: 6.5rem; white-space: normal; }
   figure img { width: 720px; max-width: none; }
   nav a { display: inline-block; padding: .2rem 0; } }
-footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
 @page { size: A4; margin: 16mm 14mm; }
 @page wide { size: A4 landscape; }
 @media print {

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion, rpy
 from mvuav_ros.vision.reprojection import MIN_MARKERS, Reprojection, Solution
-from mvuav_ros.vision.rig import MarkerRig
+from mvuav_ros.vision.rig import MarkerRig, RigOrFile
 
 Array = NDArray[np.float64]
 
@@ -126,9 +126,10 @@ class PoseEstimator:
         reason: why the newest frame has no pose; empty if it has.
     """
 
-    def __init__(self, rig: MarkerRig) -> None:
-        self._rig = rig
-        self._points = np.ascontiguousarray(rig.positions)
+    def __init__(self, rig: RigOrFile) -> None:
+        """Prepare for the first frame of a rig, or of the one in a YAML file."""
+        self._rig = MarkerRig.given(rig)
+        self._points = np.ascontiguousarray(self._rig.positions)
         self._all = list(range(len(self._points)))
         self.reset()
 

@@ -161,7 +161,7 @@ def check(
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
     size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
-    words = f'{body.name}: {len(body.names)} markers, {size:g} m across'
+    words = f'{body.name}: {len(body.names)} markers, {size:.4g} m across'
     if len(body.names) == MIN_MARKERS:
         words += ': names, but no pose, which takes four'
     elif len(body.names) > MIN_MARKERS and is_flat(body):

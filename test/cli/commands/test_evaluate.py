@@ -348,3 +348,11 @@ def test_a_sweep_of_a_folder_is_one_of_each_of_its_recordings(tmp_path):
 
 def test_integrity_of_no_frames_is_refused(tmp_path):
     assert run('evaluate', 'integrity', '--frames', 0, '-o', tmp_path).exit_code == 2
+
+
+def test_the_numbers_are_said_even_if_the_report_cannot_be_written(tmp_path):
+    # As on a full disk, which a test cannot have.
+    (tmp_path / 'metrics.csv').mkdir()
+    run = mvuav('evaluate', 'sim:tanker?frames=3', '-o', tmp_path)
+    assert 'frames 3' in run.out.splitlines()
+    assert 'metrics.csv is a folder' in run.error

@@ -49,7 +49,7 @@ def test_three_lights_have_no_table_of_a_pose_that_they_never_have(tmp_path):
     run = mvuav('rig', 'check', path, '--distance', '1', '--distance', '20')
     assert run.status == 0
     first, *rest = run.out.splitlines()
-    assert first == 'three: 3 markers, 3.16228 m across: names, but no pose, which takes four'
+    assert first == 'three: 3 markers, 3.162 m across: names, but no pose, which takes four'
     assert rest[1] == 'exchanged names with the smallest residuals, at 20 m'
 
 
