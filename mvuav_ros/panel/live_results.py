@@ -181,7 +181,7 @@ class Figures:
         """Whether the pose may be used, and its protection level, or why it may not."""
         status = message.status[0]
         is_safe = status.level == DiagnosticStatus.OK
-        words = sanitized.words(status.message)
+        words = f'protection level {sanitized.words(status.message)}'
         if is_safe:
             levels = sanitized.key_values(status.values)
             largest = max(sanitized.number(levels[name]) for name in _LEVELS if name in levels)

@@ -161,11 +161,11 @@ def test_a_pose_that_does_not_come_any_more_is_not_shown(mode):
     ('levels', 'state', 'words'),
     [
         (RunwayLevels(2.1, 1.26, 0.01), GOOD, 'confidence 90 %, protection level 2.1 m'),
-        (RunwayLevels(2.1, 4.5, 0.01), DOUBTFUL, 'confidence 90 %, alert: height'),
+        (RunwayLevels(2.1, 4.5, 0.01), DOUBTFUL, 'confidence 90 %, protection level alert: height'),
         (
             RunwayLevels(reason='confidence too low'),
             DOUBTFUL,
-            'confidence 90 %, not available: confidence too low',
+            'confidence 90 %, protection level not available: confidence too low',
         ),
     ],
 )
@@ -241,7 +241,7 @@ def test_a_pose_in_alert_is_doubtful_in_every_mode_that_has_one(mode):
     figures.take('markers', markers)
     alert = DiagnosticStatus(level=DiagnosticStatus.WARN, message='alert: along')
     figures.take('integrity', DiagnosticArray(status=[alert]))
-    assert figures.said()['trust'] == (DOUBTFUL, '5 of 5 lights, alert: along')
+    assert figures.said()['trust'] == (DOUBTFUL, '5 of 5 lights, protection level alert: along')
 
 
 def test_the_calibration_of_a_camera_is_no_result_of_the_node():
