@@ -10,7 +10,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from mvuav_ros.messages.images import BadFrame, Frame
-from mvuav_ros.offline.replay.job import DEFECT, FrameResults, replay
+from mvuav_ros.offline.replay.pipeline import DEFECT, FrameResults, replay
 from mvuav_ros.parameters.common_parameters import DetectorParameters
 from mvuav_ros.processing.processor import Output, Processor, resolve
 from mvuav_ros.recordings.stored_file import RecordedMessage
