@@ -16,8 +16,8 @@ from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of
-from mvuav_ros.offline.processes import each
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
+from mvuav_ros.offline.tasks import each
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
 from mvuav_ros.recordings.account import counted

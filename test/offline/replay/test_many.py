@@ -261,7 +261,7 @@ def test_dask_missing_or_away(
     address = 'tcp://127.0.0.1:1'
     if with_files:
         pytest.importorskip('distributed', reason='Dask is not installed')
-        monkeypatch.setattr('mvuav_ros.offline.cluster._CONNECT_TIME', 1)
+        monkeypatch.setattr('mvuav_ros.offline.tasks._CONNECT_TIME', 1)
         words = 'no Dask scheduler answers there'
     else:
         monkeypatch.setitem(__import__('sys').modules, 'distributed', None)
