@@ -221,7 +221,6 @@ td .verdict { display: block; font-size: .9em; }
   th, td { padding: .28rem .45rem; } td.word { min-width: 6.5rem; white-space: normal; }
   figure img { width: 720px; max-width: none; }
   nav a { display: inline-block; padding: .2rem 0; } }
-footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
 @page { size: A4; margin: 16mm 14mm; }
 @page wide { size: A4 landscape; }
 @media print {
@@ -371,23 +370,25 @@ def write_report(report: Report, folder: Path) -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     for table in report.tables():
-        write_csv(table, folder / f'{table.key}.csv')
+        write_whole(folder / f'{table.key}.csv', csv_text(table))
         _write_json(table.records(), folder / f'{table.key}.json')
     for figure in report.figures():
         write_whole(folder / f'{figure.key}.png', figure.png)
-    _write_json(as_data(report), folder / DATA)
+    content = {
+        'title': report.title,
+        'settings': report.made_by(),
+        **report.data,
+        'tables': {table.key: table.records() for table in report.tables()},
+        'figures': {figure.key: f'{figure.key}.png' for figure in report.figures()},
+    }
+    _write_json(content, folder / DATA)
     page = folder / PAGE
     write_whole(page, render_page(report))
     return page
 
 
-def write_csv(table: Table, path: Path) -> None:
-    """Write a table with all digits of its numbers; what is missing stays empty."""
-    write_whole(path, csv_text(table))
-
-
 def csv_text(table: Table) -> str:
-    """What `write_csv` writes."""
+    """A table with all digits of its numbers; what is missing stays empty."""
     stream = io.StringIO(newline='')
     writer = csv.writer(stream)
     writer.writerow([column.heading for column in table.columns])
@@ -395,17 +396,6 @@ def csv_text(table: Table) -> str:
         cells = ['' if value is None else value for value in record.values()]
         writer.writerow([visible(cell) if isinstance(cell, str) else cell for cell in cells])
     return stream.getvalue()
-
-
-def as_data(report: Report) -> dict[str, object]:
-    """Settings, tables and the report's own data as JSON knows them."""
-    return {
-        'title': report.title,
-        'settings': report.made_by(),
-        **report.data,
-        'tables': {table.key: table.records() for table in report.tables()},
-        'figures': {figure.key: f'{figure.key}.png' for figure in report.figures()},
-    }
 
 
 def _write_json(value: object, path: Path) -> None:

@@ -189,8 +189,7 @@ class McapFile(RecordingFile):
                     self._take(span.opcode, alone, in_summary=in_summary)
         self._end(chunk)
         totals += [] if is_closed else [None]
-        counts = [total for total in totals if total is not None]
-        self._written = sum(counts) if len(counts) == len(totals) else None
+        self._written = None if None in totals else sum(filter(None, totals))
 
     def _body(self, walk: _Records, span: _Span) -> memoryview | None:
         """A record that stands in no chunk; None of one that is larger than anybody would write."""

@@ -106,9 +106,8 @@ def summarise(
     """
     with open_recording(path) as recording:
         total = recording.message_count
-        tallies = {
-            (topic.name, topic.type): _Tally(topic.name, topic.type) for topic in recording.topics
-        }
+        listed = [(topic.name, topic.type) for topic in recording.topics]
+        tallies = {key: _Tally(*key) for key in listed}
         for number, message in enumerate(recording.messages()):
             key = message.topic, message.type
             if key not in tallies:  # an index may lack what the messages have
@@ -117,8 +116,8 @@ def summarise(
             if number % _PROGRESS_STEP == 0:
                 progress(number, total)
     topics = [tally.summary() for tally in tallies.values()]
-    stamps = [topic.first_stamp_ns for topic in topics if topic.first_stamp_ns is not None]
-    stamps += [topic.last_stamp_ns for topic in topics if topic.last_stamp_ns is not None]
+    ends = [stamp for topic in topics for stamp in (topic.first_stamp_ns, topic.last_stamp_ns)]
+    stamps = [stamp for stamp in ends if stamp is not None]
     return RecordingSummary(
         path=str(recording.path),
         topics=topics,

@@ -225,7 +225,6 @@ def _calibration(
         yield RecordedMessage(topic, CAMERA_INFO, image.stamp_ns, data, None, RELIABLE_QOS)
 
 
-Writer = RecordingWriter | Rosbag2Writer
 Progress = Callable[[JobProgress], None]
 
 
@@ -340,7 +339,7 @@ class _Output:
                 self._account.note(('status', node), f'{node}, every frame: {"; ".join(parts)}')
 
     @cached_property
-    def _writer(self) -> Writer:
+    def _writer(self) -> RecordingWriter | Rosbag2Writer:
         job = self._job
         metadata = {DESCRIPTION: description(job.source, job.settings)}
         path = self._outputs.enter_context(local_output(job.output))
