@@ -255,15 +255,12 @@ def calibrate_rig(
     camera = load_calibration(camera_info) if camera_info else None
     with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)
+
+        def show(frames: int) -> None:
+            progress.update(task, completed=frames)
+
         try:
-            made = work.calibrate_from(
-                flight,
-                rough,
-                camera,
-                parameters,
-                measured,
-                lambda frames: progress.update(task, completed=frames),
-            )
+            made = work.calibrate_from(flight, rough, camera, parameters, measured, show)
         except RigCalibrationError as error:
             raise SourceError(f'{flight.name}: {error}') from error
     found = made.found
