@@ -79,10 +79,11 @@ def plan(
     return Plan(jobs, output)
 
 
-def _absolute(source: str) -> str:
-    if source.startswith(SIMULATED) or is_url(source):
-        return source
-    return str(Path(source).expanduser().absolute())
+def _absolute(place: str) -> str:
+    """With the slash at its end, by which a folder is known that is not there yet."""
+    if place.startswith(SIMULATED) or is_url(place):
+        return place
+    return f'{Path(place).expanduser().absolute()}{"/" if place.endswith("/") else ""}'
 
 
 def run_jobs(
