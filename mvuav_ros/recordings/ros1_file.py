@@ -246,9 +246,9 @@ class Ros1File(RecordingFile):
         counts: Counter[int] = Counter()
         for _ in range(left):
             record = _record_at(read, position)
-            if record is None or record.size > _MAX_CONNECTION:
+            if record is None:
                 return False
-            data = memoryview(read(record.data, record.size))
+            data = memoryview(read(record.data, min(record.size, _MAX_CONNECTION)))
             if len(data) < record.size:
                 return False
             if record.kind == RecordType.CONNECTION:
