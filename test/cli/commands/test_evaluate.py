@@ -183,6 +183,16 @@ def test_evaluate_runs_the_node_where_the_bag_has_no_results(tmp_path):
     assert (tmp_path / 'out' / 'roll_over_time.png').exists()
 
 
+@pytest.mark.parametrize('results', [True, False])
+def test_evaluate_takes_a_url(tmp_path, results):
+    files = pytest.importorskip('fsspec').filesystem('memory')
+    files.put(str(write_bag(tmp_path / 'a.mcap', results=results)), '/evaluated/a.mcap')
+    given = ('evaluate', 'memory://evaluated/a.mcap', '-o', tmp_path / 'out')
+    assert 'roll, RMS error' in run(*given).output
+    report = json.loads((tmp_path / 'out' / 'report.json').read_text())
+    assert report['settings']['input'] == 'memory://evaluated/a.mcap'
+
+
 def test_a_mistyped_input_is_not_taken_for_a_report_in_the_way(tmp_path):
     (tmp_path / 'index.html').touch()
     with pytest.raises(RecordingError, match=r'nowhere\.mcap does not exist'):
