@@ -106,8 +106,7 @@ def summarise(
     """
     with open_recording(path) as recording:
         total = recording.message_count
-        listed = [(topic.name, topic.type) for topic in recording.topics]
-        tallies = {key: _Tally(*key) for key in listed}
+        tallies = {(t.name, t.type): _Tally(t.name, t.type) for t in recording.topics}
         for number, message in enumerate(recording.messages()):
             key = message.topic, message.type
             if key not in tallies:  # an index may lack what the messages have
