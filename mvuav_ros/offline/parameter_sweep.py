@@ -69,14 +69,14 @@ class RunResult:
 
 
 def parse_axis(text: str) -> Axis:
-    """Read ``node:name:=value,value,…``; one value is an axis of one.
+    """Read ``node:name:=value,value,…``; one value is an axis of one, ``[1,2,3]`` is one value.
 
     Raises:
         ParameterError: the form is another, the node or parameter is unknown, or a value of the
             list is not valid.
     """
     target, sign, values = text.partition(':=')
-    parts = [part.strip() for part in values.split(',')]
+    parts = [part.strip() for part in re.split(r',(?![^\[]*\])', values)]
     if not sign or not all(parts):
         raise ParameterError(
             text, 'write node:name:=value,value as in marker_tracker:search_radius:=4,6,8'

@@ -52,6 +52,8 @@ def test_an_axis_has_the_parameters_type():
     assert (axis.title, axis.values) == ('marker_tracker:search_radius', (4, 6, 8))
     assert parse_axis('marker_tracker:threshold:=1,0.5').values == (1.0, 0.5)
     assert parse_axis('marker_tracker:prediction:=velocity').values == ('velocity',)
+    mount = 'runway_detector:camera_mount_rpy_deg'
+    assert parse_axis(f'{mount}:=[0,8,0], [0,9.5,0]').values == ((0, 8, 0), (0, 9.5, 0))
 
 
 @pytest.mark.parametrize(
