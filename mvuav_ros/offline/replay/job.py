@@ -27,6 +27,7 @@ from mvuav_ros.offline.replay.pipeline import FrameResults, Item, make_processor
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.remote import fingerprint, is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.stored_file import RecordedMessage
@@ -55,7 +56,7 @@ def description(source: str, settings: ReplaySettings) -> dict[str, str]:
     content = b''.join(file.read_bytes() for file in files if file.is_file())
     return {
         'version': mvuav_ros.__version__,
-        **fingerprint(source),
+        **({'input': source} if source.startswith(SIMULATED) else fingerprint(source)),
         'settings': json.dumps(dataclasses.asdict(settings), sort_keys=True),
         **({'parameter_files': hashlib.sha256(content).hexdigest()} if content else {}),
     }
