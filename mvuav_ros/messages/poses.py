@@ -159,10 +159,11 @@ def camera_in_runway(guidance: Guidance) -> Placement:
     return Placement(rotation, position, jacobian @ guidance.covariance @ jacobian.T)
 
 
-def runway_in_camera(camera: Placement) -> Placement:
-    """The runway's frame in the optical frame of a camera whose body axes are placed in it."""
-    rotation = OPTICAL_FROM_BODY @ camera.rotation.T
-    return Placement(rotation, -rotation @ camera.translation, _UNKNOWN)
+def runway_in_camera(guidance: Guidance) -> Placement:
+    """The runway's frame in the camera's optical frame; NaN where guidance is."""
+    rotation = OPTICAL_FROM_BODY @ from_rpy(guidance.roll, guidance.pitch, guidance.yaw).T
+    position = np.array([guidance.x, guidance.y, guidance.z])
+    return Placement(rotation, -rotation @ position, _UNKNOWN)
 
 
 def camera_in_body(pose: Pose) -> Placement:

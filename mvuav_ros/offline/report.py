@@ -347,9 +347,8 @@ def _notes(notes: tuple[str, ...], tag: str = 'div') -> str:
 def _settings(settings: Mapping[str, Cell]) -> Section:
     rows = [(name, None if value is None else str(value)) for name, value in settings.items()]
     words = 'The same settings make the same numbers, apart from times.'
-    return Section(
-        'Settings', (words,), (Table.of('made', 'What made this page', 'setting | value', rows),)
-    )
+    table = Table.of('made', 'What made this page', 'setting | value', rows)
+    return Section('Settings', (words,), (table,))
 
 
 def _anchor(title: str) -> str:

@@ -215,7 +215,8 @@ class RunwayDetectorProcessor(Processor):
         camera = poses.camera_in_runway(guidance)
         if not camera.known:
             return outputs
-        return outputs + self._placements(camera, poses.runway_in_camera(camera), name, frame)
+        runway = poses.runway_in_camera(guidance)
+        return outputs + self._placements(camera, runway, name, frame)
 
     def draw(self, debug: Collection[str]) -> list[Output]:
         """See `Processor.draw`."""

@@ -115,8 +115,7 @@ def summarise(
             if number % _PROGRESS_STEP == 0:
                 progress(number, total)
     topics = [tally.summary() for tally in tallies.values()]
-    ends = [stamp for topic in topics for stamp in (topic.first_stamp_ns, topic.last_stamp_ns)]
-    stamps = [stamp for stamp in ends if stamp is not None]
+    stamps = [s for t in topics for s in (t.first_stamp_ns, t.last_stamp_ns) if s is not None]
     return RecordingSummary(
         path=str(recording.path),
         topics=topics,

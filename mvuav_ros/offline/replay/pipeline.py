@@ -131,7 +131,7 @@ class _UnderWay(NamedTuple):
 
 
 class _Lanes:
-    """The threads of a replay: some that decode, and one for each node; ``last`` is decoded."""
+    """The threads of a replay: some decode, each node has one; ``last`` is the newest frame."""
 
     def __init__(
         self, processors: Sequence[Processor], threads: int, debug: bool, gamma: float
