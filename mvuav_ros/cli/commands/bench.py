@@ -10,6 +10,7 @@ import typer
 
 from mvuav_ros.cli.options import Json
 from mvuav_ros.cli.terminal import frame_progress, table_console
+from mvuav_ros.recordings.remote import write_whole
 
 if TYPE_CHECKING:
     from mvuav_ros.cli.bench.case import Measurement
@@ -78,7 +79,7 @@ def bench(
         table_console(160).print(_LEGEND)
     both: list[Measurement | LiveResult] = [*measured, *results]
     if as_json is not None:
-        as_json.write_text(json.dumps([each.figures() for each in both], indent=2) + '\n')
+        write_whole(as_json, json.dumps([each.figures() for each in both], indent=2) + '\n')
     if check and not all(each.within_limits for each in both):
         raise typer.Exit(1)
 
