@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,7 @@ from mvuav_ros.offline.tasks import each
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
 from mvuav_ros.recordings.account import counted
-from mvuav_ros.recordings.layout import recordings_in
+from mvuav_ros.recordings.layout import absolute_place, recordings_in
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,9 @@ def do_run(run: SweepRun) -> tuple[list[Metric], list[str]]:
 
 def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> Iterator[RunResult]:
     """Do the runs, as `each` does tasks; one that fails is reported."""
-    for one in each(do_run, runs, jobs, dask):
+    # A worker may run in another folder.
+    tasks = [replace(run, source=absolute_place(run.source)) for run in runs] if dask else runs
+    for one in each(do_run, tasks, jobs, dask):
         run = runs[one.number]
         if one.result is not None:
             metrics, losses = one.result

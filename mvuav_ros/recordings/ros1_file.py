@@ -120,9 +120,8 @@ class Ros1File(RecordingFile):
                     self._end(chunk)
                     self.lose_end(size - position)
                     return
-                self.lose(
-                    position, f'damaged at byte {position}, reading continues at byte {found}'
-                )
+                said = f'damaged at byte {position}, reading continues at byte {found}'
+                self.lose(position, said)
                 position = found
                 continue
             available = min(record.size, size - record.data)

@@ -52,8 +52,7 @@ def bench(
     from mvuav_ros.cli.bench.live import live_cases, measure_live
 
     known = (*SUITES, LIVE)
-    unknown = [name for name in suite or () if name not in known]
-    if unknown:
+    if unknown := [name for name in suite or () if name not in known]:
         raise typer.BadParameter(f'{", ".join(unknown)}; there are {", ".join(known)}')
     names = suite or SUITES
     makers = {

@@ -104,10 +104,10 @@ def numbers(results):
     ]
 
 
-def test_processes_and_dask_give_the_same_numbers():
+def test_processes_and_dask_give_the_same_numbers(tmp_path):
     distributed = pytest.importorskip('distributed')
     axes = [parse_axis('marker_tracker:threshold:=0.5,0.999')]
-    runs = plan_runs([FLIGHT, 'nothing.mcap'], axes, {'marker_tracker': {}})
+    runs = plan_runs([FLIGHT, str(tmp_path / 'nothing.mcap')], axes, {'marker_tracker': {}})
     here = numbers(sweep(runs))
     assert [bool(error) for _, error, _ in here] == [False, False, True, True]
     assert here[0][2] != here[1][2]
@@ -116,6 +116,18 @@ def test_processes_and_dask_give_the_same_numbers():
         n_workers=1, processes=False, protocol='tcp', dashboard_address=None
     ) as cluster:
         assert numbers(sweep(runs, dask=cluster.scheduler_address)) == here
+
+
+def test_a_cluster_finds_what_is_named_from_here(tmp_path, monkeypatch):
+    distributed = pytest.importorskip('distributed')
+    name = write_bag(tmp_path / 'a.mcap', results=False).name
+    runs = plan_runs([name], [], {'marker_tracker': {}})
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, protocol='tcp', dashboard_address=None
+    ) as cluster:
+        monkeypatch.chdir(tmp_path)
+        (result,) = sweep(runs, dask=cluster.scheduler_address)
+    assert (result.error, result.run.source) == ('', name)
 
 
 def test_sweep_writes_table_and_trends_and_reports_a_failed_run(tmp_path):
