@@ -43,7 +43,7 @@ setup(
         'typer>=0.9',
         'rich>=13',
         'matplotlib>=3.6',
-        'av>=11',
+        'av>=12.3',
     ],
     extras_require={
         'ros': [

@@ -99,7 +99,8 @@ def _account_for(
                 ending = error
         inputs = _of_each_input(accounts)
         for account in inputs:
-            if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
+            is_over = ending is None or isinstance(ending, typer.Exit)
+            if not account.is_reported and (is_over or account.is_lossy):
                 report_account(account)
     if as_json:
         said = result if isinstance(result, dict) else dataclasses.asdict(result) if result else {}
@@ -206,7 +207,10 @@ def _explained(error: Exception, name: str) -> tuple[str, int]:
     """A user's mistake in words and as an exit status; raises what is a defect of ours."""
     if isinstance(error, ImportError):
         return explain_missing_module(name, error), 1
-    if isinstance(error, (ParameterError, SourceError, OSError)):
+    if isinstance(error, OSError):
+        said = error.strerror or str(error)
+        return f'{error.filename}: {said}' if error.filename else said, 1
+    if isinstance(error, (ParameterError, SourceError)):
         return str(error), 1
     # Usage errors of typer, whose own click is not importable under a public name.
     if type(error).__name__ == 'NoArgsIsHelpError':

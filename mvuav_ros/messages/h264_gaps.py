@@ -1,10 +1,12 @@
 """Which H.264 pictures follow a lost one: FFmpeg would decode them into false images.
 
-By ITU-T H.264, clauses 7.3 and 7.4.3: reference pictures are numbered (``frame_num``).
+By ITU-T H.264, clauses 7.3 and 7.4.3: reference pictures are numbered (``frame_num``). Also where a
+group of pictures begins, in the codecs of topics.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -13,7 +15,10 @@ _SLICE, _KEY_SLICE, _PARAMETERS = 1, 5, 7
 _SLICE_HEADER_BYTES, _MAX_PARAMETER_BYTES = 32, 1024
 _HIGH_PROFILES = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
 _YUV_444 = 3
-_HEVC_PARAMETERS, _HEVC_KEYS = 33, range(16, 21)
+_HEVC_PARAMETERS, _HEVC_KEYS, _HEVC_OPEN_KEY = 33, range(16, 21), 21
+# A video object layer, and behind it a picture of coding type 0, intra.
+_MPEG4_KEY = re.compile(b'\0\0\1[\x20-\x2f].*?\0\0\1\xb6[\0-\x3f]', re.DOTALL)
+_VP9_PROFILE, _VP9_MARKER, _VP9_MARKER_EXISTING_INTER = 0x30, 0x80, 0xCC
 
 
 class PictureNumbers:
@@ -51,14 +56,28 @@ class PictureNumbers:
         return number not in (last, (last + 1) % (1 << self._digits))
 
 
-def begins_anew(codec: str, packet: bytes) -> bool:
-    """Whether this picture and those after it need none before; False where that is not known."""
-    kinds = {unit[0] for unit in _units(packet) if unit}
+def groups_needed(codec: str, packet: bytes) -> int:
+    """How many groups of pictures are needed from this packet on, of the one that it begins.
+
+    2: the one before as well, by what comes behind the packet but is shown before it. 0: it begins
+    none, or that is not known.
+    """
+    is_open, is_closed = False, codec == 'mjpeg'
+    if not packet:
+        return 0
     if codec == 'hevc':
-        kinds = {kind >> 1 for kind in kinds}
-        return _HEVC_PARAMETERS in kinds and not kinds.isdisjoint(_HEVC_KEYS)
-    kinds = {kind & 0x1F for kind in kinds}
-    return codec == 'mjpeg' or (codec == 'h264' and {_PARAMETERS, _KEY_SLICE} <= kinds)
+        kinds = {unit[0] >> 1 for unit in _units(packet) if unit}
+        is_closed = _HEVC_PARAMETERS in kinds and not kinds.isdisjoint(_HEVC_KEYS)
+        is_open = {_HEVC_PARAMETERS, _HEVC_OPEN_KEY} <= kinds
+    elif codec == 'h264':
+        is_closed = {_PARAMETERS, _KEY_SLICE} <= {unit[0] & 0x1F for unit in _units(packet) if unit}
+    elif codec == 'mpeg4':
+        is_open = _MPEG4_KEY.search(packet) is not None
+    elif codec == 'vp8':
+        is_closed = packet[0] & 1 == 0
+    elif codec == 'vp9' and packet[0] & _VP9_PROFILE != _VP9_PROFILE:  # 3 has its bits elsewhere
+        is_closed = packet[0] & _VP9_MARKER_EXISTING_INTER == _VP9_MARKER
+    return 1 if is_closed else 2 if is_open else 0
 
 
 def _units(packet: bytes, length_bytes: int = 0) -> Iterator[bytes]:

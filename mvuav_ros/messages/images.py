@@ -36,6 +36,7 @@ COMPRESSED_VIDEO = 'foxglove_msgs/msg/CompressedVideo'
 _TYPES = (IMAGE, COMPRESSED_IMAGE, FFMPEG_PACKET, COMPRESSED_VIDEO)
 _CODECS = ('h264', 'hevc', 'vp8', 'vp9', 'av1', 'mpeg4', 'mjpeg')
 _OTHER_NAMES = {'h265': 'hevc', 'libx264': 'h264', 'libx265': 'hevc', 'x264': 'h264'}
+_OTHER_NAMES |= {'libvpx': 'vp8', 'libvpx-vp9': 'vp9', 'libaom-av1': 'av1', 'libsvtav1': 'av1'}
 _MEASURED = ('32FC', '64FC', '32SC', '16SC', '8SC')
 
 
@@ -365,7 +366,7 @@ class VideoDecoder:
             self._codec, self._decoder = codec, None
         data = bytes(packet.data)
         if codec == 'h264' and self._h264.follows_loss(data):
-            yield from self.end()
+            yield from self._break_off()
         self._number += 1
         self._waiting[self._number] = packet, wanted
         if data:
@@ -378,11 +379,19 @@ class VideoDecoder:
 
     def end(self) -> Iterator[Frame | BadFrame]:
         """What the decoder still holds back."""
+        yield from self._break_off()
+        self._decoder = None
+
+    def _break_off(self) -> Iterator[Frame | BadFrame]:
+        """What the decoder holds back from before a loss; the next key frame begins anew.
+
+        It keeps the video's parameters, which some encoders send only once.
+        """
         if self._decoder is not None:
             yield from self._decode(None)
+            self._decoder.flush_buffers()
         for number in list(self._waiting):
             yield from self._unusable(number)
-        self._decoder = None
 
     def _decode(self, data: bytes | None) -> Iterator[Frame | BadFrame]:
         try:
@@ -404,9 +413,13 @@ class VideoDecoder:
             decoded = self._decoder.decode(coded)
         except (av.error.FFmpegError, ValueError, MemoryError):
             if data is not None:
-                yield from self._unusable(self._number)
+                yield from self._break_off()
             return
         for frame in decoded:
+            if frame.is_corrupt:
+                if data is not None:
+                    yield from self._break_off()
+                return
             waiting = self._waiting.pop(frame.pts or 0, None)
             if waiting is None or not waiting[1]:
                 continue
@@ -427,25 +440,14 @@ def upright(frame: Any) -> Image:
     """A decoded frame as the camera was held; in colour, but for grey ones of more than 8 bits."""
     is_deep = frame.format.name.startswith('gray1')
     pixels = frame.to_ndarray(format='gray16le' if is_deep else 'bgr24')
-    matrix = _display_matrix(frame)
-    if matrix is None:
-        turns = round(getattr(frame, 'rotation', 0) / 90) % 4
-        pixels = np.rot90(pixels, turns)
-    else:
+    from av.sidedata.sidedata import SideDataContainer
+
+    # Not by `frame.side_data`, which the frame keeps and which keeps it: hundreds would pile up.
+    matrix = SideDataContainer(frame).get('DISPLAYMATRIX')  # type: ignore[call-arg]
+    if matrix is not None:
         # x' = a x + c y, y' = b x + d y: with a quarter turn the larger terms are b and c.
-        (a, b), (c, d) = matrix
+        (a, b), (c, d) = np.frombuffer(bytes(matrix), np.int32)[:9].reshape(3, 3)[:2, :2]
         if abs(b) + abs(c) > abs(a) + abs(d):
             pixels, a, d = pixels.swapaxes(0, 1), c, b
         pixels = pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
     return Image(np.ascontiguousarray(pixels), 'mono16' if is_deep else 'bgr8')
-
-
-def _display_matrix(frame: Any) -> NDArray[np.int32] | None:
-    """The upper left of the matrix by which the frame is to be shown; None without any."""
-    try:
-        data = frame.side_data.get('DISPLAYMATRIX')
-    except (AttributeError, KeyError):  # of older versions of PyAV
-        return None
-    if data is None:
-        return None
-    return np.frombuffer(bytes(data), np.int32)[:9].reshape(3, 3)[:2, :2]

@@ -163,12 +163,13 @@ def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
 
 
 def describe(found: CameraCalibration) -> Iterator[tuple[str, float, float, str]]:
-    """Name, value, standard deviation and unit of each parameter."""
+    """Name, value, standard deviation and unit of each parameter that was fitted."""
     k, d = found.camera.k, found.camera.d
     names = {5: 'k1 k2 p1 p2 k3', 8: 'k1 k2 p1 p2 k3 k4 k5 k6'}.get(len(d), 'k1 k2 k3 k4').split()
     values = (k[0], k[4], k[2], k[5], *d)
     units = ('px',) * 4 + ('',) * len(d)
-    yield from zip(('fx', 'fy', 'cx', 'cy', *names), values, found.deviations, units, strict=True)
+    rows = zip(('fx', 'fy', 'cx', 'cy', *names), values, found.deviations, units, strict=True)
+    return (row for row in rows if row[2])
 
 
 def report_of(

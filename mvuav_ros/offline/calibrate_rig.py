@@ -111,7 +111,7 @@ def _between(rough: MarkerRig, first: str, second: str, metres: float) -> tuple[
     roughly = math.dist(rough.positions[one], rough.positions[other])
     if not roughly / _MAX_OFF < metres < roughly * _MAX_OFF:
         raise RigCalibrationError(
-            f'{first} and {second} are {roughly:g} m apart on the rough rig, not '
+            f'{first} and {second} are {roughly:.4g} m apart on the rough rig, not '
             f'{metres:g}: is the distance in m?'
         )
     return one, other, metres
@@ -191,7 +191,7 @@ def report_of(name: str, made: CalibratedRig) -> Report:
         'lights',
         'Lights',
         'light | x [m] .5 | y [m] .5 | z [m] .5 | sd x [mm] .2 | sd y [mm] .2 | sd z [mm] .2 | '
-        'moved [mm] .1 | sightings | residual [px] .3',
+        'moved [mm] .1 | detections | residual [px] .3',
         rows,
         'Standard deviations (sd) are of the noise in the images'
         + (
@@ -207,7 +207,7 @@ def report_of(name: str, made: CalibratedRig) -> Report:
         f'Calibration of {made.rig.name}',
         (
             f'{len(made.rig.names)} lights from {found.frames} images; noise of a light '
-            f'{found.noise:.3f} px per axis; {int(found.used.sum())} of {seen} sightings used.',
+            f'{found.noise:.3f} px per axis; {int(found.used.sum())} of {seen} detections used.',
         ),
         {
             'source': name,

@@ -63,10 +63,6 @@ class RunResult:
         """The numbers by their columns."""
         return {metric.column: metric.cell for metric in self.metrics}
 
-    def value(self, column: str) -> float:
-        """One number; NaN where the run has none."""
-        return next((m.value for m in self.metrics if m.column == column), math.nan)
-
 
 def parse_axis(text: str) -> Axis:
     """Read ``node:name:=value,value,…``; one value is an axis of one, ``[1,2,3]`` is one value.
@@ -184,16 +180,17 @@ def sweep_report(
     runs = Table('runs', 'What was run', (*_run_columns(axes), Column('state')), states)
     sections = [Section('Runs', (), (runs, *_metric_tables(good, groups)))]
     if groups:
-        ticks = _ticks(good, axes)
+        titles = {place: axis.title for place, axis in enumerate(axes)}
+        shown = {place: titles[place] for place in titles if len(axes[place].values) > 1} or titles
         size = math.ceil(len(groups) / 2), 2
-        together = _trends('trends_subplot', 'All trends', good, groups, ticks, size, 2.6)
+        together = _trends('trends_subplot', 'All trends', good, groups, shown, size, 2.6)
         singles = (
-            _trends(f'trend_{_key(g)}', g.capitalize(), good, {g: names}, ticks, (1, 1), 3.0)
+            _trends(f'trend_{_key(g)}', g.capitalize(), good, {g: names}, shown, (1, 1), 3.0)
             for g, names in groups.items()
         )
         sections += [
             Section('Trends together', (), (together,)),
-            Section('Trends grouped by input', (), _grouped(good, groups, axes)),
+            Section('Trends grouped by input', (), _grouped(good, groups, shown)),
             Section('Trends one by one', (), tuple(singles)),
         ]
     return Report('Parameter sweep', lead, settings, tuple(sections))
@@ -229,23 +226,25 @@ def _trends(
     title: str,
     results: Sequence[RunResult],
     groups: Mapping[str, Sequence[str]],
-    ticks: Sequence[str],
+    shown: Mapping[int, str],
     size: tuple[int, int],
     height: float,
 ) -> Figure:
     """A diagram for each group, in rows and columns, each so high (inches)."""
     from mvuav_ros.offline.report_figures import COLORS, drawing, label
 
-    numbers = [result.run.number for result in results]
+    numbers, ticks = [result.run.number for result in results], _ticks(results, shown)
+    x = ': '.join(['run', *shown.values()]) if ticks else 'run'
     with drawing(9.6, 0.6 + height * size[0]) as canvas:
         panels = canvas.figure.subplots(*size, squeeze=False).ravel()
         for axes, (group, names) in zip(panels, groups.items(), strict=False):
             for index, name in enumerate(names):
-                values = [result.value(name) for result in results]
+                values = [result.cells.get(name, math.nan) for result in results]
                 mark, plain = _MARKS[index % len(_MARKS)], Column.parse(name).name
                 color = COLORS[index % len(COLORS)]
                 axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=plain)
-            label(axes, group.capitalize(), 'run: value' if ticks else 'run', _unit(names))
+            label(axes, group.capitalize(), x, _unit(names))
+            axes.locator_params('x', integer=True)
             if ticks:
                 axes.set_xticks(numbers, ticks)
             axes.legend(loc='best')
@@ -255,14 +254,14 @@ def _trends(
 
 
 def _grouped(
-    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], axes: Sequence[Axis]
+    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], shown: Mapping[int, str]
 ) -> tuple[Figure, ...]:
-    """Bars over the values of the parameters, one colour for each input."""
+    """Bars over the values of the parameters shown (place: title), one colour for each input."""
     from mvuav_ros.offline.report_figures import COLORS, drawing, label, legend_below
 
     sources = list(dict.fromkeys(result.run.source for result in results))
     cells = list(dict.fromkeys(result.run.values for result in results))
-    titles = [', '.join(str(_cell(value)) for value in values) or 'defaults' for values in cells]
+    titles = [', '.join(str(_cell(values[n])) for n in shown) or 'defaults' for values in cells]
     width = 0.8 / len(sources)
     figures = []
     for group, names in groups.items():
@@ -271,7 +270,7 @@ def _grouped(
             for panel, name in zip(panels, names, strict=True):
                 for index, source in enumerate(sources):
                     own = (result for result in results if result.run.source == source)
-                    found = {result.run.values: result.value(name) for result in own}
+                    found = {r.run.values: r.cells.get(name, math.nan) for r in own}
                     heights = [found.get(cell, math.nan) for cell in cells]
                     # From a legend matplotlib leaves out what begins with an underscore.
                     spaced = ' ' * source.startswith('_')
@@ -282,17 +281,18 @@ def _grouped(
                 label(panel, Column.parse(name).name, '', _unit([name]))
             upright = 0 if len(cells) <= _MAX_LEVEL else 90
             panels[-1].set_xticks(range(len(cells)), titles, rotation=upright)
-            panels[-1].set_xlabel(', '.join(axis.title for axis in axes) or 'parameters')
+            panels[-1].set_xlabel(', '.join(shown.values()) or 'parameters')
             legend_below(canvas.figure, panels[0], columns=1)
         figures.append(Figure(f'grouped_{_key(group)}', group.capitalize(), canvas.png))
     return tuple(figures)
 
 
-def _ticks(results: Sequence[RunResult], axes: Sequence[Axis]) -> list[str]:
-    """Run numbers with the value below, where that fits."""
-    if len(axes) != 1 or len(results) > _MAX_TICKS:
+def _ticks(results: Sequence[RunResult], shown: Mapping[int, str]) -> list[str]:
+    """Run numbers with the value below, where one parameter is shown and that fits."""
+    if len(shown) != 1 or len(results) > _MAX_TICKS:
         return []
-    return [f'{r.run.number}:\n{_cell(r.run.values[0])}' for r in results]
+    (place,) = shown
+    return [f'{r.run.number}:\n{_cell(r.run.values[place])}' for r in results]
 
 
 def _cell(value: object) -> Cell:

@@ -36,7 +36,7 @@ _MAX_STATES = 600
 """Likewise: the page has more px, as a bar narrower than one may not be drawn at all."""
 _SIGMAS = 2.0
 """Standard deviations of the bounds that are drawn, 95 %."""
-_STATES = ('seen', 'predicted', 'withheld or lost')
+_STATES = ('detected', 'predicted', 'lost')
 _LOST = 2
 _SEVERITY = {1: 0, 2: 1, 0: _LOST}
 """Of a marker's state: an index into `_STATES`, the worst last."""

@@ -70,7 +70,12 @@ class Guard:
             # The token does not stay in the address bar and its history.
             cookie = f'{self.cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/'
             answer = RedirectResponse('/', 303, {'set-cookie': cookie})
-        await (answer or self.app)(scope, receive, _with_headers(send))
+        try:
+            await (answer or self.app)(scope, receive, _with_headers(send))
+        except RuntimeError as error:
+            # What Starlette makes of a page that is left or loaded again before it is answered.
+            if str(error) != 'No response returned.':
+                raise
 
     def _refusal(self, visitor: HTTPConnection, token: str) -> Response | None:
         """The answer to a visitor with this token who is turned away; None where he is not."""

@@ -5,10 +5,10 @@ ROS descriptors, the checks of YAML files and the reference pages are all made f
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 Value = bool | int | float | str | tuple[float, ...]
@@ -143,9 +143,7 @@ class ParameterSet:
     @classmethod
     def specs(cls) -> tuple[ParameterSpec, ...]:
         """The parameters in order of declaration."""
-        return tuple(
-            ParameterSpec(name=f.name, **f.metadata[_SPEC]) for f in dataclasses.fields(cls)
-        )
+        return tuple(ParameterSpec(name=f.name, **f.metadata[_SPEC]) for f in fields(cls))
 
     @classmethod
     def spec(cls, name: str) -> ParameterSpec:
@@ -153,7 +151,9 @@ class ParameterSet:
         for spec in cls.specs():
             if spec.name == name:
                 return spec
-        raise ParameterError(name, f'no such parameter; there are {", ".join(cls.names())}')
+        near = get_close_matches(name, cls.names(), 1)
+        hint = f'did you mean {near[0]}?' if near else f'there are {", ".join(cls.names())}'
+        raise ParameterError(name, f'no such parameter; {hint}')
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
@@ -181,7 +181,7 @@ class ParameterSet:
         """
         for name in values:
             self.spec(name)
-        return dataclasses.replace(self, **values)
+        return replace(self, **values)
 
     def without_effect(self) -> dict[str, tuple[Condition, ...]]:
         """The names that are not at their defaults and have no effect now, and when they have."""

@@ -17,8 +17,8 @@ class VideoSourceParameters(ParameterSet):
 
     source: str = _at_start(
         '0',
-        'A camera index or device, a video file, a folder or glob of images, or a bag (.mcap, '
-        'rosbag2 folder, .db3, ROS 1 .bag).',
+        'A camera index or device, a video file, a folder or glob of images, a bag (.mcap, rosbag2 '
+        'folder, .db3, ROS 1 .bag), or a synthetic flight (sim:tanker, sim:runway).',
     )
     bag_topic: str = _at_start('', 'Image topic of a bag; may be empty if the bag has only one.')
     rate: float = parameter(

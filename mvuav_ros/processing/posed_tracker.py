@@ -12,14 +12,14 @@ from mvuav_ros.vision.markers.marker_results import MarkerResult, named_places
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.reprojection import MIN_MARKERS
-from mvuav_ros.vision.rig import MarkerRig
+from mvuav_ros.vision.rig import RigOrFile
 
 
 class PosedTracker:
     """A `MarkerTracker`, and the pose that follows from its results by a calibration."""
 
     def __init__(
-        self, parameters: MarkerTrackerParameters | None = None, rig: MarkerRig | None = None
+        self, parameters: MarkerTrackerParameters | None = None, rig: RigOrFile | None = None
     ) -> None:
         self.tracker = MarkerTracker(parameters, rig)
         self.poses = PoseEstimator(self.tracker.rig)

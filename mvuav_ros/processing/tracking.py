@@ -25,7 +25,7 @@ from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, all_lost
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.pose import Pose
-from mvuav_ros.vision.rig import MarkerRig, load_rig
+from mvuav_ros.vision.rig import MarkerRig, RigOrFile
 from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
 
@@ -70,7 +70,7 @@ class TrackedFrame:
 def track(
     source: str | Path | int | FrameSource,
     camera: CameraModel | str | Path | None = None,
-    rig: MarkerRig | str | Path | None = None,
+    rig: RigOrFile | None = None,
     parameters: MarkerTrackerParameters | None = None,
 ) -> Iterator[TrackedFrame]:
     """Track markers through a recording or a camera's images, frame by frame.
@@ -104,8 +104,7 @@ def track(
         'roll 0.98 rad, 100.8 m ahead, DETECTED'
     """
     given = load_calibration(camera) if isinstance(camera, (str, Path)) else camera
-    body = load_rig(rig) if isinstance(rig, (str, Path)) else rig
-    posed = PosedTracker(parameters, body)
+    posed = PosedTracker(parameters, rig)
     opened: Any = source
     if not hasattr(opened, 'frames'):
         opened = open_source(opened)

@@ -158,7 +158,7 @@ def fingerprint(source: str) -> dict[str, str]:
         path = Path(source).expanduser()
         files = [path]
         if not path.is_file():
-            files = [*path.iterdir()] if path.is_dir() else [*map(Path, glob(str(path)))]  # noqa: PTH207
+            files = [*path.iterdir()] if path.is_dir() else matching(path)
         for file in sorted(file for file in files if file.is_file()):
             local = file.stat()
             total += local.st_size
@@ -167,6 +167,13 @@ def fingerprint(source: str) -> dict[str, str]:
             )
         source = os.fsencode(path.resolve()).decode('utf-8', 'replace')
     return {'input': source, 'input_bytes': str(total), 'input_files': digest.hexdigest()}
+
+
+def matching(pattern: Path) -> list[Path]:
+    """What a glob names; a folder that exists is no pattern, whatever signs its name has."""
+    folder = next(parent for parent in pattern.parents if parent.is_dir())
+    names = glob(str(pattern.relative_to(folder)), root_dir=folder)  # noqa: PTH207
+    return [folder / name for name in names]
 
 
 def _name(url: str) -> str:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from itertools import islice
 from pathlib import Path
+from secrets import token_hex
 from typing import Any, ClassVar
 
 import numpy as np
@@ -242,8 +243,9 @@ class Table(AbstractContextManager['Table']):
         self.count = 0
         self._columns = columns
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._part = path.with_name(f'.{path.name}.part')
-        self._file = self._part.open('w', encoding='utf-8', newline='')
+        # Another export may write the same file meanwhile.
+        self._part = path.with_name(f'.{path.name}.{token_hex(4)}')
+        self._file = self._part.open('x', encoding='utf-8', newline='')
 
     @classmethod
     def takes(cls, topic: str, kind: str) -> bool:
@@ -262,8 +264,8 @@ class Table(AbstractContextManager['Table']):
         finally:
             self._part.unlink(missing_ok=True)
 
-    def add(self, rows: Iterable[Row]) -> None:
-        """Write a message's rows, which may be very many."""
+    def add(self, rows: Iterable[Row], number: int | None = None) -> None:
+        """Write the rows, which may be very many, of a message of this number in its recording."""
         remaining = iter(rows)
         while block := list(islice(remaining, ROWS_AT_ONCE)):
             self.count += self._write(block)
@@ -384,9 +386,9 @@ class Mot(Table):
     one_flight = True
     _frame = 0
 
-    def add(self, rows: Iterable[Row]) -> None:
-        """See `Table`; each message is a frame."""
-        self._frame += 1
+    def add(self, rows: Iterable[Row], number: int | None = None) -> None:
+        """See `Table`; each message is a frame. Others, without one, are counted in its number."""
+        self._frame = max(self._frame + 1, number or 0)
         super().add(rows)
 
     def _line(self, row: Row) -> str:
@@ -472,7 +474,7 @@ def _export(flight: str, source: Path, files: _Files, stack: ExitStack) -> Accou
                 lost[message.topic, str(error)[:_MAX_REASON]] += 1
                 continue
             until = own if files.table_type.one_flight else stack
-            files.table(message.topic, flight, columns, until).add(values)
+            files.table(message.topic, flight, columns, until).add(values, message.sequence)
         for (name, reason), count in lost.items():
             said = f'{counted(count, "message")} of {name} not exported: {reason}'
             recording.account.lose('export', (name, reason), said, count)

@@ -138,9 +138,7 @@ class Chunk:
     ) -> int:
         """Add a message, logged and published at these times; returns the size by now."""
         offset = len(self._records)
-        entries = self.entries.get(channel)
-        if entries is None:
-            entries = self.entries[channel] = bytearray()
+        entries = self.entries.setdefault(channel, bytearray())
         indexed = len(entries)
         try:
             self._records += HEADER.pack(Opcode.MESSAGE, MESSAGE_HEADER.size + len(data))
@@ -152,10 +150,7 @@ class Chunk:
             del self._records[offset:]
             del entries[indexed:]
             raise
-        if stamp_ns < self.start_ns:
-            self.start_ns = stamp_ns
-        if stamp_ns > self.end_ns:
-            self.end_ns = stamp_ns
+        self.start_ns, self.end_ns = min(self.start_ns, stamp_ns), max(self.end_ns, stamp_ns)
         return len(self._records)
 
     def takes(self, stamp_ns: int) -> bool:

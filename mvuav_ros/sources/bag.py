@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mvuav_ros.messages.cdr import CdrReader
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.h264_gaps import begins_anew
+from mvuav_ros.messages.h264_gaps import groups_needed
 from mvuav_ros.messages.images import (
     IMAGE,
     BadFrame,
@@ -236,13 +236,16 @@ class BagImages(FrameSource):
     def _lead_in(self, video: VideoDecoder, start_ns: int) -> None:
         """Decode a video's packets before a part, whose first frames may need them."""
         needed: list[CodedImage] = []
+        newest = 0  # where among them the newest group of pictures begins
         for message in self._recording.messages({self.topic}, start_ns - _LEAD_IN_NS, start_ns):
             with suppress(ImageError):
                 packet = _video_packet(message)
                 if packet is None:
                     return
-                if begins_anew(codec_of(packet.format), bytes(packet.data)):
-                    needed.clear()
+                groups = groups_needed(codec_of(packet.format), bytes(packet.data))
+                if groups > 0:
+                    del needed[: newest if groups == 2 else len(needed)]
+                    newest = len(needed)
                 needed.append(packet)
         for packet in needed:
             for _ in video.frames(packet, wanted=False):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,7 +18,7 @@ from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account, counted
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, natural_key, start_of
 from mvuav_ros.sources.source import FrameSource, SourceError
-from mvuav_ros.vision.image import ImageError
+from mvuav_ros.vision.image import Image, ImageError
 
 # Of the most pixels, four channels of 16 bits.
 _MAX_FILE = MAX_PIXELS * 8 + (1 << 20)
@@ -138,59 +140,21 @@ class VideoFile(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
         stamps = _Stamps(self.rate or DEFAULT_RATE, 0 if self._given_rate else self._tick)
-        packets = damaged = doubtful = gaps = end = self.account.kept = 0
-        before: list[int] = []
+        self.account.kept = 0
         with self._open() as container:
-            stream = container.streams.video[0]
-            stream.thread_type = 'AUTO'
-            decoder = stream.codec_context
             # AVI has no times of showing: FFmpeg's are in the order of decoding.
             by_decoding = container.format.name == 'avi'
-            if (first := self._leave_out(container, stream)) is not None:
+            first = self._leave_out(container)
+            if first is not None:
                 yield Frame(stamps.of(first.pts), OPTICAL_FRAME, upright(first))
-            for packet in _packets(container, stream):
-                # Below 0 is what an edit list leaves out.
-                is_shown = packet is not None and packet.size > 0 and (packet.pts or 0) >= 0
-                packets += is_shown
-                if packet is not None:
-                    end = max(end, (packet.pts or 0) + (packet.duration or 1))
-                    if packet.is_corrupt:  # as MPEG-TS says where a part is missing
-                        doubtful += 1
-                        said = f'parts of {counted(doubtful, "packet")} of the video are missing: '
-                        said += 'images up to the next key frame may be false'
-                        self.account.lose('', 'parts', said, 0)
-                try:
-                    for frame in decoder.decode(packet):
-                        if not self.account.kept and first is None:
-                            before = [pts for pts in before if pts < (frame.pts or 0)]
-                            if before:
-                                said = f'{counted(len(before), "frame")} before the first key frame'
-                                said += ' of the video not read'
-                                self.account.lose('', 'start', said, len(before))
-                        self.account.kept += 1
-                        if first is not None and (frame.pts or 0) <= first.pts:
-                            continue  # it is the first again
-                        stamp_ns = stamps.of(frame.dts if by_decoding else frame.pts)
-                        yield Frame(stamp_ns, OPTICAL_FRAME, upright(frame))
-                except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
-                    damaged += 1
-                    said = f'{damaged} packets of the video do not decode'
-                    self.account.lose('', 'packets', said, damaged)
-                else:
-                    if is_shown and not self.account.kept:
-                        before.append(packet.pts or 0)
-                if packet is None:
-                    gaps += 1
-                    self.account.lose('', 'gaps', f'images are missing at {counted(gaps, "place")}')
-                    decoder.flush_buffers()
-            unread = packets - damaged - self.account.kept - len(before)
-            # Of other codecs not every packet is a picture.
-            if unread > 0 and first is None and (gaps or decoder.name == 'hevc'):
-                said = f'{counted(unread, "frame")} not read, as others that they need are missing'
-                self.account.lose('', 'unread', said, unread)
-        self._note_end(packets if first is None else None, end)
+            reading = _Reading(container, self.account, is_part=first is not None)
+            for frame, image in reading.frames():
+                if first is None or (frame.pts or 0) > first.pts:  # else it is the first again
+                    stamp_ns = stamps.of(frame.dts if by_decoding else frame.pts)
+                    yield Frame(stamp_ns, OPTICAL_FRAME, image)
+        self._note_end(None if first is not None else reading.packets, reading.end)
 
-    def _leave_out(self, container: Any, stream: Any) -> Any:
+    def _leave_out(self, container: Any) -> Any:
         """Go to a key frame before `start_s`; gives the first frame, or None where all is read."""
         if self._given_rate or self.start_s <= _LEAD_IN_S or container.format.name not in _INDEXED:
             return None
@@ -202,7 +166,7 @@ class VideoFile(FrameSource):
                 before.seek(start, stream=video)
             except (StopIteration, TypeError, ValueError, OSError):
                 return None
-        container.seek(start, stream=stream)
+        container.seek(start, stream=container.streams.video[0])
         return first
 
     def _note_end(self, packets: int | None, end: int) -> None:
@@ -215,6 +179,106 @@ class VideoFile(FrameSource):
         elif (packets is None or self._promised == 0) and end_s < self._duration_s - _MIN_LOSS_S:
             said = f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s'
             self.account.lose('', 'end', said)
+
+
+class _Reading:
+    """A pass through a video's packets, which says what is lost while they are decoded.
+
+    Attributes:
+        packets: those so far that hold a frame which is to be shown.
+        end: of the last packet, in the file's ticks.
+    """
+
+    def __init__(self, container: Any, account: Account, *, is_part: bool) -> None:
+        self.packets = self.end = 0
+        self._container, self._account, self._is_part = container, account, is_part
+        self._stream = container.streams.video[0]
+        self._stream.thread_type = 'AUTO'
+        self._decoder = self._stream.codec_context
+        is_numbered = self._decoder.name == 'h264'
+        self._numbers = PictureNumbers(self._decoder.extradata or b'') if is_numbered else None
+        self._said_corrupt = False  # of the packet before
+        self._damaged = self._incomplete = self._gaps = 0
+        self._times: list[int] = []  # of the packets by now, until there is a frame
+        self._early = 0  # frames before the first
+        # What others need may be lost: the decoder would make false images of them.
+        self._awaits_key = False
+        self._shown_from = -math.inf  # in the file's ticks
+
+    def frames(self) -> Iterator[tuple[Any, Image]]:
+        """The frames that decode, each with its image upright."""
+        with suppress(ValueError, OSError):  # it cannot be read any more
+            for packet in self._container.demux(self._stream):
+                yield from self._read(packet)
+        unread = self.packets - self._damaged - self._account.kept - self._early
+        # Of other codecs not every packet is a picture.
+        is_known = self._account.is_lossy or self._decoder.name == 'hevc'
+        if unread > 0 and is_known and not self._is_part:
+            said = f'{counted(unread, "frame")} not read, as others that they need are missing'
+            self._account.lose('', 'unread', said, unread)
+
+    def _read(self, packet: Any) -> Iterator[tuple[Any, Image]]:
+        if self._numbers is not None and self._numbers.follows_loss(bytes(packet)):
+            self._gaps += 1
+            self._account.lose('', 'gaps', f'images are missing at {counted(self._gaps, "place")}')
+            yield from self._break_off()
+        if packet.size and (packet.pts or 0) >= 0:  # an edit list leaves out what is below 0
+            self.packets += 1
+            if self._account.kept == 0:
+                self._times.append(packet.pts or 0)
+        self.end = max(self.end, (packet.pts or 0) + (packet.duration or 1))
+        # FFmpeg says of MPEG-TS one packet early that a part is missing.
+        is_early = self._container.format.name == 'mpegts'
+        is_whole = not (self._said_corrupt if is_early else packet.is_corrupt)
+        self._said_corrupt = packet.is_corrupt
+        if not is_whole:
+            self._incomplete += 1
+            said = f'parts of {counted(self._incomplete, "packet")} of the video are missing'
+            self._account.lose('', 'parts', said, 0)
+            yield from self._break_off()
+        elif packet.is_keyframe or not self._awaits_key:
+            yield from self._decoded(packet)
+
+    def _break_off(self) -> Iterator[tuple[Any, Image]]:
+        """What the decoder holds back from before a loss; the next key frame begins anew."""
+        if not self._awaits_key:
+            yield from self._decoded(None)
+            self._decoder.flush_buffers()
+            self._awaits_key, self._shown_from = True, math.inf
+
+    def _decoded(self, packet: Any) -> Iterator[tuple[Any, Image]]:
+        if self._awaits_key:
+            # With open groups of pictures, frames before a key frame may come behind it.
+            self._awaits_key, self._shown_from = False, packet.pts or 0
+        try:
+            for frame in self._decoder.decode(packet):
+                if self._is_sound(frame):
+                    if self._account.kept == 0:
+                        self._note_start(frame.pts or 0)
+                    self._account.kept += 1
+                    yield frame, upright(frame)
+        except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
+            self._note_damage()
+
+    def _is_sound(self, frame: Any) -> bool:
+        if frame.is_corrupt:
+            self._note_damage()
+        elif frame.key_frame:
+            self._shown_from = min(self._shown_from, frame.pts or 0)
+        return (frame.pts or 0) >= self._shown_from
+
+    def _note_damage(self) -> None:
+        self._damaged += 1
+        self._shown_from = math.inf
+        said = f'{self._damaged} packets of the video do not decode'
+        self._account.lose('', 'packets', said, self._damaged)
+
+    def _note_start(self, first: int) -> None:
+        """Say how many frames there are before the first one, of that time, that decodes."""
+        self._early = sum(pts < first for pts in self._times) - self._damaged
+        if self._early > 0 and not self._is_part:
+            said = f'{counted(self._early, "frame")} before the first key frame of the video'
+            self._account.lose('', 'start', f'{said} not read', self._early)
 
 
 class _Stamps:
@@ -250,22 +314,3 @@ def _place(path: Path) -> str | BinaryIO:
     except UnicodeEncodeError:
         return path.open('rb')
     return f'file:{path}'
-
-
-def _packets(container: Any, stream: Any) -> Iterator[Any]:
-    """The packets up to the file's end or to where it cannot be read any more.
-
-    There is a None before one of H.264 that follows a lost picture; MPEG-TS says that by itself.
-    """
-    decoder, numbers = stream.codec_context, None
-    if decoder.name == 'h264' and container.format.name != 'mpegts':
-        numbers = PictureNumbers(decoder.extradata or b'')
-    packets = container.demux(stream)
-    while True:
-        try:
-            packet = next(packets)
-        except (StopIteration, ValueError, OSError):
-            return
-        if numbers is not None and numbers.follows_loss(bytes(packet)):
-            yield None
-        yield packet

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.parameters.yaml_text import read_yaml
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file
-from mvuav_ros.recordings.remote import fetch, is_url
+from mvuav_ros.recordings.remote import fetch, is_url, matching
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
@@ -69,7 +68,7 @@ def open_source(
         return Camera(int(text) if text.isdecimal() else text, camera)
     path = Path(text).expanduser()
     if any(sign in text for sign in '*?[') and not path.exists():
-        return ImageFolder(text, [Path(name) for name in glob.glob(str(path))], rate)  # noqa: PTH207
+        return ImageFolder(text, matching(path), rate)
     if not path.exists():
         raise SourceError(f'{text}: there is no such file or folder')
     if looks_like_bag(path):

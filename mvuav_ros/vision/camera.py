@@ -37,7 +37,7 @@ class CalibrationError(ValueError):
     """A calibration that cannot be used, with the reason."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class CameraModel:
     """A camera with a lens, as in sensor_msgs/CameraInfo, for images as they are.
 
@@ -87,12 +87,28 @@ class CameraModel:
     p: tuple[float, ...] = ()
     is_rectified: bool = False
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, 'k', _numbers(self.k, 'camera matrix', '3 x 3', (9,)))
-        object.__setattr__(self, 'd', _numbers(self.d, 'distortion'))
-        r = _numbers(self.r, 'rectification matrix', '3 x 3', (0, 9))
-        object.__setattr__(self, 'r', r)
-        object.__setattr__(self, 'p', _numbers(self.p, 'projection matrix', '3 x 4', (0, 12)))
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        k: ArrayLike,
+        d: ArrayLike | None = (),
+        distortion_model: str = 'plumb_bob',
+        r: ArrayLike | None = (),
+        p: ArrayLike | None = (),
+        is_rectified: bool = False,
+    ) -> None:
+        # A dataclass's own would take nothing but the tuples that it holds.
+        vars(self).update(
+            width=width,
+            height=height,
+            k=_numbers(k, 'camera matrix', '3 x 3', (9,)),
+            d=_numbers(d, 'distortion'),
+            distortion_model=distortion_model,
+            r=_numbers(r, 'rectification matrix', '3 x 3', (0, 9)),
+            p=_numbers(p, 'projection matrix', '3 x 4', (0, 12)),
+            is_rectified=is_rectified,
+        )
 
     @cached_property
     def matrix(self) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion, rpy
 from mvuav_ros.vision.reprojection import MIN_MARKERS, Reprojection, Solution
-from mvuav_ros.vision.rig import MarkerRig
+from mvuav_ros.vision.rig import MarkerRig, RigOrFile
 
 Array = NDArray[np.float64]
 
@@ -76,14 +76,14 @@ class Pose:
             z axes (rad), in geometry_msgs/PoseWithCovariance's order.
         reprojections: (n, 2), px, where all of the rig's lights should be seen; NaN for those
             that the camera cannot see.
-        misfit: root mean square of the residuals per axis, px.
+        residual: root mean square of the residuals per axis, px.
     """
 
     rotation: Array
     translation: Array
     covariance: Array
     reprojections: Array
-    misfit: float
+    residual: float
 
     @property
     def rpy(self) -> tuple[float, float, float]:
@@ -126,9 +126,10 @@ class PoseEstimator:
         reason: why the newest frame has no pose; empty if it has.
     """
 
-    def __init__(self, rig: MarkerRig) -> None:
-        self._rig = rig
-        self._points = np.ascontiguousarray(rig.positions)
+    def __init__(self, rig: RigOrFile) -> None:
+        """Prepare for the first frame of a rig, or of the one in a YAML file."""
+        self._rig = MarkerRig.given(rig)
+        self._points = np.ascontiguousarray(self._rig.positions)
         self._all = list(range(len(self._points)))
         self.reset()
 
@@ -276,8 +277,8 @@ class PoseEstimator:
             places = self._points.dot(rotation.T) + translation
             seen = camera.project(places)
             seen[~camera.shows(places)] = math.nan
-        misfit = math.sqrt(squares / count)
-        return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, misfit)
+        residual = math.sqrt(squares / count)
+        return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, residual)
 
 
 def _most_misfit(image: Array) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import yaml
@@ -19,6 +19,7 @@ from mvuav_ros.parameters.yaml_text import Loader
 from mvuav_ros.vision.frames import read_only
 
 Point = tuple[float, float, float]
+RigOrFile: TypeAlias = 'MarkerRig | str | Path'
 _NUMBERS = (int, float, np.integer, np.floating)
 
 SAME_PLACE = 1e-3  # Part of a rig's size within which two markers are in one place
@@ -77,6 +78,15 @@ class MarkerRig:
         if len(set(self.names)) < len(self.names) or not self.markers:
             raise RigError('a rig needs at least one marker, and a name of its own for each')
 
+    @staticmethod
+    def given(rig: RigOrFile) -> MarkerRig:
+        """What a program gives: a rig, or its file (see `load_rig`); a `TypeError` for others."""
+        if isinstance(rig, (str, Path)):
+            return load_rig(rig)
+        if not isinstance(rig, MarkerRig):
+            raise TypeError(f'rig must be a MarkerRig or its file, not {type(rig).__name__}')
+        return rig
+
     @property
     def names(self) -> tuple[str, ...]:
         """The lights' names."""
@@ -126,9 +136,15 @@ _KEYS = ('name', 'markers', 'dock', 'boom', 'standard_deviations')
 
 
 class _Loader(Loader):
-    """Refuses a key that stands twice, of which YAML would quietly keep the last."""
+    """Takes a name as it is written, where YAML has True for ``yes`` and 8 for ``010``.
+
+    A key that stands twice is refused: YAML would quietly keep the last.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value != '<<':
+                key.tag = 'tag:yaml.org,2002:str'
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
         twice = sorted({str(key) for key in keys if keys.count(key) > 1})
         if twice:
@@ -180,8 +196,6 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     if not isinstance(markers, Mapping) or not markers:
         raise RigError('"markers" must map at least one name to [x, y, z] in metres')
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
-    if len(dict(lights)) < len(lights):
-        raise RigError('two markers have the same name')
     _refuse_same_place(lights)
     dock = content.get('dock', np.mean([position for _, position in lights], axis=0))
     rig = MarkerRig(str(content.get('name', name)), lights, dock, content.get('boom', dock))

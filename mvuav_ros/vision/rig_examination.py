@@ -141,6 +141,7 @@ class PoseError:
 
     distance: float  # from the camera to the middle of the markers, m
     span: float  # of the markers on the image, px
+    gap: float  # between the two that are nearest to each other there, px
     along: float  # of the distance, m
     across: float  # sideways, the larger of x and y, m
     roll: float  # about the camera's axis, deg
@@ -160,8 +161,8 @@ class Confusion:
 def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: float) -> PoseError:
     """The pose's standard deviation: noise² (JᵀJ)⁻¹ of the reprojection's derivative J.
 
-    It is NaN, as the span is, where the camera does not see all markers, which must not lie on one
-    line. The noise is that of a marker's place, px per axis (1 sigma).
+    It is NaN, as span and gap are, where the camera does not see all markers, which must not lie
+    on one line. The noise is that of a marker's place, px per axis (1 sigma).
     """
     points = rig.positions - rig.middle
     seen, *slopes = projection_derivatives(
@@ -169,13 +170,14 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
     )
     limits = camera.width - 0.5, camera.height - 0.5
     if not (-points[:, 0].min() < distance and ((seen > -0.5) & (seen < limits)).all()):
-        return PoseError(distance, *[math.nan] * 5)
+        return PoseError(distance, *[math.nan] * 6)
     jacobian = np.concatenate(slopes, axis=-1).reshape(-1, 6)
     deviation = noise * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
     x, y, z, pitch, yaw, roll = deviation.tolist()
-    span = float(np.linalg.norm(seen[:, None] - seen, axis=2).max())
+    apart = np.linalg.norm(seen[:, None] - seen, axis=2)[np.triu_indices(len(seen), 1)]
+    span, gap = float(apart.max()), float(apart.min())
     tilt = math.degrees(max(pitch, yaw))
-    return PoseError(distance, span, z, max(x, y), math.degrees(roll), tilt)
+    return PoseError(distance, span, gap, z, max(x, y), math.degrees(roll), tilt)
 
 
 def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Confusion]:

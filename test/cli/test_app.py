@@ -100,3 +100,9 @@ def test_without_arguments_the_help_is_as_it_is(group):
     # An older typer draws boxes.
     assert said[0].startswith('Usage: mvuav') and 'Commands' in ''.join(said[1:])
     assert len(said) > 6
+
+
+def test_a_place_that_cannot_be_written_is_named_with_the_reason(tmp_path):
+    (tmp_path / 'file').touch()
+    run = mvuav('evaluate', 'sim:tanker', '-o', tmp_path / 'file' / 'report')
+    assert (run.status, run.err) == (1, f'mvuav: {tmp_path}/file/report: Not a directory\n')

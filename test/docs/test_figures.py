@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 
 import pytest
 from support.places import ROOT
@@ -38,7 +39,8 @@ def test_the_pages_hold_the_figures_of_the_data():
 
 def test_each_evaluation_says_where_it_comes_from():
     for name, evaluation in figures.load().items():
-        assert evaluation['command'] and evaluation['version'] and evaluation['date'], name
+        assert evaluation['command'] and evaluation['date'], name
+        assert re.match('[0-9a-f]{7}', evaluation['version']), f'{name} names no commit'
 
 
 def test_a_page_in_order_has_no_problems(copy):

@@ -37,3 +37,56 @@ def test_no_false_image_is_made_of_what_follows_a_lost_packet():
     good = {f.stamp_ns: number_in(f.image.pixels) for f in frames if isinstance(f, Frame)}
     assert good == {stamp: stamp for stamp in (0, 1, *range(5, 12))}
     assert [f.stamp_ns for f in frames if isinstance(f, BadFrame)] == [3, 4]
+
+
+@pytest.mark.parametrize(
+    ('encoder', 'codec', 'options'),
+    [
+        ('libx264', 'h264', {}),
+        ('libx265', 'hevc', {'x265-params': 'keyint=5:bframes=0:log-level=none'}),
+        ('libvpx-vp9', 'vp9', {'lag-in-frames': '0'}),
+    ],
+)
+def test_no_false_image_is_made_of_a_packet_that_is_cut_nor_of_what_follows(
+    encoder, codec, options
+):
+    """The next key frame is the eleventh."""
+    video, frames = VideoDecoder(low_delay=True), []
+    for stamp, data in enumerate(packets(encoder, 14, options=options)):
+        data = data[: len(data) // 2] if stamp == 7 else data
+        frames += video.frames(CodedImage(stamp, 'nose', codec, data, True), True)
+    frames += video.end()
+    good = {f.stamp_ns: number_in(f.image.pixels) for f in frames if isinstance(f, Frame)}
+    assert good == {stamp: stamp for stamp in (*range(7), *range(10, 14))}
+    assert sorted(f.stamp_ns for f in frames if isinstance(f, BadFrame)) == [7, 8, 9]
+
+
+def test_behind_a_lost_packet_a_video_goes_on_whose_parameters_came_only_once():
+    """As some encoders send them: in front of the first key frame."""
+    video, frames = VideoDecoder(), []
+    for stamp, data in enumerate(packets('libx264', 12)):
+        if stamp == 5:
+            key = data.rindex(b'\0\0\1\x65')
+            data = data[key:]
+        if stamp != 2:
+            frames += video.frames(CodedImage(stamp, 'nose', 'h264', data, True), True)
+    frames += video.end()
+    good = {f.stamp_ns: number_in(f.image.pixels) for f in frames if isinstance(f, Frame)}
+    assert good == {stamp: stamp for stamp in (0, 1, *range(5, 12))}
+
+
+def test_no_false_image_is_made_of_a_last_packet_that_is_cut():
+    """Of a decoder that holds frames back, as with frames that refer to later ones."""
+    video, frames = VideoDecoder(), []
+    coded = packets('libx264', 12, b_frames=2, options={'tune': 'psnr', 'x264-params': 'bframes=2'})
+    for stamp, data in enumerate(coded):
+        data = data[: len(data) // 2] if stamp == 11 else data
+        frames += video.frames(CodedImage(stamp, 'nose', 'h264', data, True), True)
+    frames += video.end()
+    whole = VideoDecoder()
+    packed = [CodedImage(stamp, 'nose', 'h264', data, True) for stamp, data in enumerate(coded)]
+    right = [frame for each in packed for frame in whole.frames(each, True)] + [*whole.end()]
+    truth = {frame.stamp_ns: frame.image.pixels for frame in right}
+    good = [frame for frame in frames if isinstance(frame, Frame)]
+    assert len(frames) == 12 and len(good) >= 9
+    assert all(np.array_equal(frame.image.pixels, truth[frame.stamp_ns]) for frame in good)

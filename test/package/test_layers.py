@@ -127,6 +127,21 @@ def test_a_type_checker_sees_what_a_star_imports(tmp_path):
 
 
 @needs_dev
+def test_a_type_checker_lets_a_program_give_arrays(tmp_path):
+    program = tmp_path / 'program.py'
+    program.write_text(
+        'import numpy as np\n'
+        'from mvuav_ros import CameraModel, MarkerTracker, PoseEstimator\n'
+        'CameraModel(640, 480, np.eye(3), np.zeros((5, 1)), p=None)\n'
+        'MarkerTracker(rig="rig.yaml"), PoseEstimator("rig.yaml")\n'
+    )
+    options = ['--strict', '--no-incremental', '--config-file=']
+    command = [sys.executable, '-m', 'mypy', *options, str(program)]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+@needs_dev
 def test_generated_files_are_fresh():
     command = [sys.executable, 'tools/make_reference.py', '--check']
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

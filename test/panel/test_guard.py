@@ -144,3 +144,15 @@ def test_only_loopback_goes_without_a_token():
     tokens = {make_token('0.0.0.0') for _ in range(20)}
     assert len(tokens) == 20 and all(len(token) >= 32 for token in tokens)
     assert not is_loopback('robot') and not is_loopback('127.0.0.1.evil.example')
+
+
+def test_a_page_that_is_left_before_its_answer_is_no_defect():
+    async def ended(scope, receive, send):
+        # As Starlette does, once the visitor is gone.
+        raise RuntimeError(scope['reason'])
+
+    scope = {'type': 'http', 'method': 'GET', 'path': '/', 'query_string': b''}
+    scope['headers'] = [(b'host', b'localhost')]
+    asyncio.run(Guard(ended, '')({**scope, 'reason': 'No response returned.'}, None, None))
+    with pytest.raises(RuntimeError, match='another'):
+        asyncio.run(Guard(ended, '')({**scope, 'reason': 'another'}, None, None))

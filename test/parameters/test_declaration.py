@@ -72,6 +72,7 @@ def test_values_are_taken_and_converted(name, value, kept):
         ('ratio', [1.0], 'takes a number, not the list'),
         ('low', 10, 'must be less than high (10), not 10'),
         ('speed', 1, 'no such parameter; there are ratio, count'),
+        ('ration', 1, 'no such parameter; did you mean ratio?'),
     ],
 )
 def test_bad_values_are_refused_with_the_name_and_the_reason(name, value, reason):

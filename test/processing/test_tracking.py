@@ -309,3 +309,13 @@ def test_parameters_of_another_kind_are_refused_at_once(made: Any, wrong: object
     with pytest.raises(TypeError, match=r'must be .*DetectorParameters|must be MarkerTrackerP'):
         detector.configure(wrong)
     assert detector.process(GRAY, 0).status
+
+
+@pytest.mark.parametrize('made', [lambda rig: MarkerTracker(rig=rig), PoseEstimator])
+def test_a_rig_may_be_named_by_its_file(made: Any, rig_file: Path, tmp_path: Path) -> None:
+    for named in (rig_file, str(rig_file)):
+        assert made(named)
+    with pytest.raises(RigError, match=r'no_rig\.yaml: No such file'):
+        made(tmp_path / 'no_rig.yaml')
+    with pytest.raises(TypeError, match='rig must be a MarkerRig or its file, not dict'):
+        made({'left': [0, 1, 0]})

@@ -25,6 +25,7 @@ from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings import tables
 from mvuav_ros.recordings import tables as result_rows
 from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.tables import Csv
 from mvuav_ros.recordings.tables import export as export_flights
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
@@ -141,6 +142,17 @@ def test_clouds_of_other_programs_are_no_markers(tmp_path: Path) -> None:
     (table,) = export(odd, tmp_path / 'csv', 'csv')
     (row,) = csv.DictReader(table.open())
     assert (row['label'], row['name'], row['state_name']) == ('nan', '', '')
+
+
+def test_two_exports_of_one_file_at_the_same_time_do_not_mix(tmp_path: Path) -> None:
+    path = tmp_path / 'roll.csv'
+    with Csv(path, ('x',)) as first:
+        first.add([(n,) for n in range(9_000)])
+        with Csv(path, ('x',)) as second:
+            second.add([(-1,)])
+        assert path.read_text().split() == ['x', '-1']
+    assert path.read_text().split() == ['x', *map(str, range(9_000))]
+    assert [*tmp_path.iterdir()] == [path]
 
 
 def test_mot_has_lights_by_their_numbers(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from support.recording_samples import (
 )
 
 from mvuav_ros.messages.images import BadFrame, Frame
+from mvuav_ros.recordings.remote import fingerprint
 from mvuav_ros.sources.files import ImageFolder, VideoFile
 from mvuav_ros.sources.opening import looks_like_bag, open_source, planned_flight
 from mvuav_ros.sources.source import SourceError
@@ -66,6 +67,14 @@ def test_a_glob_and_a_single_image(tmp_path):
     write_images(tmp_path)
     assert open_source(str(tmp_path / 'image_1*.png')).count == 3
     assert open_source(str(tmp_path / 'image_3.png')).count == 1
+
+
+def test_a_glob_below_a_folder_whose_name_has_brackets(tmp_path, monkeypatch):
+    folder = write_images(tmp_path / 'flight[1] (2)', 2)
+    monkeypatch.chdir(tmp_path)
+    for pattern in (f'{folder}/*.png', f'{folder.name}/image*', 'flight*/image_?.png'):
+        assert open_source(pattern).count == 2
+    assert fingerprint(f'{folder}/*.png')['input_bytes'] != '0'
 
 
 def test_an_image_that_does_not_decode_is_a_bad_frame(tmp_path):

@@ -65,7 +65,8 @@ def packets(
     context.time_base = Fraction(1, 20)
     context.gop_size, context.max_b_frames = 5, b_frames
     if codec.startswith('libx26'):
-        context.options = {'tune': 'zerolatency', 'crf': '5', 'preset': 'ultrafast', **options}
+        options = {'tune': 'zerolatency', 'crf': '5', 'preset': 'ultrafast', **options}
+    context.options = dict(options)
     made = []
     for number in range(count):
         frame = av.VideoFrame.from_ndarray(image(number), format='bgr24')

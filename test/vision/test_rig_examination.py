@@ -109,3 +109,15 @@ def test_a_name_that_stands_twice_is_refused(tmp_path):
     path.write_text('markers: {a: [0, 1, 0], b: [0, 2, 0], a: [0, 0, 4]}')
     with pytest.raises(RigError, match='a is listed twice'):
         load_rig(path)
+
+
+def test_a_name_is_what_is_written(tmp_path):
+    path = tmp_path / 'rig.yaml'
+    places = ('[0, 1, 0]', '[0, 2, 0.5]', '[0, 0, 4]', '[1, 1, 1]')
+    names = ('yes', '010', '1e3', '2026-11-27')
+    lines = [f'  {name}: {place}\n' for name, place in zip(names, places, strict=True)]
+    path.write_text('markers:\n' + ''.join(lines))
+    assert load_rig(path).names == names
+    path.write_text('markers:\n' + ''.join(lines) + '  "yes": [0, 5, 0]\n')
+    with pytest.raises(RigError, match='yes is listed twice'):
+        load_rig(path)

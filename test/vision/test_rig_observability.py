@@ -35,6 +35,15 @@ def test_the_expected_error_is_the_one_that_is_found():
     assert max(pitch, yaw) == pytest.approx(expected.tilt, rel=0.2)
 
 
+def test_size_and_gap_are_those_of_the_image():
+    """Of lights 0.2 m apart at most, and 0.04 m at least, seen from 2 m."""
+    places = {'a': [0, 0.1, 0], 'b': [0, -0.1, 0], 'c': [0, 0.06, 0], 'd': [0, 0.06, 0.05]}
+    middle = np.mean(list(places.values()), axis=0)
+    rig = parse_rig({'markers': {name: list(p - middle) for name, p in places.items()}})
+    seen = pose_error(rig, CAMERA, 2.0, NOISE)
+    assert (seen.span, seen.gap) == pytest.approx((554.0 * 0.1, 554.0 * 0.02))
+
+
 def test_errors_grow_with_the_distance():
     near, far = (pose_error(TANKER_747, CAMERA, d, NOISE) for d in (50.0, 200.0))
     assert far.span < near.span

@@ -44,7 +44,8 @@ Where a command takes an `INPUT`, it accepts:
 | URL, with the extra `remote` | `https://…/flight.mcap`, `s3://bucket/flight.mcap` |
 | synthetic flight | `'sim:tanker?motion=roll&shake=2'`, `'sim:runway?frames=40'` |
 
-The content decides what a file is, not its name.
+The content decides what a file is, not its name. A synthetic flight takes the options of `mvuav simulate`, with `_` for `-`
+(`start_distance=30`), and `width` and `height` for `--size`.
 """
 
 
@@ -129,7 +130,7 @@ def _nodes() -> str:
 ## Nodes
 
 {names}, `vision_process` and `tuning_panel` are executables of the package: `ros2 run mvuav_ros NAME`, or
-`.venv/bin/NAME` after `make`. They take the arguments of ROS 2:
+`.venv/bin/NAME` after `make .venv`. They take the arguments of ROS 2:
 
 ```text
 marker_tracker --ros-args -p threshold:=0.6 -r image_raw:=/nose/image --params-file mine.yaml

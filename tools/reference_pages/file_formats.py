@@ -185,7 +185,8 @@ _TRAJECTORIES = """\
 `tum` holds poses that are known, for evo: `time x y z qx qy qz qw`, in s and m. `mot` holds markers that were measured,
 for TrackEval, as MOTChallenge has it: frame from 1, id, left, top, width and height of a box with the marker's area (px),
 confidence, and three times -1. The id is the marker's label and 1, in `track_any` the light's number, and in `detect_any`
--1, as of detections. `/truth/markers` has no areas, so its file is empty. Of several flights each has its own such file,
+-1, as of detections. `/truth/markers` has no areas, so its file is empty. In a replay's results
+frames that could not be used are counted as well. Of several flights each has its own such file,
 `FOLDER/TOPIC/FLIGHT`.
 """
 

@@ -105,7 +105,8 @@ top-left pixel, x to the right, y down. Angles in messages are radians.
 Each image gets exactly one message on each per-frame topic, with the header of the image. Missing
 values are NaN; the message is always published. The exceptions are `~/marker/*`, `~/vision_pose` and
 `/tf`, which are silent while there is nothing to say, and `/runway_detector/pose`, which is silent without what it
-needs (see there). `mvuav replay` writes the same topics into a bag.
+needs (see there). `mvuav replay` writes the same topics into a bag, without
+`diagnostics`, and with `tf` where tf2_msgs is installed.
 """
 
 

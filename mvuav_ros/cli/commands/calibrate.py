@@ -135,7 +135,7 @@ def check(
     distance: Annotated[
         Optional[list[float]], typer.Option(help='Distance from the camera, m; may be repeated.')
     ] = None,
-    width: Annotated[int, typer.Option(help='Width of the images, px.', min=16)] = 640,
+    width: Annotated[int, typer.Option(help='Width, px; the height is 3/4 of it.', min=16)] = 640,
     fov: Annotated[
         float, typer.Option(help='Horizontal field of view, degrees.', min=1.0, max=150.0)
     ] = 60.0,
@@ -161,7 +161,7 @@ def check(
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
     size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
-    words = f'{body.name}: {len(body.names)} markers, {size:g} m across'
+    words = f'{body.name}: {len(body.names)} markers, {size:.4g} m across'
     if len(body.names) == MIN_MARKERS:
         words += ': names, but no pose, which takes four'
     elif len(body.names) > MIN_MARKERS and is_flat(body):
@@ -184,11 +184,12 @@ def check(
 
 
 def _say_errors(errors: Iterable[PoseError]) -> None:
-    say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
+    say('distance m   size px  gap px  along m  across m  roll deg  pitch, yaw deg')
     for e in errors:
-        numbers = f'{e.span:9.1f} {e.along:8.3g} {e.across:9.3g} {e.roll:9.3g} {e.tilt:15.3g}'
+        sizes = f'{e.span:9.1f} {e.gap:7.1f}'
+        numbers = f'{e.along:8.3g} {e.across:9.3g} {e.roll:9.3g} {e.tilt:15.3g}'
         near = ' too near: not all markers are in view'
-        say(f'{e.distance:10.4g} {near if math.isnan(e.span) else numbers}')
+        say(f'{e.distance:10.4g} {near if math.isnan(e.span) else sizes + " " + numbers}')
 
 
 def _say_exchanges(body: MarkerRig, camera: CameraModel, distance: float) -> None:
@@ -268,7 +269,7 @@ def calibrate_rig(
     write_report(work.report_of(flight.name, made), report)
     say(
         f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
-        f'sightings fit, noise {found.noise:.2f} px',
+        f'detections fit, noise {found.noise:.2f} px',
         'light: position m, standard deviation mm, moved mm',
     )
     for name, place, deviation, before in zip(

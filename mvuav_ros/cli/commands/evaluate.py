@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
 
 
-_NODE = 'runway_detector'
-
-
 def corners(
     labels: Annotated[
         Path, typer.Argument(metavar='CSV', help='The labels; the images are in the same folder.')
@@ -86,7 +83,7 @@ def corners(
 
     if as_json is not None:
         refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
-    given = resolve_parameters([_NODE], params_file, param or [])[_NODE]
+    given = resolve_parameters(['runway_detector'], params_file, param or [])['runway_detector']
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
     frames = read_corners(labels)
     lines = None if horizon is None else read_horizon(horizon, frames)
@@ -175,10 +172,9 @@ def thesis(
     with frame_progress() as progress:
         task = progress.add_task('flights', total=steps_of(plan))
         report, claims = build_report(plan, lambda: progress.advance(task), ' '.join(sys.argv[1:]))
-    page = write_report(report, output)
     for claim in claims:
         say(f'{claim.verdict:>16}  {claim.statement}: {claim.ours}')
-    say(page)
+    say(write_report(report, output))
 
 
 @evaluate.command()
@@ -212,14 +208,13 @@ def integrity(
             (often, run(budget, count, often, seed, jobs, lambda: progress.advance(task)))
             for often, count in ((1.0, frames), (factor, more))
         ]
-    page = write_report(protection_report(budget, runs, seed), output)
     for often, counts in runs:
         say(
             f'faults {often:g} times as stated: {counts.misleading} of {counts.frames} frames '
             f'misleading (at most {counts.misleading_bound():.2g}, stated {often * budget.risk:g}),'
             f' {counts.silent} without levels, {counts.alerts} alerts'
         )
-    say(page)
+    say(write_report(protection_report(budget, runs, seed), output))
 
 
 @evaluate.command()
@@ -270,12 +265,11 @@ def bag(
     how = 'replayed by this version' if parameters else "the bag's own"
     described = {node: str(given or 'defaults') for node, given in parameters.items()}
     report = bag_report(run, {'results': how, **described})
-    page = write_report(report, output)
     for table in report.tables():
         if table.key == 'metrics':
             for row in range(len(table.rows)):
                 say(' '.join(table.text(row, column) for column in range(3)).rstrip())
-    say(page)
+    say(write_report(report, output))
 
 
 def _parameters(

@@ -16,6 +16,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from rich.console import Console, Group
 from rich.live import Live
+from rich.table import Table
 from rich.text import Text
 from sensor_msgs.msg import Image
 
@@ -25,6 +26,7 @@ from mvuav_ros.cli.node_processes import NodeProcesses
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.offline.evaluation.evaluation_run import read_bag
+from mvuav_ros.panel.live_results import TOPICS, Figures
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.source import SourceError
 
@@ -159,16 +161,24 @@ def _watch(
 def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
     parts: list[Any] = []
     for flight in flights:
-        start = f'{flight.node}/'
-        newest = {
-            topic.removeprefix(start): message
-            for topic, message in recorder.newest.items()
-            if topic.startswith(start)
-        }
+        said = _said(flight, recorder)
         words = (
             f'{flight.node_name} ({flight.title})   frame {recorder.counts[flight.main]} of '
             f'{recorder.counts[flight.image_topic]}   {recorder.rate(flight.main):.0f} Hz   '
             f'latency {recorder.latency_ms.get(flight.node, "-")} ms'
         )
-        parts += [Text(words, style='bold'), flight.make_table(newest), Text()]
+        table = Table(box=None, pad_edge=False, show_header=False)
+        for figure in said['figures']:
+            table.add_row(*figure)
+        parts += [Text(words, style='bold'), Text(said['trust'][1]), table, Text()]
     return Group(*parts)
+
+
+def _said(flight: SampleFlight, recorder: DemoRecorder) -> dict[str, Any]:
+    """A node's newest results, as the panel says them."""
+    values = flight.processor.parameters_type.from_mapping(flight.parameters).as_dict()
+    figures = Figures(flight.processor.name, lambda: values)
+    for topic in TOPICS[flight.processor.name]:
+        if flight.topic(topic) in recorder.newest:
+            figures.take(topic, recorder.newest[flight.topic(topic)])
+    return figures.said()

@@ -271,7 +271,7 @@ def _horizontal_error(line: RunwayLine, point: Point) -> float:
 
 FRAME_RATE = 25
 _LABEL = (255, 255, 255)
-_PICTURE_WIDTH = 960
+_IMAGE_WIDTH = 960
 
 
 @dataclass(frozen=True)
@@ -346,10 +346,8 @@ def _results(
 
 def _image(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArray[np.uint8]:
     image = draw_overlay(result) if isinstance(result, RunwayResult) else draw_approach(result)
-    factor = max(1, round(_PICTURE_WIDTH / image.shape[1]))
-    image = np.asarray(
-        cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST), np.uint8
-    )
+    factor = max(1, round(_IMAGE_WIDTH / image.shape[1]))
+    image = image.repeat(factor, axis=0).repeat(factor, axis=1)
     corners = np.array([frame.near_left, frame.near_right, frame.far_right, frame.far_left])
     outline = (corners + 0.5) * factor - 0.5
     cv2.polylines(image, [np.rint(outline).astype(np.int32)], True, _LABEL, 1)

@@ -30,7 +30,7 @@ def distance_rms(errors: Array) -> float:
     return rms(np.hypot(errors[..., 0], errors[..., 1]))
 
 
-def angle_difference(a: Array, b: Array) -> Array:
+def angle_difference(a: Array, b: Array | float) -> Array:
     """A minus b, rad, in [-pi, pi)."""
     return np.asarray((a - b + math.pi) % (2 * math.pi) - math.pi)
 
@@ -300,10 +300,13 @@ def metrics_of(run: EvaluationRun) -> list[Metric]:
             metrics.append(Metric('markers by state', name, '%', share))
     rolls = np.array([roll for roll in run.results.rpy.values() if math.isfinite(roll)])
     if rolls.size:
-        unwrapped = np.degrees(np.unwrap(rolls))
-        deviation = float(np.std(unwrapped, ddof=1)) if rolls.size > 1 else math.nan
+        # About where they point together: a roll that goes through 180° is no leap.
+        middle = float(np.angle(np.exp(1j * rolls).sum()))
+        apart = angle_difference(rolls, middle)
+        mean = math.degrees(math.remainder(middle + float(apart.mean()), math.tau))
+        deviation = math.degrees(np.std(apart, ddof=1)) if rolls.size > 1 else math.nan
         metrics += [
-            Metric('average roll', 'roll mean', '°', float(np.mean(unwrapped))),
+            Metric('average roll', 'roll mean', '°', mean),
             Metric('deviation of roll', 'roll std', '°', deviation),
         ]
     if run.results.lines:

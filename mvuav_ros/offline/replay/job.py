@@ -300,7 +300,8 @@ def attempt(job: ReplayJob, progress: Progress, stop: Stop, threads: int = 1) ->
 class _Output:
     """Writes results, and copies of the input's messages except onto the results' own topics.
 
-    What is there already is replaced by the first message, as there may be none. Beside copies
+    What is there already is replaced by the first message, as there may be none. A result's number
+    is that of its frame, from 1, as frames that cannot be used have none. Beside copies
     results are logged at their time: stamps may be of another clock, decades away.
     """
 
@@ -317,8 +318,9 @@ class _Output:
     def take(self, step: FrameResults | RecordedMessage) -> None:
         if isinstance(step, FrameResults):
             logged_ns = step.stamp_ns if self._logged_ns is None else self._logged_ns
+            number = self.outcome.frames + step.is_frame
             for topic, kind, data in step.messages:
-                self._writer.write(topic, kind, logged_ns, data)
+                self._writer.write(topic, kind, logged_ns, data, sequence=number)
             if step.is_frame:
                 self.outcome.count(step)
                 for node, status in step.statuses.items():

@@ -235,9 +235,8 @@ class Parameters:
 
     def _build_bar(self) -> None:
         with el.box('apply'):
-            ui.switch('At once', value=self._page.kept['at_once'], on_change=self._switch).props(
-                'dense'
-            )
+            kept = self._page.kept['at_once']
+            self._at_once = ui.switch('At once', value=kept, on_change=self._switch).props('dense')
             self._undo = el.icon_button('undo', 'Undo', lambda: self.step(back=True))
             self._redo = el.icon_button('redo', 'Redo', lambda: self.step(back=False))
             el.box('grow')
@@ -314,6 +313,12 @@ class Parameters:
             self._image_size = self._node.image_size
             for row in self._rows.values():
                 row.fit(self._image_size)
+
+    def appear(self) -> None:
+        """After its node was selected again: what changed meanwhile is on this list, too."""
+        self._at_once.value = self._page.kept['at_once']
+        self.show_status()
+        self.show_sets()
 
     def show_sets(self) -> None:
         """After a set was saved, taken in or deleted."""

@@ -33,28 +33,31 @@ class PanelView:
         self._page, self._client = Page(services, kept, self._selected), client
         self._parameters: Parameters | None = None
         self._results: Results | None = None
-        self._built: tuple[object, ...] = ('nothing yet',)
+        self._parts: dict[str, tuple[Results | None, Parameters | None]] = {}
+        self._made_of: dict[str, tuple[object, ...]] = {}
         with el.box('panel') as self._root:
             self._head = Head(self._page)
             with el.box('body'):
                 self._preview = make_readout()
-                with ui.tabs(on_change=self._show_part) as tabs:
+                with ui.tabs(on_change=self._show_part) as self._tabs:
                     for key, words in _PARTS.items():
                         ui.tab(key, words).classes(f'tab {key}')
-                tabs.props('dense no-caps inline-label align=left aria-label="Parts of the panel"')
-                with ui.tab_panels(tabs, animated=False).classes('views') as panels:
+                self._tabs.props(
+                    'dense no-caps inline-label align=left aria-label="Parts of the panel"'
+                )
+                with ui.tab_panels(self._tabs, animated=False).classes('views') as panels:
                     with ui.tab_panel('images'):
                         self.images = Images(self._page, self._set_parameter)
                     with ui.tab_panel('results'), el.box('part results stack'):
                         self._scene = PoseScene()
-                        self._results_place = el.box('stack')
+                        self._results_of = ui.tab_panels(animated=False).classes('views')
                     with ui.tab_panel('runs'):
                         self._runs = Runs(self._page, self._load)
                 # Beside the others, or instead of them on a telephone.
                 self._parameters_place = el.box('part parameters', 'section')
-                self._parameters_place.props('aria-label=Parameters')
-        self._tabs = tabs
-        tabs.set_value(self._page.kept['part'])
+                with self._parameters_place.props('aria-label=Parameters'):
+                    self._parameters_of = ui.tab_panels(animated=False).classes('views')
+        self._tabs.set_value(self._page.kept['part'])
         # A button uses the space bar itself; the other keys are the panel's there, too.
         ui.keyboard(self._key, repeating=False, ignore=['input', 'select', 'textarea'])
         ui.skip_link('Skip to the images and results', target=panels)
@@ -122,27 +125,40 @@ class PanelView:
         key = f'{node.name} {PROCESSORS[node.kind].panel.image}' if node else ''
         el.set_props(self._preview, data_key=key)
         self._scene.show(node)
-        built = (node, *node.controls) if node else ()
-        if built != self._built:
-            self._built = built
-            self._build(node)
-        elif self._parameters:
-            self._parameters.show()
+        self._show_parts(node)
 
-    def _build(self, node: LiveNode | None) -> None:
-        for place in (self._results_place, self._parameters_place):
-            place.clear()
-        with self._results_place:
-            self._results = Results(self._page, node) if node else None
+    def _show_parts(self, node: LiveNode | None) -> None:
+        """Those of other nodes stay, for what is clicked before they are off the screen."""
+        name, made_of = (node.name, (node, *node.controls)) if node else ('none', ())
+        if self._made_of.get(name) != made_of:
+            self._made_of[name], self._parts[name] = made_of, self._make_parts(name, node)
+        elif parameters := self._parts[name][1]:
+            parameters.show()
+        self._results, self._parameters = self._parts[name]
+        for place in (self._results_of, self._parameters_of):
+            place.value = name
+
+    def _make_parts(
+        self, name: str, node: LiveNode | None
+    ) -> tuple[Results | None, Parameters | None]:
+        for old in [*self._results_of, *self._parameters_of]:
+            if old.props['name'] == name:
+                old.delete()
+        with self._results_of, ui.tab_panel(name), el.box('stack'):
+            results = Results(self._page, node) if node else None
             if node is None:
                 el.empty('No results yet', 'They appear as soon as a node runs.', card=True)
-        with self._parameters_place:
-            self._parameters = Parameters(self._page, node) if node and node.controls else None
-            if self._parameters is None:
+        with self._parameters_of, ui.tab_panel(name):
+            parameters = Parameters(self._page, node) if node and node.controls else None
+            if parameters is None:
                 el.empty('No parameters yet', 'They appear as soon as a node answers.', card=True)
+        return results, parameters
 
     def _selected(self) -> None:
         self._refresh()
+        if self._results and self._parameters:
+            self._results.show()
+            self._parameters.appear()
         self._runs.choose_recording()
 
     def _sets_changed(self) -> None:

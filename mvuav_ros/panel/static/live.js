@@ -208,7 +208,24 @@
     speak(held);
   });
 
+  // What was entered as the link broke may not have arrived: it is sent again, in order, when the link is back.
+  let unanswered = null;
+  function resend(link) {
+    if (!link || unanswered) return;
+    unanswered = new Set();
+    const emit = link.emit.bind(link);
+    const send = (message) => emit('event', message, () => unanswered.delete(message));
+    link.emit = (name, message, ...more) => {
+      const entered = name === 'event' && document.getElementById(`c${message.id}`)?.closest('.q-field, .q-toggle, .range');
+      if (name !== 'event' || (link.connected && !entered)) return emit(name, message, ...more);
+      unanswered.add(message);
+      return link.connected ? send(message) : link;
+    };
+    link.on('connect', () => unanswered.forEach(send));
+  }
+
   function look() {
+    resend(window.socket);
     for (const canvas of document.querySelectorAll('canvas.image')) watcher.observe(canvas);
     for (const canvas of [...seen]) if (!canvas.isConnected) { watcher.unobserve(canvas); seen.delete(canvas); }
     const now = performance.now();

@@ -21,7 +21,7 @@ from mvuav_ros.vision.markers.marker_results import (
 )
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker, detect, detect_any
 from mvuav_ros.vision.point_operations import Pixels, full_scale
-from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, RigOrFile, load_rig
 from mvuav_ros.vision.rig_examination import examine
 
 if TYPE_CHECKING:
@@ -58,20 +58,21 @@ class MarkerTracker:
     """
 
     def __init__(
-        self, parameters: MarkerTrackerParameters | None = None, rig: MarkerRig | None = None
+        self, parameters: MarkerTrackerParameters | None = None, rig: RigOrFile | None = None
     ) -> None:
         """Prepare for the first frame.
 
         Args:
             parameters: the defaults if None.
-            rig: the body whose markers are named; if None that of the parameter ``layout``.
+            rig: the body, or its YAML file; if None that of the parameter ``layout``.
 
         Raises:
-            ParameterError: the rig's file cannot be used, it has too few or too many markers, or
-                its names or pose are ambiguous and ``allow_ambiguous`` is not set.
+            RigError: the file of ``rig`` cannot be used.
+            ParameterError: that of ``layout`` cannot be used, there are too few or too many
+                markers, or names or pose are ambiguous and ``allow_ambiguous`` is not set.
         """
         self.parameters = MarkerTrackerParameters.given(parameters)
-        self.rig = rig or rig_of(self.parameters)
+        self.rig = rig_of(self.parameters) if rig is None else MarkerRig.given(rig)
         name = self.parameters.layout or self.rig.name
         if not 2 <= len(self.rig.names) <= Label.UNLABELLED:
             raise ParameterError('layout', f'{name}: tracking needs 2 to 255 markers')

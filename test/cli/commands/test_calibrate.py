@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from support.boards import BOARD
+from support.coded_videos import write_video
 from support.commands import mvuav
 from support.places import ROOT
 
@@ -60,6 +61,9 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
     # Of a coefficient that was fitted the page says how well.
     (shown,) = re.findall(r'>p1</td><td>[^<]*</td><td>([^<]*)</td>', page)
     assert float(shown) == pytest.approx(float(re.findall(r'p1 .* ± (.*)', run.out)[0]), rel=0.1)
+    # One that was kept at zero has no deviation, and is not told as if it were known exactly.
+    assert camera.d[-1] == 0
+    assert 'k3' not in run.out and '>k3<' not in page
     assert 'model ' in run.out
     assert 'fx ' in run.out
     assert sorted(path.name for path in output.parent.iterdir()) == ['nose.yaml', 'nose_report']
@@ -159,3 +163,13 @@ def test_a_video_is_never_replaced_by_its_calibration(rendered, tmp_path):
     run = mvuav('calibrate', video, '--board', '9x6', '--square', 0.03, '-o', video, '--force')
     assert run.error == f'mvuav: {video} is the input itself; give another output'
     assert video.read_bytes() == before
+
+
+def test_a_failure_says_too_that_its_recording_was_cut_off(tmp_path):
+    whole = write_video(tmp_path / 'a.mkv', range(0, 2000, 50)).read_bytes()
+    (tmp_path / 'cut.mkv').write_bytes(whole[: len(whole) // 2])
+    run = mvuav('calibrate', tmp_path / 'cut.mkv', '--board', '9x6', '--square', 0.03)
+    assert run.status == 1
+    damage, _balance, failure = run.err.splitlines()
+    assert damage.startswith('damage: the video ended at')
+    assert 'no board of 9x6' in failure

@@ -6,6 +6,7 @@ import re
 import shutil
 import signal
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -25,7 +26,7 @@ from mvuav_ros.offline.parameter_sweep import (
     sweep,
     sweep_report,
 )
-from mvuav_ros.offline.report import write_report
+from mvuav_ros.offline.report import Figure, write_report
 from mvuav_ros.offline.stopping import Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import RecordingError
@@ -148,6 +149,24 @@ def test_sweep_writes_table_and_trends_and_reports_a_failed_run(tmp_path):
     assert not re.search(r'(src|href)="http', page)
     with pytest.raises(RecordingError, match='--force'):
         run('sweep', flight, *given)
+
+
+def test_the_trends_are_over_the_parameter_that_changes():
+    """Whatever else is given with one value, as the rig of the body is."""
+    threshold, given = map(
+        parse_axis, ('marker_tracker:threshold:=0.5,0.6', 'marker_tracker:centroid:=binary')
+    )
+    results = in_order(sweep(plan_runs([FLIGHT], [given, threshold], {'marker_tracker': {}})))
+    alone = [replace(r, run=replace(r.run, values=r.run.values[1:])) for r in results]
+
+    def figures(results, axes):
+        sections = sweep_report(results, axes, {}).sections
+        return {f.key: f.png for s in sections for f in s.items if isinstance(f, Figure)}
+
+    drawn = figures(results, [given, threshold])
+    assert len(drawn) > 10 and drawn == figures(alone, [threshold])
+    other = figures(alone, [replace(threshold, name='min_area')])
+    assert other['trends_subplot'] != drawn['trends_subplot'], 'it does not name the parameter'
 
 
 def test_a_run_over_a_url_has_the_bags_truth(tmp_path):
@@ -353,3 +372,11 @@ def test_a_sweep_of_a_folder_is_one_of_each_of_its_recordings(tmp_path):
 
 def test_integrity_of_no_frames_is_refused(tmp_path):
     assert run('evaluate', 'integrity', '--frames', 0, '-o', tmp_path).exit_code == 2
+
+
+def test_the_numbers_are_said_even_if_the_report_cannot_be_written(tmp_path):
+    # As on a full disk, which a test cannot have.
+    (tmp_path / 'metrics.csv').mkdir()
+    run = mvuav('evaluate', 'sim:tanker?frames=3', '-o', tmp_path)
+    assert 'frames 3' in run.out.splitlines()
+    assert 'metrics.csv is a folder' in run.error

@@ -5,6 +5,8 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from support.commands import mvuav, stamp, stamps
 from support.recording_samples import image_samples, mcap_ends, write_mcap
@@ -50,3 +52,22 @@ def test_info_of_a_bag_cut_anywhere(tmp_path: Path) -> None:
         assert run.error if run.status else 'damage: whole.mcap: ' in run.err
         told += not run.status
     assert told > 25
+
+
+def test_frames_that_cannot_be_used_have_their_numbers_in_an_export_for_trackeval(
+    tmp_path: Path,
+) -> None:
+    """TrackEval compares with truth by the frames' numbers."""
+    folder = tmp_path / 'images'
+    folder.mkdir()
+    picture = np.zeros((48, 64), np.uint8)
+    picture[20:23, 30:33] = 255
+    for number in range(6):
+        cv2.imwrite(str(folder / f'{number}.png'), picture)
+    for number in (0, 3):
+        (folder / f'{number}.png').write_bytes(b'cut')
+    options = ('--nodes', 'marker_tracker', '--param', 'marker_tracker:mode:=detect_any')
+    assert mvuav('replay', folder, '-o', tmp_path / 'out.mcap', *options).status == 0
+    assert mvuav('export', tmp_path / 'out.mcap', '-o', tmp_path, '--format', 'mot').status == 0
+    lines = (tmp_path / 'marker_tracker_markers.txt').read_text().splitlines()
+    assert [line.split(',')[0] for line in lines] == ['2', '3', '5', '6']

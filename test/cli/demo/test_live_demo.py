@@ -22,7 +22,7 @@ def mvuav(*arguments):
 def test_demo_leaves_every_frame_and_the_images(tmp_path):
     result = mvuav('demo', '-o', tmp_path)
     assert result.returncode == 0, result.stderr
-    assert 'right_wing' in result.stdout and 'runway_detector' in result.stdout
+    assert '5 of 5 lights' in result.stdout and 'runway_detector' in result.stdout
     info = json.loads(mvuav('info', '--json', tmp_path / 'demo.mcap').stdout)
     counts = {topic['name']: topic['count'] for topic in info['topics']}
     for topic in ('/tanker/image_raw', '/marker_tracker/markers', '/marker_tracker/rpy'):
@@ -31,7 +31,7 @@ def test_demo_leaves_every_frame_and_the_images(tmp_path):
         assert counts[topic] == 150
     # The left stabilizer's light fails for 0.3 s and is predicted meanwhile.
     assert counts['/marker_tracker/marker/left_stabilizer'] == 180
-    assert 'of the centreline' in result.stdout
+    assert 'of centre' in result.stdout and 'line 3' in result.stdout
     for name in ('tanker', 'runway', 'roll'):
         image = cv2.imread(str(tmp_path / f'{name}.png'))
         assert image.shape[0] >= 480 and image.shape[1] >= 800

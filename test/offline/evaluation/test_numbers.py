@@ -3,11 +3,13 @@ import math
 import numpy as np
 import pytest
 
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Observations
 from mvuav_ros.offline.evaluation.metrics import (
     TrueLine,
     angle_difference,
     distance_rms,
     match_lines,
+    metrics_of,
     rms,
 )
 from mvuav_ros.vision.runway.normal_form import NormalForm as Line
@@ -25,6 +27,23 @@ def test_angles_differ_the_short_way_round():
     assert angle_difference(np.array([3.1]), np.array([-3.1]))[0] == pytest.approx(
         6.2 - 2 * math.pi
     )
+
+
+@pytest.mark.parametrize(
+    ('rolls', 'mean', 'std'),
+    [
+        ([10.0, 12.0, 17.0], 13.0, 3.606),
+        ([-179.0, 179.0, 177.0], 179.0, 2.0),
+        # Two frames with the wings exchanged on either side of the circle leave no full turn.
+        ([0.0, 178.0, -178.0, 0.0, 2.0, -2.0], 0.0, 112.58),
+    ],
+    ids=['plain', 'through 180', 'exchanged for two frames'],
+)
+def test_the_mean_roll_is_on_the_circle(rolls, mean, std):
+    results = Observations(rpy=dict(enumerate(np.radians(rolls).tolist())))
+    said = {metric.name: metric.value for metric in metrics_of(EvaluationRun('a', results))}
+    assert said['roll mean'] == pytest.approx(mean, abs=1e-9)
+    assert said['roll std'] == pytest.approx(std, abs=0.01)
 
 
 def test_pooled_rms_covers_the_true_value():

@@ -376,6 +376,46 @@ def test_what_one_browser_does_reaches_the_other_and_spares_what_is_typed(panel)
     other.context.close()
 
 
+def test_what_is_entered_as_the_link_breaks_arrives_when_it_is_back(panel):
+    page, links = panel.new_page(), []
+
+    def relay(socket):
+        server = socket.connect_to_server()
+        links.append(socket)
+        # What the first link is given from now on never arrives, as on a cable that is pulled out.
+        socket.on_message(lambda said: None if broken == links.index(socket) else server.send(said))
+
+    broken = -1
+    page.route_web_socket(re.compile('_nicegui_ws'), relay)
+    page.reload()
+    panel.choose(TRACKER, page)
+    before = panel.now('lost_timeout', page)
+    broken = 0
+    panel.enter('lost_timeout', 0.35, page)
+    field = panel.row('lost_timeout', page).locator('.edit input')
+    assert (panel.now('lost_timeout', page), field.input_value()) == (before, '0.35')
+    links[0].close()
+    panel.until(lambda: panel.now('lost_timeout', page) == '0.35', 'the value entered')
+    page.context.close()
+
+
+def test_what_is_entered_before_another_node_is_on_the_screen_is_still_for_the_first(panel):
+    page, late, held = panel.new_page(), [], False
+
+    def relay(socket):
+        server = socket.connect_to_server()
+        server.on_message(lambda said: late.append(said) if held else socket.send(said))
+
+    page.route_web_socket(re.compile('_nicegui_ws'), relay)
+    page.reload()
+    panel.choose(TRACKER, page)
+    held = True
+    page.get_by_role('button', name=DETECTOR, exact=True).click()
+    panel.enter('lost_timeout', 0.45, page)
+    panel.until(lambda: panel.now('lost_timeout') == '0.45', 'the value entered')
+    page.context.close()
+
+
 def test_undo_and_redo(panel):
     panel.choose(TRACKER)
     before = panel.now('lost_timeout')
