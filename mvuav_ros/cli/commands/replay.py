@@ -29,7 +29,7 @@ from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
 from mvuav_ros.recordings.account import SourceError
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.progress import Progress
 
     from mvuav_ros.offline.replay.batch import Plan
     from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome
@@ -89,10 +89,8 @@ class _Bars:
     def __init__(self, bars: Progress, jobs: Sequence[ReplayJob]) -> None:
         self._bars, self._count, is_batch = bars, len(jobs), len(jobs) > 1
         self._overall = bars.add_task('recordings', total=self._count, visible=is_batch)
-        self._tasks: dict[int, TaskID] = {}
-        if not is_batch:
-            first = [bars.add_task(visible(each.source), total=None) for each in jobs]
-            self._tasks = dict(enumerate(first))
+        first = [] if is_batch else [bars.add_task(visible(job.source), total=None) for job in jobs]
+        self._tasks = dict(enumerate(first))
 
     def show(self, number: int, state: JobProgress) -> None:
         """How far one of them is."""
