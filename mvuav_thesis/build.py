@@ -12,8 +12,8 @@ from typing import Any
 
 import cv2
 
-from mvuav_ros.offline.processes import all_of
 from mvuav_ros.offline.report import Cell, Report, Table
+from mvuav_ros.offline.tasks import all_of
 from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters

@@ -45,7 +45,7 @@ class Profile:
         if (
             event == 'call'
             and code.co_name == 'process'
-            and code.co_filename.endswith('offline/replay/job.py')
+            and code.co_filename.endswith('offline/replay/pipeline.py')
         ):
             self._frames += 1
         if self._frames != FRAME:

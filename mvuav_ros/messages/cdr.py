@@ -254,11 +254,6 @@ class Status(NamedTuple):
     values: dict[str, str]
 
 
-def encode_statuses(statuses: Sequence[Status], header: bytes) -> bytes:
-    """A DiagnosticArray in CDR; ``header`` is a `cdr_header`."""
-    return behind_header(header, status_fields(statuses))
-
-
 def behind_header(header: bytes, fields: bytes) -> bytes:
     """A message of a `cdr_header` and fields that need an alignment to 4 bytes at most."""
     padding, end = bytes(-len(header) % 4), bytes(-len(fields) % 4)
@@ -266,7 +261,7 @@ def behind_header(header: bytes, fields: bytes) -> bytes:
 
 
 def status_fields(statuses: Sequence[Status]) -> bytes:
-    """A DiagnosticArray without its header."""
+    """A DiagnosticArray in CDR without its header; `behind_header` completes it."""
     data = bytearray(_LENGTH.pack(len(statuses)))
     for level, name, message, values in statuses:
         data.append(level)

@@ -232,8 +232,7 @@ def report_of(
 def _coverage_figure(
     views: Sequence[BoardView], size: tuple[int, int], found: CameraCalibration
 ) -> Figure:
-    largest = 3.0 * found.rms
-    scale = 0.04 * size[0] / max(largest, 1e-9)
+    scale = 0.04 * size[0] / max(3.0 * found.rms, 1e-9)
     with drawing(9.6, 9.6 * size[1] / size[0]) as canvas:
         axes = canvas.figure.add_subplot()
         for view, residual, use in zip(views, found.residuals, found.used, strict=True):

@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,12 +16,12 @@ from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of
-from mvuav_ros.offline.processes import each
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
+from mvuav_ros.offline.tasks import each
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
 from mvuav_ros.recordings.account import counted
-from mvuav_ros.recordings.layout import recordings_in
+from mvuav_ros.recordings.layout import absolute_place, recordings_in
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,14 @@ class RunResult:
 
 
 def parse_axis(text: str) -> Axis:
-    """Read ``node:name:=value,value,…``; one value is an axis of one.
+    """Read ``node:name:=value,value,…``; one value is an axis of one, ``[1,2,3]`` is one value.
 
     Raises:
         ParameterError: the form is another, the node or parameter is unknown, or a value of the
             list is not valid.
     """
     target, sign, values = text.partition(':=')
-    parts = [part.strip() for part in values.split(',')]
+    parts = [part.strip() for part in re.split(r',(?![^\[]*\])', values)]
     if not sign or not all(parts):
         raise ParameterError(
             text, 'write node:name:=value,value as in marker_tracker:search_radius:=4,6,8'
@@ -128,7 +128,9 @@ def do_run(run: SweepRun) -> tuple[list[Metric], list[str]]:
 
 def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> Iterator[RunResult]:
     """Do the runs, as `each` does tasks; one that fails is reported."""
-    for one in each(do_run, runs, jobs, dask):
+    # A worker may run in another folder.
+    tasks = [replace(run, source=absolute_place(run.source)) for run in runs] if dask else runs
+    for one in each(do_run, tasks, jobs, dask):
         run = runs[one.number]
         if one.result is not None:
             metrics, losses = one.result

@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +22,6 @@ import cv2
 from mvuav_ros.offline.stopping import (
     LOOK,
     SIGNALS,
-    Interrupted,
     Stop,
     signals_held_back,
     stop_on_signals,
@@ -249,70 +248,3 @@ def _ending(exitcode: int | None) -> str:
         return f'its process ended with status {exitcode}'
     name = signal.Signals(-exitcode).name
     return f'its process ended with {name}' + (' (out of memory?)' if name == 'SIGKILL' else '')
-
-
-TaskT = TypeVar('TaskT')
-
-
-def each(
-    work: Callable[[TaskT], ResultT],
-    tasks: Sequence[TaskT],
-    jobs: int = 1,
-    cluster: str | None = None,
-) -> Iterator[Done[ResultT]]:
-    """Do the work on every task; one that fails does not stop the others.
-
-    The work is a function of a module, so that other processes find it; with one job all is done
-    in this one. With the address of a Dask scheduler its cluster does it.
-
-    Yields:
-        Tasks as they end, in any order.
-
-    Raises:
-        Interrupted: by Ctrl-C or SIGTERM, when all processes have ended.
-        SourceError: the cluster cannot be used.
-    """
-    if not cluster and (jobs <= 1 or len(tasks) <= 1):
-        yield from (attempted(number, partial(work, task)) for number, task in enumerate(tasks))
-        return
-    plain = partial(_plain, work)
-    with stop_on_signals() as stop:
-        if not cluster:
-            messages = run_in_processes(plain, tasks, min(jobs, len(tasks)), stop, closing_time=0.0)
-        else:
-            # It imports this module.
-            from mvuav_ros.offline.cluster import run_on_cluster
-
-            messages = run_on_cluster(plain, tasks, cluster, stop, closing_time=0.0)
-        for message in messages:
-            # What is cut off by the stop has not failed.
-            if isinstance(message, Done) and not (stop and message.error):
-                yield message
-        if stop:
-            raise Interrupted(stop.number)
-
-
-def all_of(
-    work: Callable[[TaskT], ResultT],
-    tasks: Sequence[TaskT],
-    jobs: int = 1,
-    advance: Callable[[], None] = lambda: None,
-) -> list[ResultT]:
-    """As `each`, but all results in the tasks' order; the first failure ends it.
-
-    ``advance`` is called whenever a task has ended.
-    """
-    results: dict[int, ResultT] = {}
-    for done in each(work, tasks, jobs):
-        if done.error is not None:
-            raise done.error
-        assert done.result is not None
-        results[done.number] = done.result
-        advance()
-    return [results[number] for number in range(len(tasks))]
-
-
-def _plain(
-    function: Callable[[TaskT], ResultT], task: TaskT, _report: Report, _stop: Stop
-) -> ResultT:
-    return function(task)

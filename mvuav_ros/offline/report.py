@@ -347,9 +347,8 @@ def _notes(notes: tuple[str, ...], tag: str = 'div') -> str:
 def _settings(settings: Mapping[str, Cell]) -> Section:
     rows = [(name, None if value is None else str(value)) for name, value in settings.items()]
     words = 'The same settings make the same numbers, apart from times.'
-    return Section(
-        'Settings', (words,), (Table.of('made', 'What made this page', 'setting | value', rows),)
-    )
+    table = Table.of('made', 'What made this page', 'setting | value', rows)
+    return Section('Settings', (words,), (table,))
 
 
 def _anchor(title: str) -> str:
@@ -370,23 +369,25 @@ def write_report(report: Report, folder: Path) -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     for table in report.tables():
-        write_csv(table, folder / f'{table.key}.csv')
+        write_whole(folder / f'{table.key}.csv', csv_text(table))
         _write_json(table.records(), folder / f'{table.key}.json')
     for figure in report.figures():
         write_whole(folder / f'{figure.key}.png', figure.png)
-    _write_json(as_data(report), folder / DATA)
+    content = {
+        'title': report.title,
+        'settings': report.made_by(),
+        **report.data,
+        'tables': {table.key: table.records() for table in report.tables()},
+        'figures': {figure.key: f'{figure.key}.png' for figure in report.figures()},
+    }
+    _write_json(content, folder / DATA)
     page = folder / PAGE
     write_whole(page, render_page(report))
     return page
 
 
-def write_csv(table: Table, path: Path) -> None:
-    """Write a table with all digits of its numbers; what is missing stays empty."""
-    write_whole(path, csv_text(table))
-
-
 def csv_text(table: Table) -> str:
-    """What `write_csv` writes."""
+    """A table with all digits of its numbers; what is missing stays empty."""
     stream = io.StringIO(newline='')
     writer = csv.writer(stream)
     writer.writerow([column.heading for column in table.columns])
@@ -394,17 +395,6 @@ def csv_text(table: Table) -> str:
         cells = ['' if value is None else value for value in record.values()]
         writer.writerow([visible(cell) if isinstance(cell, str) else cell for cell in cells])
     return stream.getvalue()
-
-
-def as_data(report: Report) -> dict[str, object]:
-    """Settings, tables and the report's own data as JSON knows them."""
-    return {
-        'title': report.title,
-        'settings': report.made_by(),
-        **report.data,
-        'tables': {table.key: table.records() for table in report.tables()},
-        'figures': {figure.key: f'{figure.key}.png' for figure in report.figures()},
-    }
 
 
 def _write_json(value: object, path: Path) -> None:

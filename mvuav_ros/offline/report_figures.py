@@ -19,8 +19,7 @@ mpl.use('Agg')
 INK, SOFT, GRID = '#1c2430', '#5b6675', '#d5dbe3'
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#6a4c93', '#8c6d31')
 """Okabe and Ito's, distinguished also without colour vision."""
-TRUTH = '#1c2430'
-THESIS = '#b3261e'
+TRUTH, THESIS = INK, '#b3261e'
 _DPI = 150
 
 

@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
 from mvuav_ros.messages.images import OPTICAL_FRAME, serialize_image
-from mvuav_ros.messages.marker_messages import POINT
+from mvuav_ros.messages.marker_messages import encode_markers
 from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.messages.sensors import encode_camera_info, encode_imu, make_header, type_name
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
@@ -21,11 +21,11 @@ from mvuav_ros.simulation.runway_flight import ATTITUDE_SIGMA, RunwayTruth, meas
 from mvuav_ros.simulation.tanker_flight import TankerTruth
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
-from mvuav_ros.vision.markers.marker_results import MarkerState
+from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState
 
 Message = tuple[str, str, bytes]
 """Topic, type and CDR."""
-_POINTS, _LINES = PointLayout(POINT), PointLayout(LINE)
+_LINES = PointLayout(LINE)
 
 
 def simulated_messages(
@@ -40,11 +40,8 @@ def simulated_messages(
     yield '/camera_info', type_name(CameraInfo), serialize_message(info)
     if isinstance(frame.truth, RunwayTruth):
         attitude = measured_attitude(frame.truth.pose, seed, frame.stamp_ns)
-        yield (
-            '/imu',
-            type_name(Imu),
-            serialize_message(encode_imu(attitude, ATTITUDE_SIGMA, header)),
-        )
+        imu = encode_imu(attitude, ATTITUDE_SIGMA, header)
+        yield '/imu', type_name(Imu), serialize_message(imu)
     image = serialize_image(frame.image, cdr_header(frame.stamp_ns, OPTICAL_FRAME))
     yield '/image_raw', type_name(Image), image
     yield from truth_messages(frame)
@@ -60,7 +57,7 @@ def truth_messages(frame: SimulatedFrame[Any]) -> Iterator[Message]:
     if isinstance(truth, TankerTruth):
         pose = stamped_doubles(header, *truth.translation, *quaternion(truth.rotation))
         yield '/truth/pose', type_name(PoseStamped), pose
-        yield '/truth/markers', type_name(PointCloud2), _encode_markers(truth, header)
+        yield '/truth/markers', type_name(PointCloud2), _true_markers(truth, header)
         rpy = stamped_doubles(header, truth.roll, math.nan, math.nan)
         yield '/truth/rpy', type_name(Vector3Stamped), rpy
     elif isinstance(truth, RunwayTruth):
@@ -71,14 +68,13 @@ def truth_messages(frame: SimulatedFrame[Any]) -> Iterator[Message]:
         yield '/truth/lines', type_name(PointCloud2), _encode_lines(truth, header)
 
 
-def _encode_markers(truth: TankerTruth, header: bytes) -> bytes:
+def _true_markers(truth: TankerTruth, header: bytes) -> bytes:
     """As ``~/markers``; a light that cannot be seen has state 2 (predicted) and its true place."""
-    rows = []
+    markers = []
     for label, light in enumerate(truth.markers):
         state = MarkerState.DETECTED if light.visible else MarkerState.PREDICTED
-        place = (light.x, light.y, light.x * 0.0, light.vx, light.vy)
-        rows.append((*place, math.nan, math.nan, math.nan, label, state, math.nan))
-    return _POINTS.encode(rows, header)
+        markers.append(Marker(label, state, light.x, light.y, light.vx, light.vy))
+    return encode_markers(MarkerResult(tuple(markers)), header)
 
 
 def _encode_lines(truth: RunwayTruth, header: bytes) -> bytes:

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 
 from mvuav_ros.messages.images import BadFrame, Frame, decode_image, view_image
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
-from mvuav_ros.offline.replay.job import make_processors, process
+from mvuav_ros.offline.replay.pipeline import make_processors, process
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel.image_feed import encode_jpeg
 from mvuav_ros.panel.live_results import TOPICS, Figures

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -15,25 +15,24 @@ from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.parameters.yaml_text import read_yaml
 
 
-def read_parameter_values(path: Path, node: str) -> dict[str, object]:
-    """The values that a parameter file has for a node.
+def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
+    """The values that a parameter file has for a node; ``name`` is what errors call the file.
 
     Keys name nodes with or without slash, in namespaces or with wildcards (``/**``, ``/*``);
     later entries win, as in rcl. Under a wildcard there may be parameters of this package's other
     nodes, which are left out. ``node`` is one of this package, without slash.
 
     Raises:
-        ParameterError: the file cannot be read or is not a parameter file.
+        ParameterError: the text is not a parameter file.
     """
-    return parameter_values(_text(path), str(path), node)
+    return _values_of(node, _sections(text, name))
 
 
-def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
-    """As `read_parameter_values`, of a file's text; ``name`` is what errors call it."""
+def _values_of(node: str, sections: Iterable[_Section]) -> dict[str, object]:
     every = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
     others = every.difference(NODE_PARAMETERS[node].names())
     values: dict[str, object] = {}
-    for key, section in _sections(text, name):
+    for key, section in sections:
         if names_node(key, node):
             given = _flattened(section)
             left_out = others if '*' in key.rsplit('/', 1)[-1] else ()
@@ -47,7 +46,7 @@ def names_node(key: str, node: str) -> bool:
 
 
 def read_node_keys(path: Path) -> list[str]:
-    """The nodes that a file speaks of, as it names them; errors as of `read_parameter_values`."""
+    """The nodes that a file speaks of, as it names them; a `ParameterError` where it is none."""
     return [key for key, _ in _sections(_text(path), str(path))]
 
 
@@ -67,7 +66,11 @@ def _text(path: Path) -> str:
         raise ParameterError(str(path), f'is not YAML: {error}') from error
 
 
-def _sections(text: str, name: str) -> Iterator[tuple[str, Mapping[Any, Any]]]:
+_Section = tuple[str, Mapping[Any, Any]]
+"""The key of a node, and its values."""
+
+
+def _sections(text: str, name: str) -> Iterator[_Section]:
     try:
         content = read_yaml(text)
     except Exception as error:
@@ -158,11 +161,11 @@ def resolve_parameters(
             or the file none of parameters. So it is if the file names none of this package's
             nodes, or one that is spelt nearly like them; those of other nodes are not looked at.
     """
+    sections: list[_Section] = []
     if path is not None:
-        _check_node_keys(path)
-    given: dict[str, dict[str, object]] = {
-        node: read_parameter_values(path, node) if path else {} for node in nodes
-    }
+        sections = [*_sections(_text(path), str(path))]
+        _check_node_keys(path, [key for key, _ in sections])
+    given = {node: _values_of(node, sections) for node in nodes}
     for node, name, value in map(parse_assignment, assignments):
         if node not in given:
             raise ParameterError(f'{node}:{name}', f'{node} is not among {", ".join(nodes)}')
@@ -175,8 +178,7 @@ def resolve_parameters(
     return resolved
 
 
-def _check_node_keys(path: Path) -> None:
-    keys = read_node_keys(path)
+def _check_node_keys(path: Path, keys: Sequence[str]) -> None:
     others = [key for key in keys if not any(names_node(key, node) for node in NODE_PARAMETERS)]
     for key in others:
         # A whole robot's file names its other nodes as well. From 0.55 on "runway" is one of ours

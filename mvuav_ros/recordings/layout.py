@@ -217,6 +217,13 @@ SIMULATED = 'sim:'
 """What a synthetic flight in place of a recording begins with."""
 
 
+def absolute_place(place: str) -> str:
+    """What names the same in every folder; a slash at its end, which says folder, is kept."""
+    if place.startswith(SIMULATED) or is_url(place):
+        return place
+    return f'{Path(place).expanduser().absolute()}{"/" if place.endswith("/") else ""}'
+
+
 def flight_name(source: str) -> str:
     """What a recording's results are called: its name without what says how it is stored."""
     if source.startswith(SIMULATED):

@@ -182,21 +182,25 @@ class McapFile(RecordingFile):
             elif span.opcode == Opcode.STATISTICS and span.length < _BLOCK:
                 statistics = _sound(span.opcode, walk.read(span.body, span.length))
                 promised = None if statistics is None else statistics.message_count
-            elif span.length > SIZE_LIMIT:
-                self.lose(span.body, f'record at byte {span.body} skipped: larger than 1 GB', 1)
-            elif span.length > _MAX_SCHEMAS and span.opcode in _DEFINITIONS:
-                said = f'definition at byte {span.body} skipped: larger than 64 MB'
-                self.lose(span.body, said, 0)
-            elif span.opcode in _IN_CHUNK:
-                body = memoryview(walk.read(span.body, span.length))
+            elif span.opcode in _IN_CHUNK and (alone := self._body(walk, span)) is not None:
                 if span.opcode == Opcode.MESSAGE:
-                    yield *MESSAGE_HEADER.unpack_from(body), body[MESSAGE_HEADER.size :]
+                    yield *MESSAGE_HEADER.unpack_from(alone), alone[MESSAGE_HEADER.size :]
                 else:
-                    self._take(span.opcode, body, in_summary=in_summary)
+                    self._take(span.opcode, alone, in_summary=in_summary)
         self._end(chunk)
         totals += [] if is_closed else [None]
-        counts = [total for total in totals if total is not None]
-        self._written = sum(counts) if len(counts) == len(totals) else None
+        self._written = None if None in totals else sum(filter(None, totals))
+
+    def _body(self, walk: _Records, span: _Span) -> memoryview | None:
+        """A record that stands in no chunk; None of one that is larger than anybody would write."""
+        if span.length > SIZE_LIMIT:
+            self.lose(span.body, f'record at byte {span.body} skipped: larger than 1 GB', 1)
+        elif span.length > _MAX_SCHEMAS and span.opcode in _DEFINITIONS:
+            said = f'definition at byte {span.body} skipped: larger than 64 MB'
+            self.lose(span.body, said, 0)
+        else:
+            return memoryview(walk.read(span.body, span.length))
+        return None
 
     def _chunk(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Container, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -49,7 +50,7 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
     return Recording(Path(path))
 
 
-class Recording:
+class Recording(AbstractContextManager['Recording']):
     """An open recording; made by `open_recording`, and a context manager.
 
     Attributes:
@@ -74,9 +75,6 @@ class Recording:
             self.account.is_reported = True  # by the error
             self.close()
             raise
-
-    def __enter__(self) -> Recording:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

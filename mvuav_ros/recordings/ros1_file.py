@@ -120,9 +120,8 @@ class Ros1File(RecordingFile):
                     self._end(chunk)
                     self.lose_end(size - position)
                     return
-                self.lose(
-                    position, f'damaged at byte {position}, reading continues at byte {found}'
-                )
+                said = f'damaged at byte {position}, reading continues at byte {found}'
+                self.lose(position, said)
                 position = found
                 continue
             available = min(record.size, size - record.data)
@@ -246,9 +245,9 @@ class Ros1File(RecordingFile):
         counts: Counter[int] = Counter()
         for _ in range(left):
             record = _record_at(read, position)
-            if record is None or record.size > _MAX_CONNECTION:
+            if record is None:
                 return False
-            data = memoryview(read(record.data, record.size))
+            data = memoryview(read(record.data, min(record.size, _MAX_CONNECTION)))
             if len(data) < record.size:
                 return False
             if record.kind == RecordType.CONNECTION:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -21,7 +22,7 @@ _VERSION = 5
 """Of metadata.yaml: the newest that every release since Humble reads."""
 
 
-class Rosbag2Writer:
+class Rosbag2Writer(AbstractContextManager['Rosbag2Writer']):
     """Writes parts NAME_0.mcap, NAME_1.mcap … into a new folder NAME; a context manager.
 
     Ended by an exception it leaves no metadata.yaml, so that it does not look complete. ``extras``
@@ -53,9 +54,6 @@ class Rosbag2Writer:
         except OSError as error:
             raise RecordingError(f'{folder} cannot be made: {error.strerror or error}') from None
         self._begin_part()
-
-    def __enter__(self) -> Rosbag2Writer:
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._parts[-1].extras = self.extras

@@ -43,7 +43,6 @@ class PageFile:
             header = stream.read(_HEADER_SIZE)
             self._size = stream.seek(0, 2)
         self._page_size = self._usable = self.missing_bytes = 0
-        self._overflow_left = _MAX_PASSES * self._size
         if len(header) == _HEADER_SIZE:
             (page_size,) = struct.unpack_from('>H', header, 16)
             self._page_size = 65536 if page_size == 1 else page_size

@@ -266,10 +266,13 @@ class RecordingFile(ABC):
         except OSError as error:
             self.lose('io', f'reading ended early: {error.strerror or error}')
             is_whole = False
-        for ((noun, why), name), count in self._lost.items():
-            self.lose((noun, why, name), f'{counted(count, noun)} {why.format(name)}', count)
+        self._lose_messages()
         if is_whole:
             account.settle(self._path.name, self._written, sound)
+
+    def _lose_messages(self) -> None:
+        for ((noun, why), name), count in self._lost.items():
+            self.lose((noun, why, name), f'{counted(count, noun)} {why.format(name)}', count)
 
     def _converted(
         self, raw: bytes | memoryview, topic: str, converter: Ros1Type | None

@@ -106,9 +106,7 @@ def summarise(
     """
     with open_recording(path) as recording:
         total = recording.message_count
-        tallies = {
-            (topic.name, topic.type): _Tally(topic.name, topic.type) for topic in recording.topics
-        }
+        tallies = {(t.name, t.type): _Tally(t.name, t.type) for t in recording.topics}
         for number, message in enumerate(recording.messages()):
             key = message.topic, message.type
             if key not in tallies:  # an index may lack what the messages have
@@ -117,8 +115,7 @@ def summarise(
             if number % _PROGRESS_STEP == 0:
                 progress(number, total)
     topics = [tally.summary() for tally in tallies.values()]
-    stamps = [topic.first_stamp_ns for topic in topics if topic.first_stamp_ns is not None]
-    stamps += [topic.last_stamp_ns for topic in topics if topic.last_stamp_ns is not None]
+    stamps = [s for t in topics for s in (t.first_stamp_ns, t.last_stamp_ns) if s is not None]
     return RecordingSummary(
         path=str(recording.path),
         topics=topics,

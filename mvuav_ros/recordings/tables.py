@@ -12,7 +12,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from itertools import islice
 from pathlib import Path
 from secrets import token_hex
@@ -220,7 +220,7 @@ _PLAIN: dict[str, Reader] = {
 }
 
 
-class Table:
+class Table(AbstractContextManager['Table']):
     """One topic's file, a context manager; there when all of it is, else the one before stays.
 
     Attributes:
@@ -251,9 +251,6 @@ class Table:
     def takes(cls, topic: str, kind: str) -> bool:
         """Whether it can hold the messages of a topic of that type."""
         return is_table(topic, kind) and topic.endswith(cls.topics) and cls.kinds in kind
-
-    def __enter__(self) -> Table:
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:

@@ -10,7 +10,7 @@ import time
 import zlib
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from itertools import count
 from pathlib import Path
 from types import MappingProxyType
@@ -278,7 +278,7 @@ RELIABLE_QOS = """\
 """
 
 
-class RecordingWriter:
+class RecordingWriter(AbstractContextManager['RecordingWriter']):
     """Writes messages to a .mcap file with zstd chunks and embedded schemas.
 
     A context manager: the file is completed at the end, also when the user interrupts
@@ -324,18 +324,15 @@ class RecordingWriter:
         try:
             self._file.append(start)
         except OSError as error:
-            self._close(complete=False)
+            self._let_go(complete=False)
             raise self._file.failure(error, 0) from None
         self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> RecordingWriter:
-        return self
-
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and issubclass(kind, Exception):
             with suppress(RecordingError):
-                self._finish(complete=False)
+                self.close(complete=False)
             return
         self.close()
 
@@ -394,15 +391,12 @@ class RecordingWriter:
             if chunk.add(channel_id, number, stamp_ns, publish_ns, cdr) >= _CHUNK_BYTES:
                 self._hand_over()
 
-    def close(self) -> None:
-        """Write what is left, and the end that makes the file complete.
+    def close(self, *, complete: bool = True) -> None:
+        """Write what is left, and the end that makes the file ``complete``.
 
         Raises:
             RecordingError: the file cannot be written; it then ends after the last whole chunk.
         """
-        self._finish(complete=True)
-
-    def _finish(self, complete: bool) -> None:
         with self._changed:
             if self._closed:
                 return
@@ -416,10 +410,10 @@ class RecordingWriter:
                 self._file.append(self._summary.encode(self._file.size))
         except OSError as error:
             self._error = error
-        self._close(complete)
+        self._let_go(complete)
         self._raise_error()
 
-    def _close(self, complete: bool) -> None:
+    def _let_go(self, complete: bool) -> None:
         is_ours = self._file.is_there
         try:
             self._file.close()

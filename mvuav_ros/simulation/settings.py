@@ -51,7 +51,6 @@ def affected(schedule: tuple[ScheduleEntry, ...], marker: str, time: float) -> b
     return any(name in (marker, ALL) and start <= time < end for name, start, end in schedule)
 
 
-VIEWS = ('auto', 'lab', 'receiver')
 VIEW_FOV_DEG = {'lab': 60.0, 'receiver': 104.0}
 TANKER_MOTIONS = (
     'still',
@@ -157,7 +156,7 @@ class TankerSettings(FlightSettings):
         'auto',
         "lab: from behind, the thesis's laboratory. receiver: from behind and 30 degrees below. "
         'auto: receiver for docking, else lab.',
-        choices=VIEWS,
+        choices=('auto', 'lab', 'receiver'),
     )
     background: str = parameter(
         'auto',

@@ -8,8 +8,9 @@ from threading import Event
 
 import pytest
 
-from mvuav_ros.offline.processes import all_of, each, quick_method
+from mvuav_ros.offline.processes import quick_method
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
+from mvuav_ros.offline.tasks import all_of, each
 
 
 def test_a_process_with_threads_is_not_forked():

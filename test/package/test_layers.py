@@ -13,7 +13,7 @@ import pytest
 from support.places import ROOT
 
 import mvuav_ros
-from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, read_parameter_values
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parameter_values
 
 WITHOUT_ROS = ['parameters', 'vision', 'simulation', 'recordings', 'sources']
 BLOCKED = ['rclpy', 'sensor_msgs', 'std_msgs', 'builtin_interfaces', 'geometry_msgs']
@@ -159,14 +159,15 @@ PARAMETER_FILES = [
 def test_shipped_parameter_files_are_valid(file):
     found = 0
     for node, parameters in NODE_PARAMETERS.items():
-        values = read_parameter_values(file, node)
+        values = parameter_values(file.read_text(), file.name, node)
         parameters.from_mapping(values)
         found += len(values)
     assert found > 0
 
 
 def test_default_yaml_holds_the_defaults():
+    text = (ROOT / 'config' / 'default.yaml').read_text()
     for node, parameters in NODE_PARAMETERS.items():
-        values = read_parameter_values(ROOT / 'config' / 'default.yaml', node)
+        values = parameter_values(text, 'default.yaml', node)
         assert parameters.from_mapping(values) == parameters()
         assert values.keys() == parameters().as_dict().keys()

@@ -11,7 +11,7 @@ from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.panel.sets import SetStore, differences
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.parameter_file import read_parameter_values
+from mvuav_ros.parameters.parameter_file import load_parameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.recordings.layout import shipped_folder
 
@@ -61,7 +61,7 @@ def test_a_saved_set_is_a_parameter_file_that_every_node_of_the_kind_can_load(tm
     values = {**MarkerTrackerParameters().as_dict(), 'threshold': 0.55, 'mode': 'detect'}
     path = store.save('night', KIND, values)
     assert path.parent == tmp_path / 'sets'
-    read = MarkerTrackerParameters.from_mapping(read_parameter_values(path, KIND))
+    read = load_parameters(path, KIND)
     assert read.as_dict() == values
     assert store.load('night', KIND) == values
     assert read.threshold == 0.55
@@ -87,7 +87,7 @@ def test_several_numbers_survive_a_set(tmp_path):
     values = {**RunwayDetectorParameters().as_dict(), 'camera_mount_rpy_deg': (0.0, -10.5, 3.0)}
     path = store.save('tilted', kind, values)
     assert store.load('tilted', kind) == values
-    read = RunwayDetectorParameters.from_mapping(read_parameter_values(path, kind))
+    read = load_parameters(path, kind)
     assert read.camera_mount_rpy_deg == (0.0, -10.5, 3.0)
 
 

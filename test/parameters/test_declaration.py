@@ -8,7 +8,11 @@ import pytest
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.parameter_file import parse_assignment, read_parameter_values
+from mvuav_ros.parameters.parameter_file import (
+    load_parameters,
+    parameter_values,
+    parse_assignment,
+)
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 
@@ -160,19 +164,16 @@ def test_the_defaults_are_the_contracts(kind):
         'marker_tracker:\n  ros__parameters:\n    threshold: 0.5\n',
     ],
 )
-def test_parameter_files_name_nodes_as_ros_does(tmp_path, text):
-    path = tmp_path / 'p.yaml'
-    path.write_text(text)
-    assert read_parameter_values(path, 'marker_tracker') == {'threshold': 0.5}
+def test_parameter_files_name_nodes_as_ros_does(text):
+    assert parameter_values(text, 'p.yaml', 'marker_tracker') == {'threshold': 0.5}
 
 
-def test_other_nodes_are_left_alone_and_names_are_nested(tmp_path):
-    path = tmp_path / 'p.yaml'
-    path.write_text(
+def test_other_nodes_are_left_alone_and_names_are_nested():
+    text = (
         'other:\n  ros__parameters:\n    threshold: 0.5\n'
         'marker_tracker:\n  ros__parameters:\n    a:\n      b: 1\n'
     )
-    assert read_parameter_values(path, 'marker_tracker') == {'a.b': 1}
+    assert parameter_values(text, 'p.yaml', 'marker_tracker') == {'a.b': 1}
 
 
 @pytest.mark.parametrize(
@@ -184,16 +185,14 @@ def test_other_nodes_are_left_alone_and_names_are_nested(tmp_path):
         ('marker_tracker:\n  ros__parameters: 3\n', 'has no ros__parameters'),
     ],
 )
-def test_bad_parameter_files_are_refused(tmp_path, text, reason):
-    path = tmp_path / 'p.yaml'
-    path.write_text(text)
+def test_bad_parameter_files_are_refused(text, reason):
     with pytest.raises(ParameterError, match=reason):
-        read_parameter_values(path, 'marker_tracker')
+        parameter_values(text, 'p.yaml', 'marker_tracker')
 
 
 def test_a_missing_parameter_file(tmp_path):
     with pytest.raises(ParameterError, match='No such file'):
-        read_parameter_values(tmp_path / 'none.yaml', 'marker_tracker')
+        load_parameters(tmp_path / 'none.yaml', 'marker_tracker')
 
 
 @pytest.mark.parametrize(

@@ -184,6 +184,22 @@ def test_attachments_metadata_and_times_survive_a_repair(tmp_path: Path) -> None
     assert times == [(1000 + n, 900 + n, 70 + n) for n in range(5)]
 
 
+def test_a_huge_attachment_is_no_lost_message(tmp_path: Path) -> None:
+    path, header = write_mcap(tmp_path / 'a.mcap', [string_sample(0)]), mcap_file.HEADER
+    content, end = path.read_bytes(), len(mcap_file.MAGIC)
+    end += header.size + header.unpack_from(content, end)[1]
+    size = mcap_file.SIZE_LIMIT + 1
+    # Its bytes are a hole in the file, whose footer names no summary.
+    footer = bytes(20) + mcap_file.MAGIC
+    with path.open('wb') as stream:
+        stream.write(content[:end] + header.pack(mcap_file.Opcode.ATTACHMENT, size))
+        stream.seek(size, os.SEEK_CUR)
+        stream.write(content[end : -len(footer)] + footer)
+    with open_recording(path) as recording:
+        assert len(list(recording.messages())) == 1
+    assert (recording.account.kept, recording.account.errors) == (1, [])
+
+
 def test_times_before_1970_are_counted_as_altered(tmp_path: Path) -> None:
     path = made.early_times(tmp_path).path
     run = mvuav('repair', path, '-o', tmp_path / 'out.mcap', '--json')

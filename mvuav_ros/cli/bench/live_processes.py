@@ -7,6 +7,7 @@ import struct
 import sys
 import time
 from contextlib import suppress
+from functools import partial
 from itertools import cycle
 from threading import Event, Thread
 from typing import Any
@@ -23,7 +24,8 @@ from sensor_msgs.msg import Image as RosImage
 from mvuav_ros.cli.bench.live import FLOOR
 from mvuav_ros.cli.bench.scenes import FRAMES, lights_above_runway
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.images import serialize_compressed_image, serialize_image
+from mvuav_ros.messages.images import serialize_compressed_image, serialize_image, stamp_ns_in
+from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes.publishing import as_encoding
 from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.processing.process_tuning import tune_process
@@ -63,8 +65,7 @@ def floor(transport: str) -> None:
 
     def take(message: RosImage | CompressedImage) -> None:
         now = time.time_ns()
-        stamp = message.header.stamp
-        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        stamp_ns = stamp_ns_of(message.header)
         arrivals[stamp_ns] = now
         answers.publish(_stamped(answer, stamp_ns))
 
@@ -87,9 +88,9 @@ def camera(orders: str) -> None:
     results: dict[str, dict[int, int]] = {name: {} for name in (*given['nodes'], FLOOR)}
     status: dict[str, dict[str, str]] = {}
     for name, answers in results.items():
-        topic, keep = f'/{name}/{RESULTS[name]}', _keeper(answers)
+        topic, keep = f'/{name}/{RESULTS[name]}', partial(_keep_arrival, answers)
         node.create_subscription(PointCloud2, topic, keep, QoSProfile(depth=100), raw=True)
-    node.create_subscription(DiagnosticArray, '/diagnostics', _status_keeper(status), 10)
+    node.create_subscription(DiagnosticArray, '/diagnostics', partial(_keep_status, status), 10)
     stop = Event()
     spinning = Thread(target=_spin, args=(node, stop), daemon=True)
     spinning.start()
@@ -135,21 +136,14 @@ def _publish(node: Any, given: dict[str, Any]) -> list[int]:
     return stamps
 
 
-def _keeper(answers: dict[int, int]) -> Any:
-    def keep(message: bytes) -> None:
-        now = time.time_ns()
-        sec, nanosec = struct.unpack_from('<iI', message, _STAMP_AT)
-        answers[sec * 1_000_000_000 + nanosec] = now
-
-    return keep
+def _keep_arrival(answers: dict[int, int], message: bytes) -> None:
+    now = time.time_ns()
+    answers[stamp_ns_in(message)] = now
 
 
-def _status_keeper(newest: dict[str, dict[str, str]]) -> Any:
-    def keep(message: DiagnosticArray) -> None:
-        for status in message.status:
-            newest[status.name.strip('/')] = {pair.key: pair.value for pair in status.values}
-
-    return keep
+def _keep_status(newest: dict[str, dict[str, str]], message: DiagnosticArray) -> None:
+    for status in message.status:
+        newest[status.name.strip('/')] = {pair.key: pair.value for pair in status.values}
 
 
 def _spin(node: Any, stop: Event) -> None:

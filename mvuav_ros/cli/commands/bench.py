@@ -10,6 +10,7 @@ import typer
 
 from mvuav_ros.cli.options import Json
 from mvuav_ros.cli.terminal import frame_progress, table_console
+from mvuav_ros.recordings.remote import write_whole
 
 if TYPE_CHECKING:
     from mvuav_ros.cli.bench.case import Measurement
@@ -51,8 +52,7 @@ def bench(
     from mvuav_ros.cli.bench.live import live_cases, measure_live
 
     known = (*SUITES, LIVE)
-    unknown = [name for name in suite or () if name not in known]
-    if unknown:
+    if unknown := [name for name in suite or () if name not in known]:
         raise typer.BadParameter(f'{", ".join(unknown)}; there are {", ".join(known)}')
     names = suite or SUITES
     makers = {
@@ -78,7 +78,7 @@ def bench(
         table_console(160).print(_LEGEND)
     both: list[Measurement | LiveResult] = [*measured, *results]
     if as_json is not None:
-        as_json.write_text(json.dumps([each.figures() for each in both], indent=2) + '\n')
+        write_whole(as_json, json.dumps([each.figures() for each in both], indent=2) + '\n')
     if check and not all(each.within_limits for each in both):
         raise typer.Exit(1)
 

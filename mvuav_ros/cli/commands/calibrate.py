@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from contextlib import closing
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
@@ -21,6 +22,11 @@ from mvuav_ros.cli.options import (
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import SourceError
+
+if TYPE_CHECKING:
+    from mvuav_ros.vision.camera import CameraModel
+    from mvuav_ros.vision.rig import MarkerRig
+    from mvuav_ros.vision.rig_examination import PoseError
 
 _LITTLE = 0.6
 """Part of the image below which its coverage is worth a word."""
@@ -145,13 +151,7 @@ def check(
     from mvuav_ros.simulation.pinhole import pinhole_camera
     from mvuav_ros.vision.reprojection import MIN_MARKERS
     from mvuav_ros.vision.rig import RigError, load_rig
-    from mvuav_ros.vision.rig_examination import (
-        confusions,
-        examine,
-        is_flat,
-        is_straight,
-        pose_error,
-    )
+    from mvuav_ros.vision.rig_examination import examine, is_flat, is_straight, pose_error
 
     for value in distance or ():
         if not 0 < value < math.inf:
@@ -174,28 +174,36 @@ def check(
         camera = pinhole_camera(width, round(0.75 * width), fov)
         distances = distance or [size * reach for reach in _REACHES]
         errors = [pose_error(body, camera, value, noise) for value in distances]
-        in_view = [e.distance for e in errors if not math.isnan(e.span)]
         if len(body.names) > MIN_MARKERS:
             say('', f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
-            say('distance m   size px  gap px  along m  across m  roll deg  pitch, yaw deg')
-            for e in errors:
-                sizes = f'{e.span:9.1f} {e.gap:7.1f}'
-                numbers = f'{e.along:8.3g} {e.across:9.3g} {e.roll:9.3g} {e.tilt:15.3g}'
-                near = ' too near: not all markers are in view'
-                say(f'{e.distance:10.4g} {near if math.isnan(e.span) else sizes + " " + numbers}')
-        exchanges = confusions(body, camera, in_view[0]) if in_view else []
-        if in_view:
-            say('', f'exchanged names with the smallest residuals, at {in_view[0]:.4g} m')
-        if in_view and not exchanges:
-            say('too far away: all markers are nearly one point')
-        for found in exchanges[:_LISTED]:
-            names = ', '.join(' -> '.join(cycle) for cycle in found.names)
-            say(
-                f'{found.residual:8.2f} px rms  {names} '
-                f'(pitch {found.pitch_deg:g}, yaw {found.yaw_deg:g} deg)'
-            )
+            _say_errors(errors)
+        if in_view := [e.distance for e in errors if not math.isnan(e.span)]:
+            _say_exchanges(body, camera, in_view[0])
     if doubts:
         raise typer.Exit(1)
+
+
+def _say_errors(errors: Iterable[PoseError]) -> None:
+    say('distance m   size px  gap px  along m  across m  roll deg  pitch, yaw deg')
+    for e in errors:
+        sizes = f'{e.span:9.1f} {e.gap:7.1f}'
+        numbers = f'{e.along:8.3g} {e.across:9.3g} {e.roll:9.3g} {e.tilt:15.3g}'
+        near = ' too near: not all markers are in view'
+        say(f'{e.distance:10.4g} {near if math.isnan(e.span) else sizes + " " + numbers}')
+
+
+def _say_exchanges(body: MarkerRig, camera: CameraModel, distance: float) -> None:
+    """Which names look most alike at a distance, m."""
+    from mvuav_ros.vision.rig_examination import confusions
+
+    say('', f'exchanged names with the smallest residuals, at {distance:.4g} m')
+    exchanges = confusions(body, camera, distance)
+    if not exchanges:
+        say('too far away: all markers are nearly one point')
+    for found in exchanges[:_LISTED]:
+        names = ', '.join(' -> '.join(cycle) for cycle in found.names)
+        turned = f'pitch {found.pitch_deg:g}, yaw {found.yaw_deg:g} deg'
+        say(f'{found.residual:8.2f} px rms  {names} ({turned})')
 
 
 @rig.command('calibrate')
@@ -248,15 +256,12 @@ def calibrate_rig(
     camera = load_calibration(camera_info) if camera_info else None
     with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)
+
+        def show(frames: int) -> None:
+            progress.update(task, completed=frames)
+
         try:
-            made = work.calibrate_from(
-                flight,
-                rough,
-                camera,
-                parameters,
-                measured,
-                lambda frames: progress.update(task, completed=frames),
-            )
+            made = work.calibrate_from(flight, rough, camera, parameters, measured, show)
         except RigCalibrationError as error:
             raise SourceError(f'{flight.name}: {error}') from error
     found = made.found

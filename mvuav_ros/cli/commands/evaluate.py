@@ -22,7 +22,8 @@ from mvuav_ros.cli.options import (
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.recordings.account import RecordingError, SourceError
-from mvuav_ros.recordings.remote import write_whole
+from mvuav_ros.recordings.layout import SIMULATED
+from mvuav_ros.recordings.remote import is_url, local_copy, write_whole
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.corners import CornersScore
@@ -246,19 +247,21 @@ def bag(
     from mvuav_ros.offline.evaluation.bag_report import bag_report
     from mvuav_ros.offline.report import write_report
 
-    if not (source.startswith('sim:') or Path(source).expanduser().exists()):
+    is_simulated = source.startswith(SIMULATED)
+    if not (is_simulated or is_url(source) or Path(source).expanduser().exists()):
         raise RecordingError(f'{source} does not exist')
     take_folder(output, force)
-    run = None
-    again = replayed or param or params_file is not None
-    if not again and not source.startswith('sim:'):
-        run = running.read_bag(Path(source).expanduser())
-        _require_truth(run)
-    parameters: dict[str, dict[str, Any]] = {}
-    if run is None or not run.results.stamps:
-        parameters = _parameters(source, param or [], params_file)
-        run = running.replay(source, parameters, image_topic)
-        _require_truth(run)
+    run, parameters = None, {}
+    # One copy of what lies elsewhere, however often it is read.
+    with local_copy(source) as path:
+        if not (is_simulated or replayed or param or params_file):
+            run = running.read_bag(path)
+            _require_truth(run, source)
+        if run is None or not run.results.stamps:
+            parameters = _parameters(str(path), param or [], params_file)
+            run = running.replay(str(path), parameters, image_topic)
+            _require_truth(run, source)
+    run.name = source
     how = 'replayed by this version' if parameters else "the bag's own"
     described = {node: str(given or 'defaults') for node, given in parameters.items()}
     report = bag_report(run, {'results': how, **described})
@@ -280,11 +283,11 @@ def _parameters(
     return resolve_parameters(nodes, params_file, assignments)
 
 
-def _require_truth(run: EvaluationRun) -> None:
+def _require_truth(run: EvaluationRun, source: str) -> None:
     if not run.truth.stamps:
         raise RecordingError(
-            f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/pose, /truth/lines); '
+            f'{source} holds no truth (/truth/markers, /truth/rpy, /truth/pose, /truth/lines); '
             + '; '.join(['mvuav simulate writes bags that do', *run.errors])
         )
     if run.mismatch:
-        raise RecordingError(f'{run.name}: {run.mismatch}')
+        raise RecordingError(f'{source}: {run.mismatch}')

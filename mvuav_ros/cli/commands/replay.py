@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
@@ -28,10 +29,10 @@ from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
 from mvuav_ros.recordings.account import SourceError
 
 if TYPE_CHECKING:
-    from rich.progress import TaskID
+    from rich.progress import Progress
 
     from mvuav_ros.offline.replay.batch import Plan
-    from mvuav_ros.offline.replay.job import JobProgress, ReplayOutcome
+    from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome
 
 
 _MAX_REASONS = 5
@@ -63,31 +64,14 @@ def replay_all(
         for outcome in outcomes:
             _report(outcome)
     # Without a thread of its own: this process forks.
-    with frame_progress(thread=False) as bars:
-        is_batch = len(jobs) > 1
-        overall = bars.add_task('recordings', total=len(jobs), visible=is_batch)
-        tasks: dict[int, TaskID] = {}
-        if not is_batch:
-            tasks = {
-                n: bars.add_task(visible(job.source), total=None) for n, job in enumerate(jobs)
-            }
-
-        def show(number: int, state: JobProgress) -> None:
-            if number not in tasks:
-                tasks[number] = bars.add_task(state.name, total=None)
-            name, done, total = state
-            bars.update(tasks[number], description=name, completed=done, total=total, refresh=True)
-
-        with closing(run_jobs(jobs, processes, cluster, stop, show)) as ended:
+    with frame_progress(thread=False) as progress:
+        bars = _Bars(progress, jobs)
+        with closing(run_jobs(jobs, processes, cluster, stop, bars.show)) as ended:
             for count, (number, outcome) in enumerate(ended, 1):
                 outcomes.append(outcome)
-                if is_batch and number in tasks:
-                    bars.remove_task(tasks.pop(number))
-                bars.update(overall, completed=count, refresh=True)
+                bars.end(number, count)
                 if manifest is not None:
                     manifest.take(outcome)
-                if count == len(jobs):
-                    bars.stop()
                 if outcome.frames or outcome.failure:
                     _report(outcome)
     if manifest is not None:
@@ -97,6 +81,32 @@ def replay_all(
         say(f'mvuav: {failed} of {len(planned.jobs)} recordings failed', err=True)
     places = {job.output: place for place, job in enumerate(planned.jobs)}
     return sorted(outcomes, key=lambda outcome: places[outcome.output])
+
+
+class _Bars:
+    """A bar for each recording that is under way, and of several one for all of them."""
+
+    def __init__(self, bars: Progress, jobs: Sequence[ReplayJob]) -> None:
+        self._bars, self._count, is_batch = bars, len(jobs), len(jobs) > 1
+        self._overall = bars.add_task('recordings', total=self._count, visible=is_batch)
+        first = [] if is_batch else [bars.add_task(visible(job.source), total=None) for job in jobs]
+        self._tasks = dict(enumerate(first))
+
+    def show(self, number: int, state: JobProgress) -> None:
+        """How far one of them is."""
+        name, done, total = state
+        if number not in self._tasks:
+            self._tasks[number] = self._bars.add_task(name, total=None)
+        task = self._tasks[number]
+        self._bars.update(task, description=name, completed=done, total=total, refresh=True)
+
+    def end(self, number: int, count: int) -> None:
+        """One of them has ended, the ``count``-th; a single one's bar stays."""
+        if self._count > 1 and number in self._tasks:
+            self._bars.remove_task(self._tasks.pop(number))
+        self._bars.update(self._overall, completed=count, refresh=True)
+        if count == self._count:
+            self._bars.stop()
 
 
 def _report(outcome: ReplayOutcome) -> None:

@@ -57,8 +57,9 @@ def sweep(
         sweep_table,
     )
     from mvuav_ros.offline.parameter_sweep import sweep as run_sweep
-    from mvuav_ros.offline.report import write_csv, write_report
+    from mvuav_ros.offline.report import csv_text, write_report
     from mvuav_ros.parameters.parameter_file import node_names, resolve_parameters
+    from mvuav_ros.recordings.remote import write_whole
 
     axes = [parse_axis(text) for text in param or []]
     swept = list(dict.fromkeys(axis.node for axis in axes))
@@ -86,7 +87,7 @@ def sweep(
         'other parameters': ', '.join(f'{n}: {g or "defaults"}' for n, g in base.items()),
         'jobs': dask or jobs,
     }
-    write_csv(sweep_table(results, axes), output / CSV)
+    write_whole(output / CSV, csv_text(sweep_table(results, axes)))
     page = write_report(sweep_report(results, axes, described), output)
     failed = [result for result in results if result.error]
     for result in failed:

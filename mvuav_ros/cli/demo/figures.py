@@ -8,14 +8,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Image
 
+from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import decode_image
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.offline.evaluation.bag_report import roll_figure
@@ -30,21 +28,18 @@ _GREEN, _YELLOW = '#50e66e', '#ffd800'
 _SHADOW = [withStroke(linewidth=3, foreground='black')]
 
 
-def _read(bag: Path, topic: str, kind: type) -> dict[int, Any]:
+def _read(bag: Path, topic: str) -> dict[int, Any]:
     """One topic's messages by their stamps (ns)."""
     with open_recording(bag) as recording:
-        messages = [
-            deserialize_message(bytes(message.data), kind)
-            for message in recording.messages({topic})
-        ]
+        messages = [decode_message(each.type, each.data) for each in recording.messages({topic})]
     return {stamp_ns_of(message.header): message for message in messages}
 
 
 def save_tanker(run: EvaluationRun, bag: Path, target: Path) -> Path:
     """Two frames with the names of the lights: all in view, and one of them off."""
     markers, rolls = run.results.markers, run.results.rpy
-    images = _read(bag, '/tanker/image_raw', Image)
-    poses = _read(bag, '/marker_tracker/pose', PoseWithCovarianceStamped)
+    images = _read(bag, '/tanker/image_raw')
+    poses = _read(bag, '/marker_tracker/pose')
     stamps = sorted(images.keys() & markers.keys() & rolls.keys() & poses.keys())
     off = [stamp for stamp in stamps if (markers[stamp]['state'] == MarkerState.PREDICTED).any()]
     shown = [stamps[len(stamps) // 3], *off[len(off) // 2 :][:1]]
@@ -86,10 +81,10 @@ def save_roll(run: EvaluationRun, sample: Path, target: Path) -> Path:
 
 def save_runway(bag: Path, sample: Path, target: Path) -> Path:
     """One frame as two nodes draw it: mode approach with its guidance, and the thesis's scheme."""
-    approach = _read(bag, '/runway_detector/debug/overlay', Image)
-    poses = _read(bag, '/runway_detector/pose', PoseWithCovarianceStamped)
-    thesis = _read(bag, '/runway_thesis/debug/overlay', Image)
-    truth = _read(sample, '/truth/pose', PoseStamped)
+    approach = _read(bag, '/runway_detector/debug/overlay')
+    poses = _read(bag, '/runway_detector/pose')
+    thesis = _read(bag, '/runway_thesis/debug/overlay')
+    truth = _read(sample, '/truth/pose')
     stamps = sorted(approach.keys() & poses.keys() & thesis.keys() & truth.keys())
     stamp = stamps[len(stamps) // 3]
     here, there = poses[stamp].pose.pose.position, truth[stamp].pose.position

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,8 @@ class DemoRecorder(Node):
         self._arrivals: dict[str, deque[float]] = {topic: deque() for topic in topics}
         self._writer = writer
         for topic, kind in topics.items():
-            self.create_subscription(kind, topic, self._keeper(topic, kind), EVERYTHING, raw=True)
+            keep = partial(self._keep, topic, kind)
+            self.create_subscription(kind, topic, keep, EVERYTHING, raw=True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
     def rate(self, topic: str) -> float:
@@ -65,18 +67,13 @@ class DemoRecorder(Node):
             arrivals.popleft()
         return len(arrivals) / RATE_WINDOW
 
-    def _keeper(self, topic: str, kind: type) -> Any:
-        name = type_name(kind)
-
-        def keep(data: bytes) -> None:
-            self._writer.write(topic, name, time.time_ns(), data)
-            self.counts[topic] += 1
-            self.changed_at = time.monotonic()
-            self._arrivals[topic].append(self.changed_at)
-            if kind is not Image:
-                self.newest[topic] = deserialize_message(data, kind)
-
-        return keep
+    def _keep(self, topic: str, kind: type, data: bytes) -> None:
+        self._writer.write(topic, type_name(kind), time.time_ns(), data)
+        self.counts[topic] += 1
+        self.changed_at = time.monotonic()
+        self._arrivals[topic].append(self.changed_at)
+        if kind is not Image:
+            self.newest[topic] = deserialize_message(data, kind)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

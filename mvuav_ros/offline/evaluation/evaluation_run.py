@@ -17,7 +17,7 @@ from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
-from mvuav_ros.offline.replay import job as replay_job
+from mvuav_ros.offline.replay import pipeline
 from mvuav_ros.offline.simulated_messages import truth_messages
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
@@ -158,13 +158,13 @@ def replay(
         RecordingError: the bag cannot be read.
         ParameterError: a parameter is not valid.
     """
-    processors = replay_job.make_processors(parameters)
+    processors = pipeline.make_processors(parameters)
     run = EvaluationRun(text, names=names_of(processors))
     run.rejected = answers = 0
     reasons: Counter[str] = Counter()
     seconds: list[float] = []
-    for step in replay_job.replay(_frames(text, topic, run), processors):
-        if isinstance(step, replay_job.FrameResults) and step.is_frame:
+    for step in pipeline.replay(_frames(text, topic, run), processors):
+        if isinstance(step, pipeline.FrameResults) and step.is_frame:
             run.frames += 1
             run.rejected += bool(step.reasons)
             reasons.update(step.reasons)
@@ -175,7 +175,7 @@ def replay(
                     run.results.add(RESULT_TOPICS[name], data)
     if not answers:
         raise SourceError(f'{text}: not a single frame could be used')
-    defects = ((why, count) for why, count in reasons.items() if why.startswith(replay_job.DEFECT))
+    defects = ((why, count) for why, count in reasons.items() if why.startswith(pipeline.DEFECT))
     run.errors += [f'{count} frames: {why}' for why, count in defects]
     run.errors += [run.mismatch] if run.mismatch else []
     run.milliseconds = float(np.median(seconds)) * 1e3

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.special import betaincinv
 
 from mvuav_ros.offline.evaluation.metrics import Array
-from mvuav_ros.offline.processes import all_of
 from mvuav_ros.offline.report import Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import SOFT, THESIS, drawing, label
+from mvuav_ros.offline.tasks import all_of
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy
 from mvuav_ros.vision.integrity import (

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import cv2
 
 import mvuav_ros
-from mvuav_ros.offline.cluster import run_on_cluster
 from mvuav_ros.offline.processes import Method, TaskProgress, quick_method, run_in_processes
 from mvuav_ros.offline.replay.job import (
     JobProgress,
@@ -28,9 +27,10 @@ from mvuav_ros.offline.replay.job import (
     is_own_input,
 )
 from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.offline.tasks import run_on_cluster
 from mvuav_ros.processing.process_tuning import keep_freed_memory
 from mvuav_ros.recordings.account import RecordingError
-from mvuav_ros.recordings.layout import SIMULATED, by_flight, recordings_in
+from mvuav_ros.recordings.layout import absolute_place, by_flight, recordings_in
 from mvuav_ros.recordings.remote import inside, is_url, read_text, size_at, write_text
 
 
@@ -60,7 +60,7 @@ def plan(
         OSError: the folder cannot be made.
     """
     if absolute:
-        output, *sources = map(_absolute, (output, *sources))
+        output, *sources = map(absolute_place, (output, *sources))
     sources = [each for source in sources for each in recordings_in(source)]
     is_folder = settings.split_bytes is not None
     if len(sources) == 1 and (is_folder or output.endswith('.mcap')):
@@ -77,12 +77,6 @@ def plan(
         Path(output).mkdir(parents=True, exist_ok=True)
     jobs = [ReplayJob(source, target, settings, overwrite) for target, source in targets.items()]
     return Plan(jobs, output)
-
-
-def _absolute(source: str) -> str:
-    if source.startswith(SIMULATED) or is_url(source):
-        return source
-    return str(Path(source).expanduser().absolute())
 
 
 def run_jobs(

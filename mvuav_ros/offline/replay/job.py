@@ -6,9 +6,8 @@ import dataclasses
 import hashlib
 import json
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,18 +22,17 @@ from mvuav_ros.messages.sensors import (
     encode_camera_info,
     make_header,
     topic_beside,
-    type_name,
 )
+from mvuav_ros.offline.replay.pipeline import FrameResults, Item, make_processors, replay
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
-from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.remote import fingerprint, is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
-from mvuav_ros.sources.bag import BagImages, EncodedFrame
+from mvuav_ros.sources.bag import BagImages
 from mvuav_ros.sources.opening import looks_like_bag, open_source
 from mvuav_ros.sources.source import EVERYTHING, Selection, SourceError
 from mvuav_ros.vision.camera import CameraModel
@@ -58,7 +56,7 @@ def description(source: str, settings: ReplaySettings) -> dict[str, str]:
     content = b''.join(file.read_bytes() for file in files if file.is_file())
     return {
         'version': mvuav_ros.__version__,
-        **fingerprint(source),
+        **({'input': source} if source.startswith(SIMULATED) else fingerprint(source)),
         'settings': json.dumps(dataclasses.asdict(settings), sort_keys=True),
         **({'parameter_files': hashlib.sha256(content).hexdigest()} if content else {}),
     }
@@ -142,7 +140,6 @@ class JobProgress(NamedTuple):
     total: int | None
 
 
-Item = Frame | BadFrame | EncodedFrame | RecordedMessage
 IMAGE_TOPIC = '/image_raw'
 """Of the frames of a video or of image files."""
 CAMERA_TOPIC = topic_beside(IMAGE_TOPIC, 'camera_info')
@@ -229,202 +226,6 @@ def _calibration(
         yield RecordedMessage(topic, CAMERA_INFO, image.stamp_ns, data, None, RELIABLE_QOS)
 
 
-_MAX_UNDER_WAY, _MIN_UNDER_WAY = 16, 3
-"""Frames that are decoded ahead of the one that is written."""
-_MAX_BYTES = 48 << 20
-"""Of their messages and images, once there are `_MIN_UNDER_WAY`."""
-DEFECT = 'internal error of'
-"""What the reason begins with where the fault is ours."""
-
-
-class ResultMessage(NamedTuple):
-    """A node's result: its topic's full name, 'pkg/msg/Type', and CDR bytes."""
-
-    topic: str
-    type: str
-    data: bytes
-
-
-@dataclass(slots=True)
-class FrameResults:
-    """What the nodes made of one frame."""
-
-    stamp_ns: int
-    messages: list[ResultMessage] = field(default_factory=list)  # node after node
-    reasons: list[str] = field(default_factory=list)  # why a node could not use the frame
-    statuses: dict[str, str] = field(default_factory=dict)  # of those that could: what was missing
-    seconds: float = 0.0  # that the nodes took for it
-    is_frame: bool = True  # False for what nodes say once, at the end
-
-
-def make_processors(parameters: Mapping[str, Mapping[str, Any]]) -> list[Processor]:
-    """The nodes' work, by their names, with the parameters that differ from the defaults.
-
-    Raises:
-        ParameterError: a parameter is unknown, or its value not valid.
-    """
-    processors = []
-    for name, values in parameters.items():
-        processor = PROCESSORS[name]()
-        processor.configure(processor.parameters_type.from_mapping(values))
-        processors.append(processor)
-    return processors
-
-
-class _Finished:
-    """What was done at once, in the place of a future."""
-
-    def __init__(self, function: Callable[..., Any], *given: Any) -> None:
-        self._result = function(*given)
-
-    def done(self) -> bool:
-        return True
-
-    def result(self) -> Any:
-        return self._result
-
-
-_Part = Future[Any] | _Finished
-_UnderWay = RecordedMessage | list[_Part]
-
-
-def replay(
-    items: Iterable[Item],
-    processors: Sequence[Processor],
-    *,
-    threads: int = 1,
-    debug: bool = False,
-    gamma: float = 1.0,
-) -> Generator[FrameResults | RecordedMessage, None, None]:
-    """The nodes' results for every frame of an input, under the topics of the live nodes.
-
-    One thread does all of it itself. Of several, one reads and hands on, the others decode, and
-    each node has another one, as it depends on earlier frames; the results are the same. OpenCV
-    lets go of Python's lock for nearly all of the work.
-
-    Yields:
-        The frames' results in their order, messages as they are, and last what the nodes say at
-        the end.
-    """
-    last: list[Frame] = []
-    pools: list[ThreadPoolExecutor] = []
-
-    def lane(name: str, size: int = 1) -> Callable[..., _Part]:
-        if threads == 1:
-            return _Finished
-        pools.append(ThreadPoolExecutor(size, f'{name} '))
-        return pools[-1].submit
-
-    decoding = lane('decoding', threads - 1)
-    lanes = [(processor, lane(processor.name)) for processor in processors]
-
-    def work(processor: Processor, decoded: _Part) -> FrameResults:
-        frame = decoded.result()
-        if isinstance(frame, BadFrame):
-            return FrameResults(frame.stamp_ns, reasons=[frame.reason])
-        last[:] = [frame]
-        return process(frame, processor, debug)
-
-    def begin(item: Item) -> _UnderWay:
-        if isinstance(item, RecordedMessage):
-            return item
-        decoded = decoding(_decoded, item, gamma)
-        return [submit(work, processor, decoded) for processor, submit in lanes]
-
-    def size(item: Item) -> int:
-        """Bytes; of what is not decoded yet as many as the frame before had."""
-        if isinstance(item, Frame):
-            return item.image.pixels.nbytes
-        if isinstance(item, EncodedFrame):
-            return len(item.recorded.data) + (last[0].image.pixels.nbytes if last else 0)
-        return len(item.data) if isinstance(item, RecordedMessage) else 0
-
-    under_way: deque[tuple[_UnderWay, int]] = deque()
-    bytes_under_way = 0
-    try:
-        for item in items:
-            under_way.append((begin(item), size(item)))
-            bytes_under_way += under_way[-1][1]
-            while under_way and (
-                isinstance(under_way[0][0], RecordedMessage)
-                or all(part.done() for part in under_way[0][0])
-                or len(under_way) >= _MAX_UNDER_WAY
-                or (bytes_under_way > _MAX_BYTES and len(under_way) >= _MIN_UNDER_WAY)
-            ):
-                entry, held = under_way.popleft()
-                bytes_under_way -= held
-                yield _ended(entry)
-        for entry, _ in under_way:
-            yield _ended(entry)
-        if last:
-            yield merged([conclude(last[0], processor) for processor in processors])
-    finally:
-        for pool in pools:
-            pool.shutdown(cancel_futures=True)
-
-
-def _decoded(item: Frame | BadFrame | EncodedFrame, gamma: float) -> Frame | BadFrame:
-    frame = item.decoded() if isinstance(item, EncodedFrame) else item
-    if gamma != 1.0 and isinstance(frame, Frame):
-        return replace(frame, image=frame.image.gamma_corrected(gamma))
-    return frame
-
-
-def _ended(entry: _UnderWay) -> FrameResults | RecordedMessage:
-    if isinstance(entry, RecordedMessage):
-        return entry
-    return merged([part.result() for part in entry])
-
-
-def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
-    """One node's results for one frame."""
-    results = FrameResults(frame.stamp_ns)
-    start = time.perf_counter()
-    try:
-        results.messages += _messages(processor, processor.process(frame))
-        results.statuses[processor.name] = processor.status
-        if debug:
-            results.messages += _messages(processor, processor.draw(processor.debug_topics))
-    except DuplicateStampError:
-        results.reasons.append('the stamp of the frame before')
-    except ImageError as error:
-        results.reasons.append(str(error))
-    except Exception as error:
-        # As in a live node, a defect of ours costs a frame and not the flight, and what it may have
-        # left half done is forgotten.
-        processor.reset()
-        results.reasons.append(f'{DEFECT} {processor.name}: {type(error).__name__}: {error}')
-    results.seconds = time.perf_counter() - start
-    return results
-
-
-def conclude(frame: Frame, processor: Processor) -> FrameResults:
-    """What a node says at the end, in the name of the last frame that could be read."""
-    outputs = processor.periodic(cdr_header(frame.stamp_ns, frame.frame_id))
-    return FrameResults(frame.stamp_ns, _messages(processor, outputs), is_frame=False)
-
-
-def merged(parts: Sequence[FrameResults]) -> FrameResults:
-    """The results of all nodes, in their order."""
-    return FrameResults(
-        parts[0].stamp_ns,
-        [message for part in parts for message in part.messages],
-        list(dict.fromkeys(reason for part in parts for reason in part.reasons)),
-        {name: status for part in parts for name, status in part.statuses.items()},
-        sum(part.seconds for part in parts),
-        parts[0].is_frame,
-    )
-
-
-def _messages(processor: Processor, outputs: Iterable[Output]) -> list[ResultMessage]:
-    node, types = f'/{processor.name}', processor.message_types
-    return [
-        ResultMessage(resolve(topic, node), type_name(types[topic]), make())
-        for topic, make in outputs
-    ]
-
-
-Writer = RecordingWriter | Rosbag2Writer
 Progress = Callable[[JobProgress], None]
 
 
@@ -541,7 +342,7 @@ class _Output:
                 self._account.note(('status', node), f'{node}, every frame: {"; ".join(parts)}')
 
     @cached_property
-    def _writer(self) -> Writer:
+    def _writer(self) -> RecordingWriter | Rosbag2Writer:
         job = self._job
         metadata = {DESCRIPTION: description(job.source, job.settings)}
         path = self._outputs.enter_context(local_output(job.output))

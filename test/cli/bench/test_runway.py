@@ -1,9 +1,13 @@
 """The cases of `mvuav bench`: both sides must do the same work."""
 
+import json
+
 import numpy as np
 import pytest
+from support.commands import mvuav
 
 from mvuav_ros.cli.bench import vision_cases as runway
+from mvuav_ros.cli.bench.case import Case
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import automatic_threshold
 
@@ -39,3 +43,10 @@ def test_scikit_image_finds_the_same_strongest_line():
     _, theta, rho = runway._scikit_image()(gray, automatic_threshold(gray))
     assert abs(theta[0] - ours.grid.theta[strongest.theta_index]) < np.deg2rad(2.5)
     assert abs(rho[0] - ours.grid.rho[strongest.rho_index]) < 5
+
+
+def test_the_numbers_go_into_a_folder_that_is_not_there_yet(tmp_path, monkeypatch):
+    monkeypatch.setattr(runway, 'simulation_cases', lambda: [Case('nothing', lambda: None)])
+    path = tmp_path / 'new' / 'bench.json'
+    assert mvuav('bench', 'simulation', '--seconds', '0.01', '--json', path).status == 0
+    assert [figures['case'] for figures in json.loads(path.read_text())] == ['nothing']

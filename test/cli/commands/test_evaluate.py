@@ -53,6 +53,8 @@ def test_an_axis_has_the_parameters_type():
     assert (axis.title, axis.values) == ('marker_tracker:search_radius', (4, 6, 8))
     assert parse_axis('marker_tracker:threshold:=1,0.5').values == (1.0, 0.5)
     assert parse_axis('marker_tracker:prediction:=velocity').values == ('velocity',)
+    mount = 'runway_detector:camera_mount_rpy_deg'
+    assert parse_axis(f'{mount}:=[0,8,0], [0,9.5,0]').values == ((0, 8, 0), (0, 9.5, 0))
 
 
 @pytest.mark.parametrize(
@@ -103,10 +105,10 @@ def numbers(results):
     ]
 
 
-def test_processes_and_dask_give_the_same_numbers():
+def test_processes_and_dask_give_the_same_numbers(tmp_path):
     distributed = pytest.importorskip('distributed')
     axes = [parse_axis('marker_tracker:threshold:=0.5,0.999')]
-    runs = plan_runs([FLIGHT, 'nothing.mcap'], axes, {'marker_tracker': {}})
+    runs = plan_runs([FLIGHT, str(tmp_path / 'nothing.mcap')], axes, {'marker_tracker': {}})
     here = numbers(sweep(runs))
     assert [bool(error) for _, error, _ in here] == [False, False, True, True]
     assert here[0][2] != here[1][2]
@@ -115,6 +117,18 @@ def test_processes_and_dask_give_the_same_numbers():
         n_workers=1, processes=False, protocol='tcp', dashboard_address=None
     ) as cluster:
         assert numbers(sweep(runs, dask=cluster.scheduler_address)) == here
+
+
+def test_a_cluster_finds_what_is_named_from_here(tmp_path, monkeypatch):
+    distributed = pytest.importorskip('distributed')
+    name = write_bag(tmp_path / 'a.mcap', results=False).name
+    runs = plan_runs([name], [], {'marker_tracker': {}})
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, protocol='tcp', dashboard_address=None
+    ) as cluster:
+        monkeypatch.chdir(tmp_path)
+        (result,) = sweep(runs, dask=cluster.scheduler_address)
+    assert (result.error, result.run.source) == ('', name)
 
 
 def test_sweep_writes_table_and_trends_and_reports_a_failed_run(tmp_path):
@@ -200,6 +214,16 @@ def test_evaluate_runs_the_node_where_the_bag_has_no_results(tmp_path):
     bag = write_bag(tmp_path / 'flight.mcap', results=False)
     assert run('evaluate', bag, '-o', tmp_path / 'out').exit_code == 0
     assert (tmp_path / 'out' / 'roll_over_time.png').exists()
+
+
+@pytest.mark.parametrize('results', [True, False])
+def test_evaluate_takes_a_url(tmp_path, results):
+    files = pytest.importorskip('fsspec').filesystem('memory')
+    files.put(str(write_bag(tmp_path / 'a.mcap', results=results)), '/evaluated/a.mcap')
+    given = ('evaluate', 'memory://evaluated/a.mcap', '-o', tmp_path / 'out')
+    assert 'roll, RMS error' in run(*given).output
+    report = json.loads((tmp_path / 'out' / 'report.json').read_text())
+    assert report['settings']['input'] == 'memory://evaluated/a.mcap'
 
 
 def test_a_mistyped_input_is_not_taken_for_a_report_in_the_way(tmp_path):

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from mvuav_ros.messages.images import BadFrame, Frame
-from mvuav_ros.offline.replay.job import DEFECT, FrameResults, replay
+from mvuav_ros.offline.replay.job import ReplaySettings, description
+from mvuav_ros.offline.replay.pipeline import DEFECT, FrameResults, replay
 from mvuav_ros.parameters.common_parameters import DetectorParameters
 from mvuav_ros.processing.processor import Output, Processor, resolve
 from mvuav_ros.recordings.stored_file import RecordedMessage
@@ -79,3 +82,11 @@ def test_a_frame_without_a_result_has_its_reasons() -> None:
 
 def test_nothing_is_said_at_the_end_of_nothing() -> None:
     assert [step.reasons for step in replay([BadFrame(1, 'torn')], [Node()])] == [['torn']]
+
+
+def test_a_simulated_flight_is_the_same_wherever_it_is_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = description('sim:tanker?frames=2', ReplaySettings({}))
+    monkeypatch.chdir(tmp_path)
+    assert description('sim:tanker?frames=2', ReplaySettings({})) == here

@@ -50,6 +50,13 @@ def bags(tmp_path: Path) -> list[Path]:
     return [write_mcap(tmp_path / f'flight{n}.mcap', image_samples(n)) for n in lengths]
 
 
+@pytest.mark.parametrize('absolute', [False, True])
+def test_a_folder_to_be_made_is_known_by_its_slash(tmp_path: Path, absolute: bool) -> None:
+    output = f'{tmp_path}/day.1/'
+    jobs, folder = plan(['a.mcap'], output, ReplaySettings({}), absolute=absolute)
+    assert (jobs[0].output, folder) == (f'{tmp_path}/day.1/a.mcap', output)
+
+
 def content(path: Path) -> tuple[list[RecordedMessage], dict[str, dict[str, str]]]:
     """All but the chunks' borders: on a machine slower than the recording, the clock sets them."""
     with path.open('rb') as stream:
@@ -261,7 +268,7 @@ def test_dask_missing_or_away(
     address = 'tcp://127.0.0.1:1'
     if with_files:
         pytest.importorskip('distributed', reason='Dask is not installed')
-        monkeypatch.setattr('mvuav_ros.offline.cluster._CONNECT_TIME', 1)
+        monkeypatch.setattr('mvuav_ros.offline.tasks._CONNECT_TIME', 1)
         words = 'no Dask scheduler answers there'
     else:
         monkeypatch.setitem(__import__('sys').modules, 'distributed', None)

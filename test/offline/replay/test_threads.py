@@ -13,7 +13,7 @@ from support.commands import NO_LIGHT, mvuav_process, read, write_flight
 from support.recording_samples import START_NS, STEP_NS, STORE, Sample, cdr, image, write_mcap
 
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.offline.replay.job import make_processors, replay
+from mvuav_ros.offline.replay.pipeline import make_processors, replay
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.image import Image
 

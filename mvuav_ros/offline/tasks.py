@@ -1,25 +1,28 @@
-"""Tasks on a Dask cluster, as `run_in_processes` does them on this machine."""
+"""Tasks here, in processes of this machine, or on a Dask cluster, whichever a user asks for."""
 
 from __future__ import annotations
 
 import logging
 import time
 import uuid
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import partial
 from importlib import import_module
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 from mvuav_ros.offline.processes import (
     Done,
     ProcessDiedError,
+    Report,
+    ResultT,
     TaskProgress,
     Work,
     attempted,
+    run_in_processes,
     sendable,
 )
-from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
 from mvuav_ros.processing.process_tuning import keep_freed_memory
 from mvuav_ros.recordings.account import SourceError, collect
 
@@ -110,3 +113,67 @@ def _do(work: Work, task: Any, number: int, run: str) -> Done[Any]:
 
     keep_freed_memory()
     return sendable(attempted(number, partial(work, task, report, stop)))
+
+
+TaskT = TypeVar('TaskT')
+
+
+def each(
+    work: Callable[[TaskT], ResultT],
+    tasks: Sequence[TaskT],
+    jobs: int = 1,
+    cluster: str | None = None,
+) -> Iterator[Done[ResultT]]:
+    """Do the work on every task; one that fails does not stop the others.
+
+    The work is a function of a module, so that other processes find it; with one job all is done
+    in this one. With the address of a Dask scheduler its cluster does it.
+
+    Yields:
+        Tasks as they end, in any order.
+
+    Raises:
+        Interrupted: by Ctrl-C or SIGTERM, when all processes have ended.
+        SourceError: the cluster cannot be used.
+    """
+    if not cluster and (jobs <= 1 or len(tasks) <= 1):
+        yield from (attempted(number, partial(work, task)) for number, task in enumerate(tasks))
+        return
+    plain = partial(_plain, work)
+    with stop_on_signals() as stop:
+        if not cluster:
+            messages = run_in_processes(plain, tasks, min(jobs, len(tasks)), stop, closing_time=0.0)
+        else:
+            messages = run_on_cluster(plain, tasks, cluster, stop, closing_time=0.0)
+        for message in messages:
+            # What is cut off by the stop has not failed.
+            if isinstance(message, Done) and not (stop and message.error):
+                yield message
+        if stop:
+            raise Interrupted(stop.number)
+
+
+def all_of(
+    work: Callable[[TaskT], ResultT],
+    tasks: Sequence[TaskT],
+    jobs: int = 1,
+    advance: Callable[[], None] = lambda: None,
+) -> list[ResultT]:
+    """As `each`, but all results in the tasks' order; the first failure ends it.
+
+    ``advance`` is called whenever a task has ended.
+    """
+    results: dict[int, ResultT] = {}
+    for done in each(work, tasks, jobs):
+        if done.error is not None:
+            raise done.error
+        assert done.result is not None
+        results[done.number] = done.result
+        advance()
+    return [results[number] for number in range(len(tasks))]
+
+
+def _plain(
+    function: Callable[[TaskT], ResultT], task: TaskT, _report: Report, _stop: Stop
+) -> ResultT:
+    return function(task)
