@@ -45,7 +45,8 @@ from mvuav_ros.vision.pose import Pose
 
 Array = NDArray[np.float64]
 
-TF_TOPIC = '/tf'
+TF = 'tf2_msgs/msg/TFMessage'
+TF_TOPIC, TF_STATIC_TOPIC = '/tf', '/tf_static'
 TF_TYPE: Any = None
 """The message of ``/tf``; None where tf2_msgs is not installed."""
 with suppress(ModuleNotFoundError):

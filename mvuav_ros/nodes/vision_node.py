@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.messages.poses import TF_TOPIC, TF_TYPE
+from mvuav_ros.messages.poses import TF_STATIC_TOPIC, TF_TOPIC, TF_TYPE
 from mvuav_ros.nodes.diagnostics import (
     WINDOW,
     DetectorStatus,
@@ -66,7 +66,7 @@ class VisionNode(ManagedNode):
             self._add_trigger(name, getattr(processor, name))
         if TF_TYPE is not None:
             qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            self.create_subscription(TF_TYPE, '/tf_static', self._take_static_transforms, qos)
+            self.create_subscription(TF_TYPE, TF_STATIC_TOPIC, self._take_static_transforms, qos)
 
     def open(self) -> None:
         """Open the rig's file and the topics."""

@@ -228,6 +228,8 @@ class Processor(ABC):
             self.resets += 1
         if frame.camera is not None and self.uses_camera_info:
             self.set_camera(frame.camera)
+        if frame.static_transforms is not None:
+            self.static_transforms = frame.static_transforms
         # Also of an image that cannot be used: the trackers have seen its stamp.
         self._last_stamp_ns = frame.stamp_ns
         yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))

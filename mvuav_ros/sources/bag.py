@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +24,7 @@ from mvuav_ros.messages.images import (
     stamp_ns_in,
     view_coded_image,
 )
+from mvuav_ros.messages.poses import TF, TF_STATIC_TOPIC, TransformTree
 from mvuav_ros.messages.sensors import (
     CAMERA_INFO,
     IMU,
@@ -64,6 +66,7 @@ class EncodedFrame:
     stamp_ns: int  # the image's own, or the recording's where the driver set none
     camera: CameraModel | None = None  # as in `Frame`
     attitude: Attitude | None = None  # as in `Frame`
+    static_transforms: TransformTree | None = None  # as in `Frame`
 
     def decoded(self) -> Frame | BadFrame:
         """The frame, or why there is none."""
@@ -73,7 +76,8 @@ class EncodedFrame:
             frame = _DECODER.decode(self.recorded.type, self.recorded.data)
         except ImageError as error:
             return BadFrame(self.stamp_ns, str(error))
-        return Frame(self.stamp_ns, frame.frame_id, frame.image, self.camera, self.attitude)
+        beside = self.camera, self.attitude, self.static_transforms
+        return Frame(self.stamp_ns, frame.frame_id, frame.image, *beside)
 
 
 def stamp_ns_of_image(recorded: RecordedMessage) -> int:
@@ -206,7 +210,7 @@ class BagImages(FrameSource):
             RecordingError: the bag cannot be read any more.
         """
         synchronized = self.camera_topic if camera else None, self.imu_topic if attitude else None
-        paired = SynchronizedTopics(self.topic, *synchronized)
+        paired = SynchronizedTopics(self.topic, *synchronized, self._named(TF, TF_STATIC_TOPIC))
         recording = self._recording
         is_part = selection.is_part
         origin_ns = self.origin_ns if is_part else 0
@@ -294,19 +298,30 @@ AnyFrame = EncodedFrame | Frame
 
 
 class SynchronizedTopics:
-    """The messages of a calibration's topic and of an attitude's, None where there is none."""
+    """The messages of a calibration's topic and of others', None where there is none."""
 
-    def __init__(self, image_topic: str, camera_topic: str | None, imu_topic: str | None) -> None:
+    def __init__(
+        self,
+        image_topic: str,
+        camera_topic: str | None,
+        imu_topic: str | None,
+        static_topic: str | None,
+    ) -> None:
         self._image_topic = image_topic
         self._camera_topic = camera_topic
         self._imu_topic = imu_topic
-        self.topics = {topic for topic in (self._camera_topic, self._imu_topic) if topic}
+        self._static_topic = static_topic
+        self.topics = {topic for topic in (camera_topic, imu_topic, static_topic) if topic}
+        self._transforms: TransformTree | None = None
         self._known: tuple[bytes, CameraModel] | None = None
         self._cameras = StampPairing[CameraModel, AnyFrame]()
         self._attitudes = AttitudePairing[AnyFrame]()
 
     def look_ahead(self, recording: Recording, start_ns: int) -> None:
-        """The calibration of a part may have been published once, before the part begins."""
+        """What holds for a part may have been published once, before the part begins."""
+        if self._static_topic is not None:
+            for message in recording.messages({self._static_topic}, None, start_ns):
+                self.take(message)
         if self._camera_topic is None:
             return
         counts = {topic.name: topic.message_count for topic in recording.topics}
@@ -326,12 +341,20 @@ class SynchronizedTopics:
         """Look at a message of any topic; one topic may have messages of several types."""
         if message.topic == self._camera_topic:
             self._add_camera(message)
-        elif (message.topic, message.type) == (self._imu_topic, IMU):
-            try:
-                decoded = decode_message(message.type, message.data)
-            except MalformedMessageError:
-                return
+            return
+        kind = {self._imu_topic: IMU, self._static_topic: TF}.get(message.topic)
+        if kind is None or message.type != kind:
+            return
+        try:
+            decoded = decode_message(kind, message.data)
+        except MalformedMessageError:
+            return
+        if kind == IMU:
             self._attitudes.add_info(stamp_ns_of(decoded.header), decode_imu(decoded))
+        else:
+            # Frames before it, which may be at work in other threads, keep theirs.
+            self._transforms = deepcopy(self._transforms or TransformTree())
+            self._transforms.add(decoded)
 
     def completed(
         self, frames: Iterable[AnyFrame | BadFrame], *, wait: bool
@@ -350,7 +373,9 @@ class SynchronizedTopics:
         for_imu = wait and self._imu_topic is not None
         while (match := self._attitudes.take(wait=for_imu)) is not None:
             attitude, frame = match
-            yield frame if attitude is None else replace(frame, attitude=attitude)
+            if attitude is not None or self._transforms is not None:
+                frame = replace(frame, attitude=attitude, static_transforms=self._transforms)
+            yield frame
 
     def _add_camera(self, recorded: RecordedMessage) -> bool:
         """Whether the message could be read; as a rule it is the last one with another stamp."""
