@@ -262,7 +262,7 @@ class Frame:
     Attributes:
         camera: the calibration, usable or not, that holds for it; None where there is none.
         attitude: of the body that carries the camera, at that time; None where it is not known.
-        static_transforms: where the camera is mounted, of a recording that says so.
+        static_transforms: those of a recording's ``/tf_static``; None where it has none.
     """
 
     stamp_ns: int

@@ -169,6 +169,16 @@ def camera_info_topic(node: Node) -> str:
     return topic
 
 
+def published_topics(node: Node, *kinds: type) -> list[tuple[str, str]]:
+    """Topics with such messages that somebody publishes, and their types, debug images left out."""
+    known = {type_name(kind): kind.__name__ for kind in kinds}
+    return [
+        (topic, known[types[0]])
+        for topic, types in node.get_topic_names_and_types()
+        if types[0] in known and '/debug' not in topic and node.count_publishers(topic) > 0
+    ]
+
+
 class _OwnThread(CallbackGroup):
     """Keeps the executor away."""
 
@@ -495,7 +505,7 @@ class ImageInput(FrameInput):
             self._events.incompatible = int(self._incompatible.take_event().total_count)
         infos = self._node.get_publishers_info_by_topic(self.topic)
         names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
-        others = [] if infos else self._image_topics()
+        others = [] if infos else published_topics(self._node, Image, CompressedImage)
         state = InputState(self.topic, names, self._events, self._obstacle(infos), others)
         better = self._better({info.qos_profile.reliability for info in infos})
         if better is not None:
@@ -533,17 +543,6 @@ class ImageInput(FrameInput):
             else:
                 return ''
         return why
-
-    def _image_topics(self) -> list[tuple[str, str]]:
-        """Topics with images that somebody publishes, and their types, ours left out."""
-        known = {type_name(kind): kind.__name__ for kind in (Image, CompressedImage)}
-        return [
-            (topic, known[types[0]])
-            for topic, types in self._node.get_topic_names_and_types()
-            if types[0] in known
-            and '/debug' not in topic
-            and self._node.count_publishers(topic) > 0
-        ]
 
     def _arrived(self, ready: Sequence[int]) -> list[ReceivedImage]:
         images: list[ReceivedImage] = []

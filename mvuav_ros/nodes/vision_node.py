@@ -29,6 +29,7 @@ from mvuav_ros.nodes.image_input import (
     SynchronizedTopic,
     camera_info_topic,
     image_topic,
+    published_topics,
 )
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
@@ -192,6 +193,13 @@ class VisionNode(ManagedNode):
                 why += f'; as it is latched, set qos_overrides.{topic}.subscription.durability to '
                 why += 'transient_local, and .reliability to reliable'
             notes.append(f'no pose: {why}')
+        topic = self.resolve_topic_name('imu')
+        if self._processor.awaits_attitude and self.count_publishers(topic) == 0:
+            others = [name for name, _ in published_topics(self, Imu)]
+            words = (
+                f'no attitude: nothing publishes {topic}; there is {", ".join(others)}: remap imu'
+            )
+            notes += [words] if others else []
         for name, conditions in self._live.current.without_effect().items():
             when = '; or '.join(map(condition_text, conditions))
             notes.append(f'{name} has no effect: it counts with {when}')

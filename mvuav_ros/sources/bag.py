@@ -136,11 +136,21 @@ class BagImages(FrameSource):
 
     rate: float | None = None
 
-    def __init__(self, path: Path, topic: str | None = None, *, or_first: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        topic: str | None = None,
+        *,
+        or_first: bool = False,
+        imu_topic: str | None = None,
+    ) -> None:
         """Open a bag; ``topic`` is as in `choose_image_topic`, and ``or_first`` too.
 
+        The body's attitude is that of ``imu_topic``; if None of ``imu`` beside the images, else of
+        ``/imu``.
+
         Raises:
-            RecordingError: it is not a bag, or the topic cannot be chosen.
+            RecordingError: it is not a bag, or a topic cannot be chosen.
         """
         self._recording = open_recording(path)
         try:
@@ -160,8 +170,15 @@ class BagImages(FrameSource):
         self.image_topics = tuple({t.name: 0 for t in self._filled if is_image_type(t.type)})
         # None where there is none, as of the body's attitude.
         self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
-        beside = self._named(IMU, topic_beside(self.topic, 'imu'))
-        self.imu_topic = beside or self._named(IMU, '/imu')
+        self.imu_topics = [each.name for each in self._filled if each.type == IMU]
+        places = [topic_beside(self.topic, 'imu'), '/imu']
+        if imu_topic is not None:
+            places = [f'/{imu_topic.lstrip("/")}']
+            if places[0] not in self.imu_topics:
+                self._recording.close()
+                there = _listed(self.imu_topics) or 'none'
+                raise RecordingError(f'{path} has no imu topic {imu_topic}; there is {there}')
+        self.imu_topic = next((name for name in places if name in self.imu_topics), None)
         self._message_count = chosen.message_count
         # Of the images read by the newest pass; an estimate until it ends.
         self.count: int | None = chosen.message_count

@@ -15,6 +15,7 @@ from mvuav_ros.cli.options import (
     Force,
     Format,
     ImageTopic,
+    ImuTopic,
     Param,
     ParamsFile,
     SplitMb,
@@ -140,6 +141,7 @@ def replay(
         DETECTORS
     ),
     image_topic: ImageTopic = None,
+    imu_topic: ImuTopic = None,
     params_file: ParamsFile = None,
     param: Param = None,
     fps: Annotated[
@@ -217,6 +219,7 @@ def replay(
     settings = ReplaySettings(
         parameters=complete(resolve_parameters(chosen, params_file, assignments)),
         image_topic=image_topic,
+        imu_topic=imu_topic,
         fps=fps,
         selection=Selection(start, duration, every),
         keep_inputs=keep_inputs,

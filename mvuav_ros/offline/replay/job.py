@@ -78,6 +78,7 @@ class ReplaySettings:
 
     parameters: Mapping[str, Mapping[str, Any]]  # of each node to run, by its name
     image_topic: str | None = None  # of bags that have several
+    imu_topic: str | None = None  # of bags that have it neither beside the images nor at /imu
     fps: float | None = None  # frame rate of images without stamps, Hz
     selection: Selection = EVERYTHING  # the part of the recording
     keep_inputs: bool = False  # whether the input's messages go along
@@ -158,7 +159,13 @@ class ReplayInput:
             SourceError: there is no such thing, nothing in it can be read, or the calibration is
                 not one of its images.
         """
-        source = open_source(text, topic=given.image_topic, rate=given.fps, cameras=False)
+        source = open_source(
+            text,
+            topic=given.image_topic,
+            imu_topic=given.imu_topic,
+            rate=given.fps,
+            cameras=False,
+        )
         self._source, self._selection, self._camera = source, given.selection, given.camera
         self.name, self.account, self.close = source.name, source.account, source.close
         if self._camera is not None:
@@ -188,6 +195,10 @@ class ReplayInput:
         if not isinstance(source, BagImages):
             yield from self._images(keep)
             return
+        if attitude and source.imu_topic is None and source.imu_topics:
+            there = ', '.join(source.imu_topics)
+            said = f'no attitude is used; --imu-topic names the topic of it: {there}'
+            self.account.note(('imu',), said)
         beside = topic_beside(source.topic, 'camera_info')
         camera = camera and given is None
         for item in source.items(self._selection, others=keep, camera=camera, attitude=attitude):
