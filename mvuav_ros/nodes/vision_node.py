@@ -63,8 +63,8 @@ class VisionNode(ManagedNode):
         every_second(self, self._publish_periodic)
         self.create_service(SetBool, '~/enable', self._on_enable)
         self._add_trigger('reset', processor.reset, 'all earlier frames are forgotten')
-        for name in processor.triggers:
-            self._add_trigger(name, getattr(processor, name))
+        for name, said in processor.triggers.items():
+            self._add_trigger(name, getattr(processor, name), said)
         if TF_TYPE is not None:
             qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             self.create_subscription(TF_TYPE, TF_STATIC_TOPIC, self._take_static_transforms, qos)
@@ -149,7 +149,7 @@ class VisionNode(ManagedNode):
         # OpenCV takes a negative number for its own choice.
         cv2.setNumThreads(parameters.opencv_threads or -1)
 
-    def _add_trigger(self, name: str, action: Callable[[], None], said: str = '') -> None:
+    def _add_trigger(self, name: str, action: Callable[[], None], said: str) -> None:
         def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             with self._answerer.lock:
                 action()

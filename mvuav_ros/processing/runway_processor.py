@@ -106,7 +106,7 @@ class RunwayDetectorProcessor(Processor):
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
     uses_attitude = True
-    triggers = ('reset_statistics',)
+    triggers = {'reset_statistics': 'the statistics begin at zero'}
     _parameters: RunwayDetectorParameters
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
