@@ -275,8 +275,10 @@ class SynchronizedTopic:
 
     def take(self, ready: Sequence[int]) -> None:
         """Take in what has come, where this is one of the pointers of what is ready."""
-        if self.subscription.handle.pointer not in ready:
-            return
+        if self.subscription.handle.pointer in ready:
+            self._take_all()
+
+    def _take_all(self) -> None:
         while (taken := self.subscription.handle.take_message(self.kind, False)) is not None:
             message: Any = taken[0]
             self._pairing.add_info(stamp_ns_of(message.header), self._decode(message))
@@ -291,6 +293,8 @@ class SynchronizedTopic:
         while (found := self._pairing.take(wait=self._may_come())) is not None:
             given: dict[str, Any] = {self._field: found[0]}
             yield found[1]._replace(**given)
+            # While that one was answered, what the next waits for may have come, and its time gone.
+            self._take_all()
 
     def _may_come(self) -> bool:
         """Whether what the longest-held image waits for may yet come."""
