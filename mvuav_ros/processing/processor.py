@@ -115,8 +115,7 @@ class Processor(ABC):
         The ``target`` is that frame in the camera's optical one.
         """
         given, outputs = self._parameters, []
-        # tf2 takes neither a frame without a name nor one that begins with a slash.
-        own = given.camera_frame or frame.frame_id.lstrip('/')
+        own = self._camera_frame(frame)
         vehicle = self._vehicle(camera, own)
         if vehicle is not None:
             make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
@@ -145,21 +144,30 @@ class Processor(ABC):
 
     def _vehicle(self, camera: poses.Placement, camera_frame: str) -> poses.Placement | None:
         """What ``~/vision_pose`` is the pose of; None where that is not known."""
+        if not self._parameters.base_frame:
+            return camera
+        mount = self._mount(camera_frame)
+        return None if mount is None else poses.vehicle_of(camera, mount)
+
+    def _mount(self, camera_frame: str) -> poses.Placement | None:
+        """The camera's body axes on the vehicle; None where that is not known."""
         given = self._parameters
         xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
-        if not given.base_frame:
-            return camera
         if any(xyz) or any(rpy_deg):
-            return poses.vehicle_of(camera, poses.mount_of(xyz, rpy_deg))
+            return poses.mount_of(xyz, rpy_deg)
         found = self.static_transforms.find(camera_frame, given.base_frame)
         if found is not None:
-            return poses.vehicle_of(camera, poses.body_axes(found))
+            return poses.body_axes(found)
         self.frames_problem = (
             f'no ~/vision_pose of {given.base_frame}: camera_mount_xyz and camera_mount_rpy_deg '
             f'are 0, and /tf_static does not lead from {given.base_frame} to '
             f'{camera_frame or "a camera without frame_id"}'
         )
         return None
+
+    def _camera_frame(self, frame: Frame) -> str:
+        """Its name on /tf, where none begins with a slash."""
+        return str(self._parameters.camera_frame or frame.frame_id.lstrip('/'))
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:
