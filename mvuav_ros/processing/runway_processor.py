@@ -197,9 +197,8 @@ class RunwayDetectorProcessor(Processor):
     def _attitude(self, frame: Frame) -> Attitude | None:
         """The body's, or where /tf_static has the camera's mount that of the camera's own axes."""
         given, attitude = self._parameters, frame.attitude
-        if attitude is None or not (given.base_frame and attitude.valid):
-            return attitude
-        if any(given.camera_mount_xyz) or any(given.camera_mount_rpy_deg):
+        is_stated = any((*given.camera_mount_xyz, *given.camera_mount_rpy_deg))
+        if attitude is None or is_stated or not (given.base_frame and attitude.valid):
             return attitude
         mount = self._mount(self._camera_frame(frame))
         if mount is None:

@@ -136,21 +136,11 @@ class BagImages(FrameSource):
 
     rate: float | None = None
 
-    def __init__(
-        self,
-        path: Path,
-        topic: str | None = None,
-        *,
-        or_first: bool = False,
-        imu_topic: str | None = None,
-    ) -> None:
+    def __init__(self, path: Path, topic: str | None = None, *, or_first: bool = False) -> None:
         """Open a bag; ``topic`` is as in `choose_image_topic`, and ``or_first`` too.
 
-        The body's attitude is that of ``imu_topic``; if None of ``imu`` beside the images, else of
-        ``/imu``.
-
         Raises:
-            RecordingError: it is not a bag, or a topic cannot be chosen.
+            RecordingError: it is not a bag, or the topic cannot be chosen.
         """
         self._recording = open_recording(path)
         try:
@@ -172,12 +162,6 @@ class BagImages(FrameSource):
         self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
         self.imu_topics = [each.name for each in self._filled if each.type == IMU]
         places = [topic_beside(self.topic, 'imu'), '/imu']
-        if imu_topic is not None:
-            places = [f'/{imu_topic.lstrip("/")}']
-            if places[0] not in self.imu_topics:
-                self._recording.close()
-                there = _listed(self.imu_topics) or 'none'
-                raise RecordingError(f'{path} has no imu topic {imu_topic}; there is {there}')
         self.imu_topic = next((name for name in places if name in self.imu_topics), None)
         self._message_count = chosen.message_count
         # Of the images read by the newest pass; an estimate until it ends.
@@ -186,6 +170,13 @@ class BagImages(FrameSource):
 
     def _named(self, kind: str, name: str) -> str | None:
         return name if (name, kind) in {(t.name, t.type) for t in self._filled} else None
+
+    def take_attitude_of(self, topic: str) -> None:
+        """Give frames the attitude of another topic; a `RecordingError` where there is none."""
+        self.imu_topic = f'/{topic.lstrip("/")}'
+        if self.imu_topic not in self.imu_topics:
+            there = _listed(self.imu_topics) or 'none'
+            raise RecordingError(f'{self.name} has no imu topic {topic}; there is {there}')
 
     @cached_property
     def origin_ns(self) -> int:

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
-from typing import Any
 from urllib.parse import parse_qsl
 
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
@@ -30,7 +29,6 @@ def open_source(
     text: str | Path | int,
     *,
     topic: str | None = None,
-    imu_topic: str | None = None,
     rate: float | None = None,
     cameras: bool = True,
     camera: VideoSourceParameters | None = None,
@@ -41,7 +39,6 @@ def open_source(
         text: a camera index or device, a video file, a folder or glob of images, a bag, an URL
             of one of them, or a synthetic flight (``sim:tanker``, ``sim:runway``).
         topic: the image topic of a bag.
-        imu_topic: the topic of its attitude; default: ``imu`` beside the images, else ``/imu``.
         rate: frames per second of images without stamps, Hz.
         cameras: whether a camera will do.
         camera: what a camera is asked for.
@@ -67,7 +64,7 @@ def open_source(
     if text.startswith(SIMULATED):
         return SimulatedFlight(text, rate)
     if is_url(text):
-        return _remote(text, topic=topic, imu_topic=imu_topic, rate=rate)
+        return _remote(text, topic, rate)
     if cameras and (text.isdecimal() or text.startswith('/dev/')):
         return Camera(int(text) if text.isdecimal() else text, camera)
     path = Path(text).expanduser()
@@ -76,7 +73,7 @@ def open_source(
     if not path.exists():
         raise SourceError(f'{text}: there is no such file or folder')
     if looks_like_bag(path):
-        return _bag(path, topic, imu_topic)
+        return _bag(path, topic)
     if path.is_dir():
         return ImageFolder(text, _visible(path), rate)
     if not path.is_file():
@@ -88,12 +85,12 @@ def open_source(
     return VideoFile(path, rate)
 
 
-def _remote(url: str, **given: Any) -> FrameSource:
+def _remote(url: str, topic: str | None, rate: float | None) -> FrameSource:
     """A copy of what lies elsewhere, for as long as the source is used."""
     folder = TemporaryDirectory(prefix='mvuav_')
     try:
         path = fetch(url, Path(folder.name))
-        source = open_source(str(path), cameras=False, **given)
+        source = open_source(str(path), topic=topic, rate=rate, cameras=False)
     except SourceError:
         folder.cleanup()
         raise
@@ -125,7 +122,7 @@ def _visible(folder: Path) -> list[Path]:
     return [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
 
 
-def _bag(path: Path, topic: str | None, imu_topic: str | None) -> FrameSource:
+def _bag(path: Path, topic: str | None) -> FrameSource:
     # The bag libraries come from PyPI; cameras and videos work on a robot that lacks them.
     try:
         from mvuav_ros.sources.bag import BagImages
@@ -133,7 +130,7 @@ def _bag(path: Path, topic: str | None, imu_topic: str | None) -> FrameSource:
         raise SourceError(
             f'{path}: reading bags needs rosbags and mcap (pip install rosbags mcap): {error}'
         ) from error
-    return BagImages(path, topic, imu_topic=imu_topic)
+    return BagImages(path, topic)
 
 
 class SimulatedFlight(FrameSource):

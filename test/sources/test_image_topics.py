@@ -179,9 +179,11 @@ def test_the_attitude_of_another_topic_is_taken_where_it_is_named(tmp_path: Path
         for topic in ('/imu', '/mavros/imu/data'):
             writer.write(topic, IMU, START_NS, b'')
         writer.write('/nose/image_raw', IMAGE, START_NS, cdr(image(1)))
-    assert BagImages(bag).imu_topic == '/imu'
-    assert BagImages(bag, imu_topic='mavros/imu/data').imu_topic == '/mavros/imu/data'
+    source = BagImages(bag)
+    assert source.imu_topic == '/imu'
+    source.take_attitude_of('mavros/imu/data')
+    assert source.imu_topic == '/mavros/imu/data'
     with pytest.raises(
-        RecordingError, match='no imu topic /imu/data; there is /imu, /mavros/imu/data'
+        RecordingError, match='imu topic /imu/data; there is /imu, /mavros/imu/data'
     ):
-        BagImages(bag, imu_topic='/imu/data')
+        source.take_attitude_of('/imu/data')

@@ -159,15 +159,11 @@ class ReplayInput:
             SourceError: there is no such thing, nothing in it can be read, or the calibration is
                 not one of its images.
         """
-        source = open_source(
-            text,
-            topic=given.image_topic,
-            imu_topic=given.imu_topic,
-            rate=given.fps,
-            cameras=False,
-        )
+        source = open_source(text, topic=given.image_topic, rate=given.fps, cameras=False)
         self._source, self._selection, self._camera = source, given.selection, given.camera
         self.name, self.account, self.close = source.name, source.account, source.close
+        if given.imu_topic is not None and isinstance(source, BagImages):
+            source.take_attitude_of(given.imu_topic)
         if self._camera is not None:
             if source.is_rectified:
                 self._camera = self._camera.rectified()
