@@ -19,6 +19,7 @@ from mvuav_ros.messages.cdr import (
 from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import from_rpy, quaternion
 from mvuav_ros.vision.runway.debug_images import line_color
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
 from mvuav_ros.vision.runway.statistics import LineSummary, RunwaySummary
@@ -134,17 +135,9 @@ def encode_pose(guidance: Guidance, header: bytes) -> bytes:
     NaN with a huge variance where it is not known. The orientation is that of the camera's body
     axes (x forward, y left, z up).
     """
-    cr, sr = math.cos(0.5 * guidance.roll), math.sin(0.5 * guidance.roll)
-    cp, sp = math.cos(0.5 * guidance.pitch), math.sin(0.5 * guidance.pitch)
-    cy, sy = math.cos(0.5 * guidance.yaw), math.sin(0.5 * guidance.yaw)
-    quaternion = (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
+    turn = quaternion(from_rpy(guidance.roll, guidance.pitch, guidance.yaw))
     covariance = guidance.covariance.ravel().tolist()
-    return stamped_doubles(header, guidance.x, guidance.y, guidance.z, *quaternion, *covariance)
+    return stamped_doubles(header, guidance.x, guidance.y, guidance.z, *turn, *covariance)
 
 
 def encode_corrections(result: Result, header: bytes) -> bytes:

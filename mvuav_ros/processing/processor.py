@@ -116,7 +116,10 @@ class Processor(ABC):
         """
         given, outputs = self._parameters, []
         own = self._camera_frame(frame)
-        vehicle = self._vehicle(camera, own)
+        vehicle: poses.Placement | None = camera
+        if given.base_frame:
+            mount = self._mount(own)
+            vehicle = None if mount is None else poses.vehicle_of(camera, mount)
         if vehicle is not None:
             make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
             outputs.append(Output('vision_pose', make))
@@ -141,13 +144,6 @@ class Processor(ABC):
             make = partial(poses.encode_transform, placed, header, child)
             outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
-
-    def _vehicle(self, camera: poses.Placement, camera_frame: str) -> poses.Placement | None:
-        """What ``~/vision_pose`` is the pose of; None where that is not known."""
-        if not self._parameters.base_frame:
-            return camera
-        mount = self._mount(camera_frame)
-        return None if mount is None else poses.vehicle_of(camera, mount)
 
     def _mount(self, camera_frame: str) -> poses.Placement | None:
         """The camera's body axes on the vehicle; None where that is not known."""

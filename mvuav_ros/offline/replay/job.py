@@ -29,7 +29,7 @@ from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.account import Account, RecordingError, counted
+from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.remote import fingerprint, is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.stored_file import RecordedMessage
@@ -260,7 +260,6 @@ class FrameResults:
     messages: list[ResultMessage] = field(default_factory=list)  # node after node
     reasons: list[str] = field(default_factory=list)  # why a node could not use the frame
     statuses: dict[str, str] = field(default_factory=dict)  # of those that could: what was missing
-    problems: dict[str, str] = field(default_factory=dict)  # why a pose could not be published
     seconds: float = 0.0  # that the nodes took for it
     is_frame: bool = True  # False for what nodes say once, at the end
 
@@ -390,9 +389,8 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     start = time.perf_counter()
     try:
         results.messages += _messages(processor, processor.process(frame))
-        results.statuses[processor.name] = processor.status
-        if processor.frames_problem:
-            results.problems[processor.name] = processor.frames_problem
+        said = processor.status, processor.frames_problem
+        results.statuses[processor.name] = '; '.join(filter(None, said))
         if debug:
             results.messages += _messages(processor, processor.draw(processor.debug_topics))
     except DuplicateStampError:
@@ -421,7 +419,6 @@ def merged(parts: Sequence[FrameResults]) -> FrameResults:
         [message for part in parts for message in part.messages],
         list(dict.fromkeys(reason for part in parts for reason in part.reasons)),
         {name: status for part in parts for name, status in part.statuses.items()},
-        {name: problem for part in parts for name, problem in part.problems.items()},
         sum(part.seconds for part in parts),
         parts[0].is_frame,
     )
@@ -523,7 +520,6 @@ class _Output:
         self._job, self._outputs = job, outputs
         self._logged_ns: int | None = None
         self._always: dict[str, dict[str, None]] = {}
-        self._problems: Counter[tuple[str, str]] = Counter()
 
     def take(self, step: FrameResults | RecordedMessage) -> None:
         if isinstance(step, FrameResults):
@@ -532,7 +528,6 @@ class _Output:
                 self._writer.write(topic, kind, logged_ns, data)
             if step.is_frame:
                 self.outcome.count(step)
-                self._problems.update(step.problems.items())
                 for node, status in step.statuses.items():
                     parts = dict.fromkeys(filter(None, status.split('; ')))
                     known = self._always.setdefault(node, parts)
@@ -546,12 +541,10 @@ class _Output:
             self._writer.write(*step)
 
     def note_statuses(self) -> None:
-        """Say what each node has said of every frame, and how many poses it did not publish."""
+        """Say what each node has said of every frame: a mistake in the settings, as a rule."""
         for node, parts in self._always.items():
             if parts:
                 self._account.note(('status', node), f'{node}, every frame: {"; ".join(parts)}')
-        for (node, problem), count in self._problems.items():
-            self._account.note((node, problem), f'{node}, {counted(count, "frame")}: {problem}')
 
     @cached_property
     def _writer(self) -> Writer:
