@@ -306,20 +306,15 @@ AnyFrame = EncodedFrame | Frame
 
 
 class SynchronizedTopics:
-    """The messages of a calibration's topic and of others', None where there is none."""
+    """The messages of the topics ``beside`` images, None where there is none.
 
-    def __init__(
-        self,
-        image_topic: str,
-        camera_topic: str | None,
-        imu_topic: str | None,
-        static_topic: str | None,
-    ) -> None:
+    These are of the calibration, the attitude, and the static transforms.
+    """
+
+    def __init__(self, image_topic: str, *beside: str | None) -> None:
         self._image_topic = image_topic
-        self._camera_topic = camera_topic
-        self._imu_topic = imu_topic
-        self._static_topic = static_topic
-        self.topics = {topic for topic in (camera_topic, imu_topic, static_topic) if topic}
+        self._camera_topic, self._imu_topic, self._static_topic = beside
+        self.topics = {topic for topic in beside if topic}
         self._transforms: TransformTree | None = None
         self._known: tuple[bytes, CameraModel] | None = None
         self._cameras = StampPairing[CameraModel, AnyFrame]()
@@ -349,20 +344,15 @@ class SynchronizedTopics:
         """Look at a message of any topic; one topic may have messages of several types."""
         if message.topic == self._camera_topic:
             self._add_camera(message)
-            return
-        kind = {self._imu_topic: IMU, self._static_topic: TF}.get(message.topic)
-        if kind is None or message.type != kind:
-            return
-        try:
-            decoded = decode_message(kind, message.data)
-        except MalformedMessageError:
-            return
-        if kind == IMU:
-            self._attitudes.add_info(stamp_ns_of(decoded.header), decode_imu(decoded))
-        else:
-            # Frames before it, which may be at work in other threads, keep theirs.
-            self._transforms = deepcopy(self._transforms or TransformTree())
-            self._transforms.add(decoded)
+        with suppress(MalformedMessageError):
+            if (message.topic, message.type) == (self._imu_topic, IMU):
+                imu = decode_message(IMU, message.data)
+                self._attitudes.add_info(stamp_ns_of(imu.header), decode_imu(imu))
+            elif (message.topic, message.type) == (self._static_topic, TF):
+                # A new one: frames before it, which may be at work in other threads, keep theirs.
+                transforms = deepcopy(self._transforms or TransformTree())
+                transforms.add(decode_message(TF, message.data))
+                self._transforms = transforms
 
     def completed(
         self, frames: Iterable[AnyFrame | BadFrame], *, wait: bool
