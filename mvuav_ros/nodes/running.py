@@ -181,15 +181,17 @@ def run_nodes(names: Sequence[str]) -> int:
 _UNREADABLE = re.compile(
     r"Couldn't parse .*: '(?:--params-file|-p) (?P<given>.*)'\. Error: (?P<why>.*?), at \S+:\d+"
 )
-_MIXED = re.compile(r"Sequence should be of same type\. Value type '.*' do not belong at line_num")
 
 
 def _explained(error: Exception) -> str:
     if found := _UNREADABLE.search(str(error)):
         # What rcl says is for those who know its C code.
-        mixed = 'a list of several types; write [0.0, 20.0, 0.0], not [0.0, 20, 0.0], in line'
-        why = found['why'].replace('error not set', 'has no value')
-        return f'{found["given"]}: {_MIXED.sub(mixed, why)}'
+        why = found['why'].replace('error not set', 'no value')
+        if 'should be of same type' in why:
+            place = why.rsplit(' ', 1)[1]
+            why = 'a list of several types; write [0.0, 20.0, 0.0], not [0.0, 20, 0.0], '
+            why += f'in line {place}'
+        return f'{found["given"]}: {why}'
     if not isinstance(error, rclpy_implementation.UnknownROSArgsError):
         return str(error)
     strange = str(error).strip('[]')
