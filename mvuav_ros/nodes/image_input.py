@@ -324,7 +324,7 @@ class FrameInput(ABC):
         node: Node,
         name: str,
         on_image: Callable[[ReceivedImage], None],
-        synchronized: Sequence[SynchronizedTopic],
+        synchronized: Sequence[SynchronizedTopic] = (),
     ) -> None:
         self._events = InputEvents()
         self._node, self._on_image = node, on_image
@@ -406,14 +406,8 @@ class IntraProcessInput(FrameInput):
     A detector that is too slow loses the oldest frames, and the source never waits for it.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        name: str,
-        on_image: Callable[[ReceivedImage], None],
-        synchronized: Sequence[SynchronizedTopic] = (),
-    ) -> None:
-        super().__init__(node, name, on_image, synchronized)
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
         self._waiting: deque[ReceivedImage] = deque(maxlen=_DEPTH)
         self._lock = Lock()
 

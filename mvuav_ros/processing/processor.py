@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -14,6 +15,7 @@ from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.common_parameters import DetectorParameters
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 
 class DuplicateStampError(ValueError):
@@ -67,7 +69,8 @@ class Processor(ABC):
     periodic_topics: ClassVar[Mapping[str, type]] = {}  # those of `periodic`
     uses_camera_info: ClassVar[bool] = False  # whether frames should come with their camera
     uses_attitude: ClassVar[bool] = False  # whether frames should come with the body's attitude
-    triggers: ClassVar[Mapping[str, str]] = {}  # methods that users may call, ``~/<name>``; answers
+    # Methods that users may call, ``~/<name>``, and what that answers
+    triggers: ClassVar[Mapping[str, str]] = {'reset': 'all earlier frames are forgotten'}
 
     def __init__(self, parameters: Any = None) -> None:
         """Prepare for the first frame; the parameters are the defaults if None."""
@@ -104,11 +107,7 @@ class Processor(ABC):
         self.message_types: Mapping[str, type] = {**images, **self.periodic_topics, **self.topics}
 
     def _placements(
-        self,
-        camera: poses.Placement,
-        target: poses.Placement,
-        name: str,
-        frame: Frame,
+        self, camera: poses.Placement, target: poses.Placement, name: str, frame: Frame
     ) -> list[Output]:
         """A frame's pose as others take it: the camera's body axes in the frame of that name.
 
@@ -153,7 +152,7 @@ class Processor(ABC):
             return poses.mount_of(xyz, rpy_deg)
         found = self.static_transforms.find(camera_frame, given.base_frame)
         if found is not None:
-            return poses.body_axes(found)
+            return replace(found, rotation=found.rotation @ OPTICAL_FROM_BODY)
         self.frames_problem = (
             f'no ~/vision_pose of {given.base_frame}: camera_mount_xyz and camera_mount_rpy_deg '
             f'are 0, and /tf_static does not lead from {given.base_frame} to '

@@ -31,7 +31,7 @@ from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import Attitude, from_quaternion, quaternion
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_quaternion, quaternion
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import RunwayLevels, runway_levels
 from mvuav_ros.vision.runway.debug_images import draw_confined, draw_edges, draw_hough, draw_overlay
@@ -108,7 +108,7 @@ class RunwayDetectorProcessor(Processor):
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
     uses_attitude = True
-    triggers = {'reset_statistics': 'the statistics begin at zero'}
+    triggers = {**Processor.triggers, 'reset_statistics': 'the statistics begin at zero'}
     _parameters: RunwayDetectorParameters
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
@@ -229,7 +229,7 @@ class RunwayDetectorProcessor(Processor):
         camera = poses.camera_in_runway(guidance)
         if not camera.known:
             return outputs
-        runway = poses.runway_in_camera(guidance)
+        runway = replace(camera, rotation=camera.rotation @ OPTICAL_FROM_BODY.T).inverse
         return outputs + self._placements(camera, runway, name, frame)
 
     def draw(self, debug: Collection[str]) -> list[Output]:

@@ -8,7 +8,7 @@ import sys
 import time
 from contextlib import suppress
 from itertools import cycle
-from threading import Event, Thread
+from threading import Thread
 from typing import Any
 
 import cv2
@@ -90,16 +90,15 @@ def camera(orders: str) -> None:
         topic, keep = f'/{name}/{RESULTS[name]}', _keeper(answers)
         node.create_subscription(PointCloud2, topic, keep, QoSProfile(depth=100), raw=True)
     node.create_subscription(DiagnosticArray, '/diagnostics', _status_keeper(status), 10)
-    stop = Event()
-    spinning = Thread(target=_spin, args=(node, stop), daemon=True)
-    spinning.start()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    Thread(target=executor.spin, daemon=True).start()
     sent = _publish(node, given)
     time.sleep(0.3)
     print('end', flush=True)
     # The next diagnostics.
     time.sleep(1.2)
-    stop.set()
-    spinning.join()
+    executor.shutdown()
     print(json.dumps({'sent': sent, 'results': results, 'status': status}))
     node.destroy_node()
     rclpy.try_shutdown()
@@ -150,14 +149,6 @@ def _status_keeper(newest: dict[str, dict[str, str]]) -> Any:
             newest[status.name.strip('/')] = {pair.key: pair.value for pair in status.values}
 
     return keep
-
-
-def _spin(node: Any, stop: Event) -> None:
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    with suppress(ExternalShutdownException):
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=0.1)
 
 
 if __name__ == '__main__':
