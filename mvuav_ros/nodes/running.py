@@ -178,20 +178,18 @@ def run_nodes(names: Sequence[str]) -> int:
     return status
 
 
-_UNREADABLE = re.compile(
-    r"Couldn't parse .*: '(?:--params-file|-p) (?P<given>.*)'\. Error: (?P<why>.*?), at \S+:\d+"
-)
+_UNREADABLE = re.compile(r"parse .*: '(?:--params-file|-p) (.*)'\. Error: (.*?), at \S+:\d+")
 
 
 def _explained(error: Exception) -> str:
     if found := _UNREADABLE.search(str(error)):
         # What rcl says is for those who know its C code.
-        why = found['why'].replace('error not set', 'no value')
+        given, why = found.groups()
         if 'should be of same type' in why:
             place = why.rsplit(' ', 1)[1]
             why = 'a list of several types; write [0.0, 20.0, 0.0], not [0.0, 20, 0.0], '
             why += f'in line {place}'
-        return f'{found["given"]}: {why}'
+        return f'{given}: {why.replace("error not set", "no value")}'
     if not isinstance(error, rclpy_implementation.UnknownROSArgsError):
         return str(error)
     strange = str(error).strip('[]')

@@ -194,11 +194,9 @@ class VisionNode(ManagedNode):
             notes.append(f'no pose: {why}')
         topic = self.resolve_topic_name('imu')
         if self._processor.awaits_attitude and self.count_publishers(topic) == 0:
-            others = [name for name, _ in published_topics(self, Imu)]
-            words = (
-                f'no attitude: nothing publishes {topic}; there is {", ".join(others)}: remap imu'
-            )
-            notes += [words] if others else []
+            there = ', '.join(name for name, _ in published_topics(self, Imu))
+            said = f'no attitude: nothing publishes {topic}; there is {there}: remap imu'
+            notes += [said] if there else []
         for name, conditions in self._live.current.without_effect().items():
             when = '; or '.join(map(condition_text, conditions))
             notes.append(f'{name} has no effect: it counts with {when}')

@@ -114,10 +114,11 @@ class Processor(ABC):
         The ``target`` is that frame in the camera's optical one.
         """
         given, outputs = self._parameters, []
-        own = self._camera_frame(frame)
+        # tf2 takes neither a frame without a name nor one that begins with a slash.
+        own = given.camera_frame or frame.frame_id.lstrip('/')
         vehicle: poses.Placement | None = camera
         if given.base_frame:
-            mount = self._mount(own)
+            mount = self._mount(frame)
             vehicle = None if mount is None else poses.vehicle_of(camera, mount)
         if vehicle is not None:
             make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
@@ -144,9 +145,10 @@ class Processor(ABC):
             outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
 
-    def _mount(self, camera_frame: str) -> poses.Placement | None:
+    def _mount(self, frame: Frame) -> poses.Placement | None:
         """The camera's body axes on the vehicle; None where that is not known."""
         given = self._parameters
+        camera_frame = given.camera_frame or frame.frame_id.lstrip('/')
         xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
         if any(xyz) or any(rpy_deg):
             return poses.mount_of(xyz, rpy_deg)
@@ -159,10 +161,6 @@ class Processor(ABC):
             f'{camera_frame or "a camera without frame_id"}'
         )
         return None
-
-    def _camera_frame(self, frame: Frame) -> str:
-        """Its name on /tf, where none begins with a slash."""
-        return str(self._parameters.camera_frame or frame.frame_id.lstrip('/'))
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:

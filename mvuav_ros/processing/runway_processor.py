@@ -200,7 +200,7 @@ class RunwayDetectorProcessor(Processor):
         is_stated = any((*given.camera_mount_xyz, *given.camera_mount_rpy_deg))
         if attitude is None or is_stated or not (given.base_frame and attitude.valid):
             return attitude
-        mount = self._mount(self._camera_frame(frame))
+        mount = self._mount(frame)
         if mount is None:
             return UNKNOWN_ATTITUDE
         body = from_quaternion(attitude.x, attitude.y, attitude.z, attitude.w)

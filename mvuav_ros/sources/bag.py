@@ -306,10 +306,7 @@ AnyFrame = EncodedFrame | Frame
 
 
 class SynchronizedTopics:
-    """The messages of the topics ``beside`` images, None where there is none.
-
-    These are of the calibration, the attitude, and the static transforms.
-    """
+    """What belongs to images, of the topics ``beside`` them, None where there is none."""
 
     def __init__(self, image_topic: str, *beside: str | None) -> None:
         self._image_topic = image_topic
@@ -350,9 +347,8 @@ class SynchronizedTopics:
                 self._attitudes.add_info(stamp_ns_of(imu.header), decode_imu(imu))
             elif (message.topic, message.type) == (self._static_topic, TF):
                 # A new one: frames before it, which may be at work in other threads, keep theirs.
-                transforms = deepcopy(self._transforms or TransformTree())
-                transforms.add(decode_message(TF, message.data))
-                self._transforms = transforms
+                self._transforms = deepcopy(self._transforms or TransformTree())
+                self._transforms.add(decode_message(TF, message.data))
 
     def completed(
         self, frames: Iterable[AnyFrame | BadFrame], *, wait: bool

@@ -23,7 +23,8 @@ from sensor_msgs.msg import Image as RosImage
 from mvuav_ros.cli.bench.live import FLOOR
 from mvuav_ros.cli.bench.scenes import FRAMES, lights_above_runway
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.images import serialize_compressed_image, serialize_image
+from mvuav_ros.messages.images import serialize_compressed_image, serialize_image, stamp_ns_in
+from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes.publishing import as_encoding
 from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.processing.process_tuning import tune_process
@@ -63,8 +64,7 @@ def floor(transport: str) -> None:
 
     def take(message: RosImage | CompressedImage) -> None:
         now = time.time_ns()
-        stamp = message.header.stamp
-        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        stamp_ns = stamp_ns_of(message.header)
         arrivals[stamp_ns] = now
         answers.publish(_stamped(answer, stamp_ns))
 
@@ -137,8 +137,7 @@ def _publish(node: Any, given: dict[str, Any]) -> list[int]:
 def _keeper(answers: dict[int, int]) -> Any:
     def keep(message: bytes) -> None:
         now = time.time_ns()
-        sec, nanosec = struct.unpack_from('<iI', message, _STAMP_AT)
-        answers[sec * 1_000_000_000 + nanosec] = now
+        answers[stamp_ns_in(message)] = now
 
     return keep
 

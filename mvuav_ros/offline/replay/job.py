@@ -191,10 +191,8 @@ class ReplayInput:
         if not isinstance(source, BagImages):
             yield from self._images(keep)
             return
-        if attitude and source.imu_topic is None and source.imu_topics:
-            there = ', '.join(source.imu_topics)
-            said = f'no attitude is used; --imu-topic names the topic of it: {there}'
-            self.account.note(('imu',), said)
+        if attitude and source.imu_topic is None and (there := ', '.join(source.imu_topics)):
+            self.account.note('imu', f'no attitude is used; --imu-topic names its topic: {there}')
         beside = topic_beside(source.topic, 'camera_info')
         camera = camera and given is None
         for item in source.items(self._selection, others=keep, camera=camera, attitude=attitude):
