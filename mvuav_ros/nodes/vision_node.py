@@ -62,6 +62,7 @@ class VisionNode(ManagedNode):
         publish_status(self, self._report)
         every_second(self, self._publish_periodic)
         self.create_service(SetBool, '~/enable', self._on_enable)
+        self._add_trigger('reset', processor.reset, 'all earlier frames are forgotten')
         for name, said in processor.triggers.items():
             self._add_trigger(name, getattr(processor, name), said)
         if TF_TYPE is not None:

@@ -69,8 +69,7 @@ class Processor(ABC):
     periodic_topics: ClassVar[Mapping[str, type]] = {}  # those of `periodic`
     uses_camera_info: ClassVar[bool] = False  # whether frames should come with their camera
     uses_attitude: ClassVar[bool] = False  # whether frames should come with the body's attitude
-    # Methods that users may call, ``~/<name>``, and what that answers
-    triggers: ClassVar[Mapping[str, str]] = {'reset': 'all earlier frames are forgotten'}
+    triggers: ClassVar[Mapping[str, str]] = {}  # methods that users may call, ``~/<name>``; answers
 
     def __init__(self, parameters: Any = None) -> None:
         """Prepare for the first frame; the parameters are the defaults if None."""

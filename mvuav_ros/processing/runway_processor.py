@@ -108,7 +108,7 @@ class RunwayDetectorProcessor(Processor):
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
     uses_attitude = True
-    triggers = {**Processor.triggers, 'reset_statistics': 'the statistics begin at zero'}
+    triggers = {'reset_statistics': 'the statistics begin at zero'}
     _parameters: RunwayDetectorParameters
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
