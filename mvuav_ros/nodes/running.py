@@ -185,10 +185,8 @@ def _explained(error: Exception) -> str:
     if found := _UNREADABLE.search(str(error)):
         # What rcl says is for those who know its C code.
         given, why = found.groups()
-        if 'should be of same type' in why:
-            place = why.rsplit(' ', 1)[1]
-            why = 'a list of several types; write [0.0, 20.0, 0.0], not [0.0, 20, 0.0], '
-            why += f'in line {place}'
+        words = 'a list of several types; write [0.0, 20.0, 0.0], not [0.0, 20, 0.0], in line'
+        why = re.sub('Sequence should be of same type.*line_num', words, why)
         return f'{given}: {why.replace("error not set", "no value")}'
     if not isinstance(error, rclpy_implementation.UnknownROSArgsError):
         return str(error)

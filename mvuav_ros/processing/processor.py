@@ -221,7 +221,8 @@ class Processor(ABC):
         """
         last = self._last_stamp_ns
         if frame.stamp_ns == last:
-            raise DuplicateStampError(f'stamp {frame.stamp_ns} ns came twice')
+            why = '' if last else ': its publisher sets none, or waits for /clock (use_sim_time)'
+            raise DuplicateStampError(f'stamp {last} ns came twice{why}')
         self.frames_problem = ''
         if last is not None and frame.stamp_ns < last:
             self.reset()
