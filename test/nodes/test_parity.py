@@ -6,6 +6,7 @@ import math
 import signal
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -49,13 +50,18 @@ APPROACH_TOPICS = {
 }
 # Nothing may be dropped on the way, however fast the frames come.
 INPUTS = ('image_raw', 'camera_info')
-SENDING, RECEIVING = (
-    {
-        f'qos_overrides./{topic}.{end}.{policy}': value
-        for topic in INPUTS
+
+
+def keeping_all(end: str, topics: Iterable[str]) -> dict[str, str]:
+    return {
+        f'qos_overrides.{topic}.{end}.{policy}': value
+        for topic in topics
         for policy, value in (('reliability', 'reliable'), ('history', 'keep_all'))
     }
-    for end in ('publisher', 'subscription')
+
+
+SENDING, RECEIVING = (
+    keeping_all(end, ('/image_raw', '/camera_info')) for end in ('publisher', 'subscription')
 )
 
 
@@ -165,7 +171,8 @@ def test_the_attitude_of_an_autopilot(graph: Graph, tmp_path: Path) -> None:
     unmapped.send_signal(signal.SIGINT)
     unmapped.wait()
 
-    graph.start(NODE, remap=(*remap, f'imu:={imu}'), **parameters)
+    qos = keeping_all('subscription', names.values()) | keeping_all('publisher', APPROACH_TOPICS)
+    graph.start(NODE, remap=(*remap, f'imu:={imu}'), **parameters, **qos)
     live = {topic: graph.listen(topic, kind, raw=True) for topic, kind in APPROACH_TOPICS.items()}
     graph.until(lambda: all(p.get_subscription_count() for p in publish.values()), 'subscribers')
     graph.spin(0.5)
