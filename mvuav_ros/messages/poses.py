@@ -226,10 +226,9 @@ def _integrity_fields(
     if reason := levels.reason or ', '.join(levels.beyond(alert_limits)):
         message += f': {reason}'
     name, axes, angles = 'runway', ['offset', 'height'], ['heading']
-    others: list[str] = []
     if isinstance(levels, ProtectionLevels):
         name, axes, angles = 'pose', ['along', 'across', 'up'], ['roll', 'pitch', 'yaw']
-        others = ['horizontal', 'vertical']
+    others = ['horizontal', 'vertical'] if name == 'pose' else []
     values = texts(**{each: getattr(levels, each) for each in axes + others})
     values |= texts(**{f'{each}_deg': math.degrees(getattr(levels, each)) for each in angles})
     for axis, limit in zip(axes, alert_limits, strict=True):

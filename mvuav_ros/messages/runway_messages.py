@@ -45,8 +45,8 @@ _LINE_LIST, _ADD, _DELETE = 5, 0, 2
 _NO_COLOR_LIFETIME_AND_LOCK = bytes(4 * 4 + 2 * 4 + 1)
 _NO_TEXT = b'\1' + bytes(7)  # its length with the end sign, and up to the next whole word
 _NO_TEXTURE = _NO_TEXT + bytes(8) + 2 * _NO_TEXT + bytes(4)  # name; stamp, frame, format, data
-_NO_MESH = 2 * _NO_TEXT + bytes(4 + 1)  # resource, name and data of its file, materials
-_NO_TEXTURE_TEXT_AND_MESH = _NO_TEXTURE + bytes(4) + _NO_TEXT + _NO_MESH  # 4: uv_coordinates
+# Behind the texture: uv_coordinates; text, mesh and its file's name; data, materials.
+_NO_TEXTURE_TEXT_AND_MESH = _NO_TEXTURE + bytes(4) + 3 * _NO_TEXT + bytes(4 + 1)
 
 Result = RunwayResult | ApproachResult
 

@@ -273,12 +273,10 @@ class SynchronizedTopic:
         """Whether an image waits."""
         return self._pairing.held is not None
 
-    def take(self, ready: Sequence[int]) -> None:
-        """Take in what has come, where this is one of the pointers of what is ready."""
-        if self.subscription.handle.pointer in ready:
-            self._take_all()
-
-    def _take_all(self) -> None:
+    def take(self, ready: Sequence[int] | None = None) -> None:
+        """Take in what has come, where this is one of the pointers of what is ready, if given."""
+        if ready is not None and self.subscription.handle.pointer not in ready:
+            return
         while (taken := self.subscription.handle.take_message(self.kind, False)) is not None:
             message: Any = taken[0]
             self._pairing.add_info(stamp_ns_of(message.header), self._decode(message))
@@ -294,7 +292,7 @@ class SynchronizedTopic:
             given: dict[str, Any] = {self._field: found[0]}
             yield found[1]._replace(**given)
             # While that one was answered, what the next waits for may have come, and its time gone.
-            self._take_all()
+            self.take()
 
     def _may_come(self) -> bool:
         """Whether what the longest-held image waits for may yet come."""

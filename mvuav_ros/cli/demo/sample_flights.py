@@ -175,11 +175,15 @@ def sample_flights(bags: Path, *, with_thesis: bool = False) -> list[SampleFligh
     tanker, runway = bags / 'tanker.mcap', bags / 'runway.mcap'
     # The bag has a calibration; the width of its runway makes a pose of the lines.
     approach = {'mode': 'approach', 'runway_width': '30.0'}
-    marker = (tanker, MarkerTrackerProcessor, 'marker_tracker', marker_table)
-    edges = (runway, RunwayDetectorProcessor, 'runway_detector', approach_table)
     flights = [
-        SampleFlight(*marker, title='five lights'),
-        SampleFlight(*edges, parameters=approach, title='approach'),
+        SampleFlight(
+            *(tanker, MarkerTrackerProcessor, 'marker_tracker', marker_table), title='five lights'
+        ),
+        SampleFlight(
+            *(runway, RunwayDetectorProcessor, 'runway_detector', approach_table),
+            parameters=approach,
+            title='approach',
+        ),
     ]
     if with_thesis:
         thesis = (runway, RunwayDetectorProcessor, 'runway_thesis', thesis_table)
