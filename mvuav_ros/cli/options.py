@@ -67,6 +67,10 @@ Param = Annotated[
     Optional[list[str]], typer.Option(help='A parameter, node:name:=value; may be repeated.')
 ]
 ImageTopic = Annotated[Optional[str], typer.Option(help='Image topic of a bag that has several.')]
+ImuTopic = Annotated[
+    Optional[str],
+    typer.Option(help='Attitude topic of a bag; default: imu beside the images, else /imu.'),
+]
 CameraInfo = Annotated[
     Optional[str],
     typer.Option(

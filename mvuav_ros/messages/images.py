@@ -9,7 +9,7 @@ import struct
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
+
+if TYPE_CHECKING:
+    from mvuav_ros.messages.poses import TransformTree
 
 IMAGE = 'sensor_msgs/msg/Image'
 COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
@@ -260,6 +263,7 @@ class Frame:
     Attributes:
         camera: the calibration, usable or not, that holds for it; None where there is none.
         attitude: of the body that carries the camera, at that time; None where it is not known.
+        static_transforms: those of a recording's ``/tf_static``; None where it has none.
     """
 
     stamp_ns: int
@@ -267,6 +271,7 @@ class Frame:
     image: Image
     camera: CameraModel | None = None
     attitude: Attitude | None = None
+    static_transforms: TransformTree | None = None
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,8 @@ from mvuav_ros.vision.pose import Pose
 
 Array = NDArray[np.float64]
 
-TF_TOPIC = '/tf'
+TF = 'tf2_msgs/msg/TFMessage'
+TF_TOPIC, TF_STATIC_TOPIC = '/tf', '/tf_static'
 TF_TYPE: Any = None
 """The message of ``/tf``; None where tf2_msgs is not installed."""
 with suppress(ModuleNotFoundError):
@@ -102,11 +103,6 @@ def mount_of(xyz: tuple[float, ...], rpy_deg: tuple[float, ...]) -> Placement:
     return Placement(from_rpy(roll, pitch, yaw), np.array(xyz), _UNKNOWN)
 
 
-def body_axes(optical: Placement) -> Placement:
-    """A camera's body axes, where its optical frame is."""
-    return Placement(optical.rotation @ OPTICAL_FROM_BODY, optical.translation, _UNKNOWN)
-
-
 _MAX_OFF_UNIT = 0.005
 """Of a quaternion's length, about what tf2 has."""
 
@@ -157,13 +153,6 @@ def camera_in_runway(guidance: Guidance) -> Placement:
     # Roll and pitch turn about axes that the later angles have turned, not about the runway's.
     jacobian[3:, 3], jacobian[3:, 4] = rotation[:, 0], about_z(guidance.yaw)[:, 1]
     return Placement(rotation, position, jacobian @ guidance.covariance @ jacobian.T)
-
-
-def runway_in_camera(guidance: Guidance) -> Placement:
-    """The runway's frame in the camera's optical frame; NaN where guidance is."""
-    rotation = OPTICAL_FROM_BODY @ from_rpy(guidance.roll, guidance.pitch, guidance.yaw).T
-    position = np.array([guidance.x, guidance.y, guidance.z])
-    return Placement(rotation, -rotation @ position, _UNKNOWN)
 
 
 def camera_in_body(pose: Pose) -> Placement:
@@ -236,26 +225,12 @@ def _integrity_fields(
     message = state.name.lower().replace('_', ' ')
     if reason := levels.reason or ', '.join(levels.beyond(alert_limits)):
         message += f': {reason}'
+    name, axes, angles = 'runway', ['offset', 'height'], ['heading']
     if isinstance(levels, ProtectionLevels):
-        name = 'pose'
-        axes: tuple[str, ...] = ('along', 'across', 'up')
-        values = texts(
-            along=levels.along,
-            across=levels.across,
-            up=levels.up,
-            horizontal=levels.horizontal,
-            vertical=levels.vertical,
-            roll_deg=math.degrees(levels.roll),
-            pitch_deg=math.degrees(levels.pitch),
-            yaw_deg=math.degrees(levels.yaw),
-        )
-    else:
-        name, axes = 'runway', ('offset', 'height')
-        values = texts(
-            offset=levels.offset,
-            height=levels.height,
-            heading_deg=math.degrees(levels.heading),
-        )
+        name, axes, angles = 'pose', ['along', 'across', 'up'], ['roll', 'pitch', 'yaw']
+    others = ['horizontal', 'vertical'] if name == 'pose' else []
+    values = texts(**{each: getattr(levels, each) for each in axes + others})
+    values |= texts(**{f'{each}_deg': math.degrees(getattr(levels, each)) for each in angles})
     for axis, limit in zip(axes, alert_limits, strict=True):
         values[f'alert_limit_{axis}'] = f'{limit:g}' if limit else 'none'
     values['risk'] = f'{risk:g}'

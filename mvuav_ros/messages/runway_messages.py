@@ -44,6 +44,10 @@ PLANE = 1.0
 _LINE_LIST, _ADD, _DELETE = 5, 0, 2
 """Of visualization_msgs/Marker."""
 _NO_COLOR_LIFETIME_AND_LOCK = bytes(4 * 4 + 2 * 4 + 1)
+_NO_TEXT = b'\1' + bytes(7)  # its length with the end sign, and up to the next whole word
+_NO_TEXTURE = _NO_TEXT + bytes(8) + 2 * _NO_TEXT + bytes(4)  # name; stamp, frame, format, data
+# Behind the texture: uv_coordinates; text, mesh and its file's name; data, materials.
+_NO_TEXTURE_TEXT_AND_MESH = _NO_TEXTURE + bytes(4) + 3 * _NO_TEXT + bytes(4 + 1)
 
 Result = RunwayResult | ApproachResult
 
@@ -98,28 +102,6 @@ def encode_lines(result: Result, header: bytes, camera: CameraModel | None = Non
     writer.numbers(f'{len(colors)}f', *colors)
     writer.written(_NO_TEXTURE_TEXT_AND_MESH)
     return writer.message()
-
-
-def _nothing_more() -> bytes:
-    """A Marker's fields from ``texture_resource`` on, which begin 4-byte aligned."""
-    writer = CdrWriter(b'')
-    writer.text('')
-    # texture: stamp, frame, format and data.
-    writer.numbers('2i', 0, 0)
-    writer.text('')
-    writer.text('')
-    writer.octets(b'')
-    uv_coordinates = 0
-    writer.numbers('I', uv_coordinates)
-    for _ in ('text', 'mesh_resource', 'mesh_file.filename'):
-        writer.text('')
-    writer.octets(b'')
-    mesh_use_embedded_materials = False
-    writer.numbers('B', mesh_use_embedded_materials)
-    return writer.beginning()
-
-
-_NO_TEXTURE_TEXT_AND_MESH = _nothing_more()
 
 
 def encode_vanishing_point(result: Result, header: bytes) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import deque
 from dataclasses import replace
 from functools import cache
@@ -277,16 +278,14 @@ class AttitudePairing(_Pairing[Attitude, ImageT]):
         return bool(self._infos) and self._infos[-1][0] >= stamp_ns
 
     def _at(self, stamp_ns: int) -> Attitude | None:
-        before: tuple[int, Attitude] | None = None
-        for sample in self._infos:
-            if sample[0] == stamp_ns:
-                return sample[1]
-            if sample[0] > stamp_ns:
-                return _between(before or sample, sample, stamp_ns)
-            before = sample
-        if before is None:
+        place = bisect_left(self._infos, stamp_ns, key=itemgetter(0))
+        if place < len(self._infos):
+            before, after = self._infos[max(place - 1, 0)], self._infos[place]
+            return after[1] if after[0] == stamp_ns else _between(before, after, stamp_ns)
+        if not self._infos:
             return None
-        return before[1] if stamp_ns - before[0] <= _MAX_AGE_NS else UNKNOWN_ATTITUDE
+        newest_ns, newest = self._infos[-1]
+        return newest if stamp_ns - newest_ns <= _MAX_AGE_NS else UNKNOWN_ATTITUDE
 
 
 def _between(before: tuple[int, Attitude], after: tuple[int, Attitude], stamp_ns: int) -> Attitude:

@@ -169,6 +169,16 @@ def camera_info_topic(node: Node) -> str:
     return topic
 
 
+def published_topics(node: Node, *kinds: type) -> list[tuple[str, str]]:
+    """Topics with such messages that somebody publishes, and their types, debug images left out."""
+    known = {type_name(kind): kind.__name__ for kind in kinds}
+    return [
+        (topic, known[types[0]])
+        for topic, types in node.get_topic_names_and_types()
+        if types[0] in known and '/debug' not in topic and node.count_publishers(topic) > 0
+    ]
+
+
 class _OwnThread(CallbackGroup):
     """Keeps the executor away."""
 
@@ -263,9 +273,9 @@ class SynchronizedTopic:
         """Whether an image waits."""
         return self._pairing.held is not None
 
-    def take(self, ready: Sequence[int]) -> None:
-        """Take in what has come, where this is one of the pointers of what is ready."""
-        if self.subscription.handle.pointer not in ready:
+    def take(self, ready: Sequence[int] | None = None) -> None:
+        """Take in what has come, where this is one of the pointers of what is ready, if given."""
+        if ready is not None and self.subscription.handle.pointer not in ready:
             return
         while (taken := self.subscription.handle.take_message(self.kind, False)) is not None:
             message: Any = taken[0]
@@ -281,6 +291,8 @@ class SynchronizedTopic:
         while (found := self._pairing.take(wait=self._may_come())) is not None:
             given: dict[str, Any] = {self._field: found[0]}
             yield found[1]._replace(**given)
+            # While that one was answered, what the next waits for may have come, and its time gone.
+            self.take()
 
     def _may_come(self) -> bool:
         """Whether what the longest-held image waits for may yet come."""
@@ -310,7 +322,7 @@ class FrameInput(ABC):
         node: Node,
         name: str,
         on_image: Callable[[ReceivedImage], None],
-        synchronized: Sequence[SynchronizedTopic],
+        synchronized: Sequence[SynchronizedTopic] = (),
     ) -> None:
         self._events = InputEvents()
         self._node, self._on_image = node, on_image
@@ -392,14 +404,8 @@ class IntraProcessInput(FrameInput):
     A detector that is too slow loses the oldest frames, and the source never waits for it.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        name: str,
-        on_image: Callable[[ReceivedImage], None],
-        synchronized: Sequence[SynchronizedTopic] = (),
-    ) -> None:
-        super().__init__(node, name, on_image, synchronized)
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
         self._waiting: deque[ReceivedImage] = deque(maxlen=_DEPTH)
         self._lock = Lock()
 
@@ -495,7 +501,7 @@ class ImageInput(FrameInput):
             self._events.incompatible = int(self._incompatible.take_event().total_count)
         infos = self._node.get_publishers_info_by_topic(self.topic)
         names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
-        others = [] if infos else self._image_topics()
+        others = [] if infos else published_topics(self._node, Image, CompressedImage)
         state = InputState(self.topic, names, self._events, self._obstacle(infos), others)
         better = self._better({info.qos_profile.reliability for info in infos})
         if better is not None:
@@ -533,17 +539,6 @@ class ImageInput(FrameInput):
             else:
                 return ''
         return why
-
-    def _image_topics(self) -> list[tuple[str, str]]:
-        """Topics with images that somebody publishes, and their types, ours left out."""
-        known = {type_name(kind): kind.__name__ for kind in (Image, CompressedImage)}
-        return [
-            (topic, known[types[0]])
-            for topic, types in self._node.get_topic_names_and_types()
-            if types[0] in known
-            and '/debug' not in topic
-            and self._node.count_publishers(topic) > 0
-        ]
 
     def _arrived(self, ready: Sequence[int]) -> list[ReceivedImage]:
         images: list[ReceivedImage] = []

@@ -162,7 +162,8 @@ class FramePublisher:
             info = encode_camera_info(camera, header)
         for listener in self._listeners:
             decoded = decode_camera_info(info, str(self._images.topic_name))
-            listener(Frame(stamp_ns, frame_id, image, decoded, frame.attitude))
+            beside = decoded, frame.attitude, frame.static_transforms
+            listener(Frame(stamp_ns, frame_id, image, *beside))
         if heard:
             self._infos.publish(info)
 

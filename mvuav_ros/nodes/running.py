@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import sys
@@ -177,7 +178,16 @@ def run_nodes(names: Sequence[str]) -> int:
     return status
 
 
+_UNREADABLE = re.compile(r"parse .*: '(?:--params-file|-p) (.*)'\. Error: (.*?), at \S+:\d+")
+
+
 def _explained(error: Exception) -> str:
+    if found := _UNREADABLE.search(str(error)):
+        # What rcl says is for those who know its C code.
+        given, why = found.groups()
+        words = 'a list of several types; write [0.0, 20.0, 0.0], not [0.0, 20, 0.0], in line'
+        why = re.sub('Sequence should be of same type.*line_num', words, why)
+        return f'{given}: {why.replace("error not set", "no value")}'
     if not isinstance(error, rclpy_implementation.UnknownROSArgsError):
         return str(error)
     strange = str(error).strip('[]')

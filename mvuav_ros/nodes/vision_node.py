@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.messages.poses import TF_TOPIC, TF_TYPE
+from mvuav_ros.messages.poses import TF_STATIC_TOPIC, TF_TOPIC, TF_TYPE
 from mvuav_ros.nodes.diagnostics import (
     WINDOW,
     DetectorStatus,
@@ -29,6 +29,7 @@ from mvuav_ros.nodes.image_input import (
     SynchronizedTopic,
     camera_info_topic,
     image_topic,
+    published_topics,
 )
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
@@ -62,11 +63,11 @@ class VisionNode(ManagedNode):
         every_second(self, self._publish_periodic)
         self.create_service(SetBool, '~/enable', self._on_enable)
         self._add_trigger('reset', processor.reset, 'all earlier frames are forgotten')
-        for name in processor.triggers:
-            self._add_trigger(name, getattr(processor, name))
+        for name, said in processor.triggers.items():
+            self._add_trigger(name, getattr(processor, name), said)
         if TF_TYPE is not None:
             qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            self.create_subscription(TF_TYPE, '/tf_static', self._take_static_transforms, qos)
+            self.create_subscription(TF_TYPE, TF_STATIC_TOPIC, self._take_static_transforms, qos)
 
     def open(self) -> None:
         """Open the rig's file and the topics."""
@@ -148,7 +149,7 @@ class VisionNode(ManagedNode):
         # OpenCV takes a negative number for its own choice.
         cv2.setNumThreads(parameters.opencv_threads or -1)
 
-    def _add_trigger(self, name: str, action: Callable[[], None], said: str = '') -> None:
+    def _add_trigger(self, name: str, action: Callable[[], None], said: str) -> None:
         def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             with self._answerer.lock:
                 action()
@@ -192,6 +193,11 @@ class VisionNode(ManagedNode):
                 why += f'; as it is latched, set qos_overrides.{topic}.subscription.durability to '
                 why += 'transient_local, and .reliability to reliable'
             notes.append(f'no pose: {why}')
+        topic = self.resolve_topic_name('imu')
+        if self._processor.awaits_attitude and self.count_publishers(topic) == 0:
+            there = ', '.join(name for name, _ in published_topics(self, Imu))
+            said = f'no attitude: nothing publishes {topic}; there is {there}: remap imu'
+            notes += [said] if there else []
         for name, conditions in self._live.current.without_effect().items():
             when = '; or '.join(map(condition_text, conditions))
             notes.append(f'{name} has no effect: it counts with {when}')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -14,6 +15,7 @@ from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.common_parameters import DetectorParameters
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 
 class DuplicateStampError(ValueError):
@@ -67,7 +69,7 @@ class Processor(ABC):
     periodic_topics: ClassVar[Mapping[str, type]] = {}  # those of `periodic`
     uses_camera_info: ClassVar[bool] = False  # whether frames should come with their camera
     uses_attitude: ClassVar[bool] = False  # whether frames should come with the body's attitude
-    triggers: ClassVar[tuple[str, ...]] = ()  # methods that users may call: ``~/<name>``
+    triggers: ClassVar[Mapping[str, str]] = {}  # methods that users may call, ``~/<name>``; answers
 
     def __init__(self, parameters: Any = None) -> None:
         """Prepare for the first frame; the parameters are the defaults if None."""
@@ -104,11 +106,7 @@ class Processor(ABC):
         self.message_types: Mapping[str, type] = {**images, **self.periodic_topics, **self.topics}
 
     def _placements(
-        self,
-        camera: poses.Placement,
-        target: poses.Placement,
-        name: str,
-        frame: Frame,
+        self, camera: poses.Placement, target: poses.Placement, name: str, frame: Frame
     ) -> list[Output]:
         """A frame's pose as others take it: the camera's body axes in the frame of that name.
 
@@ -117,7 +115,10 @@ class Processor(ABC):
         given, outputs = self._parameters, []
         # tf2 takes neither a frame without a name nor one that begins with a slash.
         own = given.camera_frame or frame.frame_id.lstrip('/')
-        vehicle = self._vehicle(camera, own)
+        vehicle: poses.Placement | None = camera
+        if given.base_frame:
+            mount = self._mount(frame)
+            vehicle = None if mount is None else poses.vehicle_of(camera, mount)
         if vehicle is not None:
             make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
             outputs.append(Output('vision_pose', make))
@@ -143,17 +144,16 @@ class Processor(ABC):
             outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
 
-    def _vehicle(self, camera: poses.Placement, camera_frame: str) -> poses.Placement | None:
-        """What ``~/vision_pose`` is the pose of; None where that is not known."""
+    def _mount(self, frame: Frame) -> poses.Placement | None:
+        """The camera's body axes on the vehicle; None where that is not known."""
         given = self._parameters
+        camera_frame = given.camera_frame or frame.frame_id.lstrip('/')
         xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
-        if not given.base_frame:
-            return camera
         if any(xyz) or any(rpy_deg):
-            return poses.vehicle_of(camera, poses.mount_of(xyz, rpy_deg))
+            return poses.mount_of(xyz, rpy_deg)
         found = self.static_transforms.find(camera_frame, given.base_frame)
         if found is not None:
-            return poses.vehicle_of(camera, poses.body_axes(found))
+            return replace(found, rotation=found.rotation @ OPTICAL_FROM_BODY)
         self.frames_problem = (
             f'no ~/vision_pose of {given.base_frame}: camera_mount_xyz and camera_mount_rpy_deg '
             f'are 0, and /tf_static does not lead from {given.base_frame} to '
@@ -221,13 +221,16 @@ class Processor(ABC):
         """
         last = self._last_stamp_ns
         if frame.stamp_ns == last:
-            raise DuplicateStampError(f'stamp {frame.stamp_ns} ns came twice')
+            why = '' if last else ': its publisher sets none, or waits for /clock (use_sim_time)'
+            raise DuplicateStampError(f'stamp {last} ns came twice{why}')
         self.frames_problem = ''
         if last is not None and frame.stamp_ns < last:
             self.reset()
             self.resets += 1
         if frame.camera is not None and self.uses_camera_info:
             self.set_camera(frame.camera)
+        if frame.static_transforms is not None:
+            self.static_transforms = frame.static_transforms
         # Also of an image that cannot be used: the trackers have seen its stamp.
         self._last_stamp_ns = frame.stamp_ns
         yield from self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))

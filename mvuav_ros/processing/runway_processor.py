@@ -24,12 +24,14 @@ from mvuav_ros.messages.runway_messages import (
     encode_statistics,
     encode_vanishing_point,
 )
+from mvuav_ros.messages.sensors import UNKNOWN_ATTITUDE
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import ApproachResult, Guidance
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_quaternion, quaternion
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import RunwayLevels, runway_levels
 from mvuav_ros.vision.runway.debug_images import draw_confined, draw_edges, draw_hough, draw_overlay
@@ -106,7 +108,7 @@ class RunwayDetectorProcessor(Processor):
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
     uses_attitude = True
-    triggers = ('reset_statistics',)
+    triggers = {'reset_statistics': 'the statistics begin at zero'}
     _parameters: RunwayDetectorParameters
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
@@ -169,7 +171,7 @@ class RunwayDetectorProcessor(Processor):
         camera, image = self._camera, frame.image
         unusable = '' if camera is None else camera.objection(image.width, image.height)
         if self._parameters.mode == 'approach':
-            result = self._approach.process(image, frame.stamp_ns, frame.attitude)
+            result = self._approach.process(image, frame.stamp_ns, self._attitude(frame))
             wants_pose = self._parameters.runway_width > 0
             no_pose = f'no pose: {unusable}' if unusable and wants_pose else ''
             said = (result.status, self._approach.attitude_problem, no_pose)
@@ -191,6 +193,18 @@ class RunwayDetectorProcessor(Processor):
             outputs += self._poses(result.guidance, frame)
         self._newest = (result, header)
         return outputs
+
+    def _attitude(self, frame: Frame) -> Attitude | None:
+        """The body's, or where /tf_static has the camera's mount that of the camera's own axes."""
+        given, attitude = self._parameters, frame.attitude
+        is_stated = any((*given.camera_mount_xyz, *given.camera_mount_rpy_deg))
+        if attitude is None or is_stated or not (given.base_frame and attitude.valid):
+            return attitude
+        mount = self._mount(frame)
+        if mount is None:
+            return UNKNOWN_ATTITUDE
+        body = from_quaternion(attitude.x, attitude.y, attitude.z, attitude.w)
+        return Attitude(*quaternion(body @ mount.rotation), attitude.sigma)
 
     def _encode_integrity(self, result: RunwayResult | ApproachResult, header: bytes) -> bytes:
         """How wrong the newest guidance may be; computed only where somebody listens."""
@@ -215,7 +229,7 @@ class RunwayDetectorProcessor(Processor):
         camera = poses.camera_in_runway(guidance)
         if not camera.known:
             return outputs
-        runway = poses.runway_in_camera(guidance)
+        runway = replace(camera, rotation=camera.rotation @ OPTICAL_FROM_BODY.T).inverse
         return outputs + self._placements(camera, runway, name, frame)
 
     def draw(self, debug: Collection[str]) -> list[Output]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +24,7 @@ from mvuav_ros.messages.images import (
     stamp_ns_in,
     view_coded_image,
 )
+from mvuav_ros.messages.poses import TF, TF_STATIC_TOPIC, TransformTree
 from mvuav_ros.messages.sensors import (
     CAMERA_INFO,
     IMU,
@@ -64,6 +66,7 @@ class EncodedFrame:
     stamp_ns: int  # the image's own, or the recording's where the driver set none
     camera: CameraModel | None = None  # as in `Frame`
     attitude: Attitude | None = None  # as in `Frame`
+    static_transforms: TransformTree | None = None  # as in `Frame`
 
     def decoded(self) -> Frame | BadFrame:
         """The frame, or why there is none."""
@@ -73,7 +76,8 @@ class EncodedFrame:
             frame = _DECODER.decode(self.recorded.type, self.recorded.data)
         except ImageError as error:
             return BadFrame(self.stamp_ns, str(error))
-        return Frame(self.stamp_ns, frame.frame_id, frame.image, self.camera, self.attitude)
+        beside = self.camera, self.attitude, self.static_transforms
+        return Frame(self.stamp_ns, frame.frame_id, frame.image, *beside)
 
 
 def stamp_ns_of_image(recorded: RecordedMessage) -> int:
@@ -156,8 +160,9 @@ class BagImages(FrameSource):
         self.image_topics = tuple({t.name: 0 for t in self._filled if is_image_type(t.type)})
         # None where there is none, as of the body's attitude.
         self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
-        beside = self._named(IMU, topic_beside(self.topic, 'imu'))
-        self.imu_topic = beside or self._named(IMU, '/imu')
+        self.imu_topics = [each.name for each in self._filled if each.type == IMU]
+        places = [topic_beside(self.topic, 'imu'), '/imu']
+        self.imu_topic = next((name for name in places if name in self.imu_topics), None)
         self._message_count = chosen.message_count
         # Of the images read by the newest pass; an estimate until it ends.
         self.count: int | None = chosen.message_count
@@ -165,6 +170,13 @@ class BagImages(FrameSource):
 
     def _named(self, kind: str, name: str) -> str | None:
         return name if (name, kind) in {(t.name, t.type) for t in self._filled} else None
+
+    def take_attitude_of(self, topic: str) -> None:
+        """Give frames the attitude of another topic; a `RecordingError` where there is none."""
+        self.imu_topic = f'/{topic.lstrip("/")}'
+        if self.imu_topic not in self.imu_topics:
+            there = _listed(self.imu_topics) or 'none'
+            raise RecordingError(f'{self.name} has no imu topic {topic}; there is {there}')
 
     @cached_property
     def origin_ns(self) -> int:
@@ -206,7 +218,7 @@ class BagImages(FrameSource):
             RecordingError: the bag cannot be read any more.
         """
         synchronized = self.camera_topic if camera else None, self.imu_topic if attitude else None
-        paired = SynchronizedTopics(self.topic, *synchronized)
+        paired = SynchronizedTopics(self.topic, *synchronized, self._named(TF, TF_STATIC_TOPIC))
         recording = self._recording
         is_part = selection.is_part
         origin_ns = self.origin_ns if is_part else 0
@@ -297,19 +309,22 @@ AnyFrame = EncodedFrame | Frame
 
 
 class SynchronizedTopics:
-    """The messages of a calibration's topic and of an attitude's, None where there is none."""
+    """What belongs to images, of the topics ``beside`` them, None where there is none."""
 
-    def __init__(self, image_topic: str, camera_topic: str | None, imu_topic: str | None) -> None:
+    def __init__(self, image_topic: str, *beside: str | None) -> None:
         self._image_topic = image_topic
-        self._camera_topic = camera_topic
-        self._imu_topic = imu_topic
-        self.topics = {topic for topic in (self._camera_topic, self._imu_topic) if topic}
+        self._camera_topic, self._imu_topic, self._static_topic = beside
+        self.topics = {topic for topic in beside if topic}
+        self._transforms: TransformTree | None = None
         self._known: tuple[bytes, CameraModel] | None = None
         self._cameras = StampPairing[CameraModel, AnyFrame]()
         self._attitudes = AttitudePairing[AnyFrame]()
 
     def look_ahead(self, recording: Recording, start_ns: int) -> None:
-        """The calibration of a part may have been published once, before the part begins."""
+        """What holds for a part may have been published once, before the part begins."""
+        if self._static_topic is not None:
+            for message in recording.messages({self._static_topic}, None, start_ns):
+                self.take(message)
         if self._camera_topic is None:
             return
         counts = {topic.name: topic.message_count for topic in recording.topics}
@@ -329,12 +344,14 @@ class SynchronizedTopics:
         """Look at a message of any topic; one topic may have messages of several types."""
         if message.topic == self._camera_topic:
             self._add_camera(message)
-        elif (message.topic, message.type) == (self._imu_topic, IMU):
-            try:
-                decoded = decode_message(message.type, message.data)
-            except MalformedMessageError:
-                return
-            self._attitudes.add_info(stamp_ns_of(decoded.header), decode_imu(decoded))
+        with suppress(MalformedMessageError):
+            if (message.topic, message.type) == (self._imu_topic, IMU):
+                imu = decode_message(IMU, message.data)
+                self._attitudes.add_info(stamp_ns_of(imu.header), decode_imu(imu))
+            elif (message.topic, message.type) == (self._static_topic, TF):
+                # A new one: frames before it, which may be at work in other threads, keep theirs.
+                self._transforms = deepcopy(self._transforms or TransformTree())
+                self._transforms.add(decode_message(TF, message.data))
 
     def completed(
         self, frames: Iterable[AnyFrame | BadFrame], *, wait: bool
@@ -353,7 +370,9 @@ class SynchronizedTopics:
         for_imu = wait and self._imu_topic is not None
         while (match := self._attitudes.take(wait=for_imu)) is not None:
             attitude, frame = match
-            yield frame if attitude is None else replace(frame, attitude=attitude)
+            if attitude is not None or self._transforms is not None:
+                frame = replace(frame, attitude=attitude, static_transforms=self._transforms)
+            yield frame
 
     def _add_camera(self, recorded: RecordedMessage) -> bool:
         """Whether the message could be read; as a rule it is the last one with another stamp."""

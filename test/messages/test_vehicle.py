@@ -12,6 +12,8 @@ pytest.importorskip('sensor_msgs')
 from rosbags.typesys import Stores, get_typestore
 
 from mvuav_ros.messages import poses
+from mvuav_ros.messages.cdr import view_points
+from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
@@ -24,6 +26,7 @@ from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.approach.approach_results import Guidance
 from mvuav_ros.vision.frames import (
     OPTICAL_FROM_BODY,
+    Attitude,
     about_x,
     about_y,
     about_z,
@@ -62,6 +65,8 @@ RUNWAY = list(RunwayFlight(RunwaySettings(frames=8, runway_width=WIDTH, camera_p
 RUNWAY_CAMERA = RunwayFlight(
     RunwaySettings(frames=1, runway_width=WIDTH, camera_pitch_deg=20.0)
 ).camera
+LEVEL = Attitude.from_roll_pitch(0.0, 0.0)
+ROWS = 'sensor_msgs/msg/PointCloud2'
 TANKER_FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=90, seed=3))
 
 
@@ -171,6 +176,36 @@ def test_the_mount_comes_from_the_parameters_or_from_tf_static(source):
         expected = optical_in_body @ np.linalg.inv(mounted())
         np.testing.assert_allclose(place(vehicle['vision_pose'])[0], expected, atol=1e-9)
     assert processor.frames_problem == ''
+
+
+def test_the_horizon_of_an_attitude_has_the_mount_of_tf_static():
+    """It was taken for that of a camera that looks along the vehicle, 20 degrees off."""
+
+    def rows(processor):
+        said = []
+        for frame in RUNWAY:
+            seen = Frame(frame.stamp_ns, CAMERA, frame.image, RUNWAY_CAMERA, LEVEL)
+            outputs = dict(processor.process(seen))
+            said.append(view_points(decode_message(ROWS, outputs['line_params']())).copy())
+        assert processor.status == ''
+        return np.stack(said)
+
+    expected = rows(runway(camera_mount_rpy_deg=DOWN_20))
+    processor = runway(base_frame='base_link')
+    processor.static_transforms.add(static('base_link', CAMERA, mounted()))
+    found = rows(processor)
+    for name in ('x', 'y', 'rho', 'theta', 'confidence'):
+        # A slope of 1e-17 is drawn level by interpolation.
+        np.testing.assert_allclose(found[name], expected[name], atol=0.05)
+    assert np.isfinite(found['rho'][:, :2]).all()
+
+
+def test_no_attitude_is_used_before_the_mount_is_known():
+    processor = runway(base_frame='base_link')
+    frame = RUNWAY[0]
+    list(processor.process(Frame(frame.stamp_ns, CAMERA, frame.image, RUNWAY_CAMERA, LEVEL)))
+    assert "no attitude for this image: the horizon is the image's" in processor.status
+    assert f'does not lead from base_link to {CAMERA}' in processor.frames_problem
 
 
 def test_a_transform_that_tf2_refuses_is_none():

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 from types import ModuleType
+from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from support.graph import Graph
 
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.sensors import encode_imu, make_header
-from mvuav_ros.nodes.image_input import SynchronizedTopic, image_topic, subscribe
+from mvuav_ros.nodes.image_input import ReceivedImage, SynchronizedTopic, image_topic, subscribe
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.vision.image import Image as ImagePixels
 
 
 def test_topics_beside_the_image_topic() -> None:
@@ -74,3 +81,40 @@ def test_no_attitude_is_lost_while_an_image_is_answered(graph: Graph) -> None:
 
     with topic.subscription.handle:
         graph.until(all_are_known, lambda: f'60 attitudes, not {len(known)}', timeout=20.0)
+
+
+def test_an_image_finds_what_came_while_the_one_before_was_answered(graph: Graph) -> None:
+    """The first image takes a node longer than an image is held: the second got no attitude."""
+    node = graph.add_node('other')
+    topic = SynchronizedTopic(node, Imu, 'imu', lambda: True)
+    publisher = graph.probe.create_publisher(Imu, 'imu', 100)
+    graph.until(lambda: publisher.get_subscription_count() == 1, 'the subscription')
+    graph.until(lambda: topic.subscription.get_publisher_count() == 1, 'the publisher')
+    black = ImagePixels(np.zeros((2, 2), np.uint8), 'mono8')
+    long_ago = time.perf_counter() - 10.0
+    images = [ReceivedImage(Frame(each, '', black), math.nan, long_ago) for each in (1, 2)]
+
+    def publish(stamp_ns: int, roll: float) -> None:
+        attitude = math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2)
+        publisher.publish(encode_imu(attitude, 0.0, make_header(stamp_ns, 'imu')))
+        wait_until_ready(topic.subscription, node)
+
+    with topic.subscription.handle:
+        publish(1, 0.1)
+        topic.take([topic.subscription.handle.pointer])
+        answered = topic.completed(images)
+        first = next(answered)
+        publish(2, 0.2)
+        second = next(answered)
+    assert [each.stamp_ns for each in (first, second)] == [1, 2]
+    rolls = [2 * math.asin(each.attitude.x) for each in (first, second)]
+    assert rolls == pytest.approx([0.1, 0.2])
+
+
+def wait_until_ready(subscription: Any, node: Any) -> None:
+    with node.context.handle, subscription.handle:
+        wait_set = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, node.context.handle)
+        wait_set.clear_entities()
+        wait_set.add_subscription(subscription.handle)
+        wait_set.wait(60_000_000_000)
+        assert wait_set.get_ready_entities('subscription')

@@ -126,7 +126,7 @@ def test_a_running_node_names_each(mistakes):
     for _ in range(3):
         publisher.publish(zero)
         graph.spin(0.05)
-    mistakes.says('stamp 0 ns came twice')
+    mistakes.says('stamp 0 ns came twice: its publisher sets none, or waits for /clock')
     second = graph.add_node('second').create_publisher(Image, '/image_raw', 10)
     graph.until(lambda: second.get_subscription_count() == 2, 'the detectors')
     words = 'publishers on /image_raw: their images are mixed'
@@ -139,6 +139,7 @@ def refused(words, *arguments, name=MARKERS):
     assert run.returncode == 2, run
     assert 'Traceback' not in run.stderr
     assert documented(words) in run.stderr
+    return run.stderr
 
 
 def test_what_no_node_can_start_with(tmp_path):
@@ -149,6 +150,12 @@ def test_what_no_node_can_start_with(tmp_path):
     refused('nowhere.yaml', '--ros-args', *rig)
     words = 'camera_mount_rpy_deg: takes 3 numbers, not [0.0]'
     refused(words, '--ros-args', '-p', 'camera_mount_rpy_deg:=[0.0]')
+    words = 'a list of several types; write [0.0, 20.0, 0.0], not [0.0, 20, 0.0]'
+    refused(words, '--ros-args', '-p', 'camera_mount_rpy_deg:=[0.0, 20, 0.0]')
+    file = tmp_path / 'mixed.yaml'
+    file.write_text(f'{MARKERS}:\n  ros__parameters:\n    camera_mount_rpy_deg: [0, 20.0, 0]\n')
+    error = refused(words, '--ros-args', '--params-file', str(file))
+    assert error.endswith(f'\n{file}: {words}, in line 3\n')
     words = 'must not begin with a slash'
     refused(words, '--ros-args', '-p', 'frame_id:=/nose', name='video_source')
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import signal
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +15,18 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from support.graph import ROOT, Graph, image_message
 from visualization_msgs.msg import Marker
 
 from mvuav_ros.messages.images import IMAGE
-from mvuav_ros.messages.sensors import stamp_ns_of
+from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, stamp_ns_of
+from mvuav_ros.offline.simulated_messages import simulated_messages
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.opening import make_flight
 
 TANKER = Path(ROOT) / 'bags' / 'tanker.mcap'
 MARKER_TOPICS = {
@@ -31,20 +36,32 @@ MARKER_TOPICS = {
     '/marker_tracker/integrity': DiagnosticArray,
     '/marker_tracker/marker/left_stabilizer': PointStamped,
 }
+NODE = 'runway_detector'
 RUNWAY_TOPICS = {
     '/runway_detector/line_params': PointCloud2,
     '/runway_detector/lines': Marker,
     '/runway_detector/corrections': DiagnosticArray,
 }
+APPROACH_TOPICS = {
+    **RUNWAY_TOPICS,
+    '/runway_detector/vanishing_point': PointStamped,
+    '/runway_detector/pose': PoseWithCovarianceStamped,
+    '/runway_detector/integrity': DiagnosticArray,
+}
 # Nothing may be dropped on the way, however fast the frames come.
 INPUTS = ('image_raw', 'camera_info')
-SENDING, RECEIVING = (
-    {
-        f'qos_overrides./{topic}.{end}.{policy}': value
-        for topic in INPUTS
+
+
+def keeping_all(end: str, topics: Iterable[str]) -> dict[str, str]:
+    return {
+        f'qos_overrides.{topic}.{end}.{policy}': value
+        for topic in topics
         for policy, value in (('reliability', 'reliable'), ('history', 'keep_all'))
     }
-    for end in ('publisher', 'subscription')
+
+
+SENDING, RECEIVING = (
+    keeping_all(end, ('/image_raw', '/camera_info')) for end in ('publisher', 'subscription')
 )
 
 
@@ -70,9 +87,15 @@ def runway(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def replayed(
-    bag: Path, out: Path, node: str, topics: dict[str, type], parameters: dict[str, Any]
+    bag: Path,
+    out: Path,
+    node: str,
+    topics: dict[str, type],
+    parameters: dict[str, Any],
+    *options: str,
 ) -> dict[str, list[bytes]]:
     command = [sys.executable, '-m', 'mvuav_ros', 'mvuav', 'replay', str(bag), '-o', str(out)]
+    command += options
     for name, value in parameters.items():
         command += ['--param', f'{node}:{name}:={value}']
     subprocess.run(command, check=True, cwd=ROOT)
@@ -121,3 +144,52 @@ def test_runway_detector(
     corrections = expected['/runway_detector/corrections']
     assert any(b'corrected: the old' in message for message in corrections)
     assert any(b'not found' in message for message in corrections)
+
+
+def test_the_attitude_of_an_autopilot(graph: Graph, tmp_path: Path) -> None:
+    """A replay had no way to say what a node is told by a remapping."""
+    bag, imu = tmp_path / 'approach.mcap', '/mavros/imu/data'
+    flight = make_flight('runway', {'frames': 20, 'width': 320, 'height': 240})
+    names = {name: f'/nose/{name}' for name in INPUTS} | {'imu': imu}
+    with RecordingWriter(bag) as writer:
+        for frame in flight:
+            for topic, kind, data in simulated_messages(frame, flight.camera, seed=1):
+                if (name := topic.removeprefix('/')) in names:
+                    writer.write(names[name], kind, frame.stamp_ns, data)
+    parameters = {'mode': 'approach', 'runway_width': 30.0}
+    arguments = NODE, APPROACH_TOPICS, parameters
+    without = replayed(bag, tmp_path / 'without.mcap', *arguments)
+    expected = replayed(bag, tmp_path / 'with.mcap', *arguments, '--imu-topic', imu)
+    assert without != expected
+
+    remap = tuple(f'{name}:={names[name]}' for name in INPUTS)
+    unmapped = graph.start(NODE, remap=remap, **parameters)
+    publish = publishers(graph, bag)
+    graph.until(lambda: imu in graph.diagnostics(NODE)['message'], 'words about the imu')
+    expected_words = f'no attitude: nothing publishes /imu; there is {imu}: remap imu'
+    assert expected_words in graph.diagnostics(NODE)['message']
+    unmapped.send_signal(signal.SIGINT)
+    unmapped.wait()
+
+    qos = keeping_all('subscription', names.values()) | keeping_all('publisher', APPROACH_TOPICS)
+    graph.start(NODE, remap=(*remap, f'imu:={imu}'), **parameters, **qos)
+    live = {topic: graph.listen(topic, kind, raw=True) for topic, kind in APPROACH_TOPICS.items()}
+    graph.until(lambda: all(p.get_subscription_count() for p in publish.values()), 'subscribers')
+    graph.spin(0.5)
+    with open_recording(bag) as recording:
+        for message in recording.messages():
+            publish[message.topic].publish(bytes(message.data))
+            graph.spin(0.02)
+    main = next(iter(APPROACH_TOPICS))
+    graph.until(lambda: len(live[main]) == len(expected[main]), 'all results')
+    graph.spin(0.5)
+    assert live == expected
+
+
+def publishers(graph: Graph, bag: Path) -> dict[str, Any]:
+    """One for each topic of a bag, reliable."""
+    kinds = {IMAGE: Image, CAMERA_INFO: CameraInfo, IMU: Imu}
+    with open_recording(bag) as recording:
+        topics = recording.topics
+    qos = QoSProfile(depth=1000)
+    return {t.name: graph.probe.create_publisher(kinds[t.type], t.name, qos) for t in topics}

@@ -246,7 +246,8 @@ def test_statistics_and_their_reset(frames):
         assert float(line['theta_mean_deg']) == pytest.approx(
             math.degrees(point['theta']), abs=0.01
         )
-    assert graph.call(Trigger, f'/{NODE}/reset_statistics', Trigger.Request()).success
+    answer = graph.call(Trigger, f'/{NODE}/reset_statistics', Trigger.Request())
+    assert answer.success and answer.message == 'the statistics begin at zero'
     newest(0)
     frames.show(runway(), 2)
     newest(2)

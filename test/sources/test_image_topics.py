@@ -171,3 +171,19 @@ def test_what_belongs_to_images_lies_beside_the_raw_ones(
         writer.write(f'/nose/image_raw/{transport}', kind, START_NS, make(b'', 'h264', START_NS))
     source = BagImages(bag)
     assert (source.camera_topic, source.imu_topic) == ('/nose/camera_info', '/nose/imu')
+
+
+def test_the_attitude_of_another_topic_is_taken_where_it_is_named(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag.mcap'
+    with RecordingWriter(bag) as writer:
+        for topic in ('/imu', '/mavros/imu/data'):
+            writer.write(topic, IMU, START_NS, b'')
+        writer.write('/nose/image_raw', IMAGE, START_NS, cdr(image(1)))
+    source = BagImages(bag)
+    assert source.imu_topic == '/imu'
+    source.take_attitude_of('mavros/imu/data')
+    assert source.imu_topic == '/mavros/imu/data'
+    with pytest.raises(
+        RecordingError, match='imu topic /imu/data; there is /imu, /mavros/imu/data'
+    ):
+        source.take_attitude_of('/imu/data')

@@ -90,6 +90,11 @@ MESSAGES = (
         '',
     ),
     (
+        'no attitude: nothing publishes …; there is …',
+        'said beside `running` in mode `approach`: remap `imu`',
+        '',
+    ),
+    (
         'parameters without effect: … (did you mean …?)',
         'given at the start, and no parameter of the node, or in a file for another namespace',
         '',

@@ -149,10 +149,8 @@ def _latencies(sent: list[int], arrivals: dict[str, int]) -> list[float]:
 
 
 def _percentiles(latencies: list[float]) -> tuple[float, float, float]:
-    if not latencies:
-        return math.nan, math.nan, math.nan
-    p50, p95, p99 = np.percentile(latencies, (50, 95, 99))
-    return float(p50), float(p95), float(p99)
+    p50, p95, p99 = np.percentile(latencies or [math.nan], (50, 95, 99)).tolist()
+    return p50, p95, p99
 
 
 def _usage(process: NodeProcess) -> tuple[float, float]:

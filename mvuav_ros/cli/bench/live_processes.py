@@ -9,7 +9,7 @@ import time
 from contextlib import suppress
 from functools import partial
 from itertools import cycle
-from threading import Event, Thread
+from threading import Thread
 from typing import Any
 
 import cv2
@@ -91,16 +91,15 @@ def camera(orders: str) -> None:
         topic, keep = f'/{name}/{RESULTS[name]}', partial(_keep_arrival, answers)
         node.create_subscription(PointCloud2, topic, keep, QoSProfile(depth=100), raw=True)
     node.create_subscription(DiagnosticArray, '/diagnostics', partial(_keep_status, status), 10)
-    stop = Event()
-    spinning = Thread(target=_spin, args=(node, stop), daemon=True)
-    spinning.start()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    Thread(target=executor.spin, daemon=True).start()
     sent = _publish(node, given)
     time.sleep(0.3)
     print('end', flush=True)
     # The next diagnostics.
     time.sleep(1.2)
-    stop.set()
-    spinning.join()
+    executor.shutdown()
     print(json.dumps({'sent': sent, 'results': results, 'status': status}))
     node.destroy_node()
     rclpy.try_shutdown()
@@ -144,14 +143,6 @@ def _keep_arrival(answers: dict[int, int], message: bytes) -> None:
 def _keep_status(newest: dict[str, dict[str, str]], message: DiagnosticArray) -> None:
     for status in message.status:
         newest[status.name.strip('/')] = {pair.key: pair.value for pair in status.values}
-
-
-def _spin(node: Any, stop: Event) -> None:
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    with suppress(ExternalShutdownException):
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=0.1)
 
 
 if __name__ == '__main__':

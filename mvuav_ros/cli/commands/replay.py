@@ -16,6 +16,7 @@ from mvuav_ros.cli.options import (
     Force,
     Format,
     ImageTopic,
+    ImuTopic,
     Param,
     ParamsFile,
     SplitMb,
@@ -150,6 +151,7 @@ def replay(
         DETECTORS
     ),
     image_topic: ImageTopic = None,
+    imu_topic: ImuTopic = None,
     params_file: ParamsFile = None,
     param: Param = None,
     fps: Annotated[
@@ -227,6 +229,7 @@ def replay(
     settings = ReplaySettings(
         parameters=complete(resolve_parameters(chosen, params_file, assignments)),
         image_topic=image_topic,
+        imu_topic=imu_topic,
         fps=fps,
         selection=Selection(start, duration, every),
         keep_inputs=keep_inputs,

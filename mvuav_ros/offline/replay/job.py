@@ -76,6 +76,7 @@ class ReplaySettings:
 
     parameters: Mapping[str, Mapping[str, Any]]  # of each node to run, by its name
     image_topic: str | None = None  # of bags that have several
+    imu_topic: str | None = None  # of bags that have it neither beside the images nor at /imu
     fps: float | None = None  # frame rate of images without stamps, Hz
     selection: Selection = EVERYTHING  # the part of the recording
     keep_inputs: bool = False  # whether the input's messages go along
@@ -158,6 +159,8 @@ class ReplayInput:
         source = open_source(text, topic=given.image_topic, rate=given.fps, cameras=False)
         self._source, self._selection, self._camera = source, given.selection, given.camera
         self.name, self.account, self.close = source.name, source.account, source.close
+        if given.imu_topic is not None and isinstance(source, BagImages):
+            source.take_attitude_of(given.imu_topic)
         if self._camera is not None:
             if source.is_rectified:
                 self._camera = self._camera.rectified()
@@ -185,6 +188,8 @@ class ReplayInput:
         if not isinstance(source, BagImages):
             yield from self._images(keep)
             return
+        if attitude and source.imu_topic is None and (there := ', '.join(source.imu_topics)):
+            self.account.note('imu', f'no attitude is used; --imu-topic names its topic: {there}')
         beside = topic_beside(source.topic, 'camera_info')
         camera = camera and given is None
         for item in source.items(self._selection, others=keep, camera=camera, attitude=attitude):

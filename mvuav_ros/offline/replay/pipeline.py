@@ -187,7 +187,8 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     start = time.perf_counter()
     try:
         results.messages += _messages(processor, processor.process(frame))
-        results.statuses[processor.name] = processor.status
+        said = processor.status, processor.frames_problem
+        results.statuses[processor.name] = '; '.join(filter(None, said))
         if debug:
             results.messages += _messages(processor, processor.draw(processor.debug_topics))
     except DuplicateStampError:
