@@ -97,6 +97,26 @@ class EdgeSamples:
         half = self.base // 2
         return self.inside[:, :, half:-half]
 
+    def profile(self, channels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """What channels (..., 2 count, places) have in common along the edges, from the land on.
+
+        Returns:
+            Means over the rows, (..., 2, places); and means of the land and of the pavement,
+            (..., 2), farthest from either edge: lines beside it do not count.
+        """
+        shape = (*channels.shape[:-2], 2, self.rows.size, self.across.size)
+        along = channels.reshape(shape).mean(axis=-2)
+        along[..., 1, :] = along[..., 1, ::-1]
+        outer = max(1, self.across.size // EDGES.region)
+        return along, along[..., :outer].mean(axis=-1), along[..., -outer:].mean(axis=-1)
+
+    def brightest_inwards(self, channels: NDArray[Any]) -> NDArray[Any]:
+        """Channels, each sample the brightest from the land to it: a line goes on to the inside."""
+        left, right = np.split(channels, 2, axis=-2)
+        from_land = np.maximum.accumulate
+        turned = from_land(right[..., ::-1], axis=-1)[..., ::-1]
+        return np.concatenate([from_land(left, axis=-1), turned], axis=-2)
+
     def fit(self, steps: NDArray[Any], size: float) -> Edges:
         """Points of both edges, of (2, count, places - base) steps from 0 to a whole one's size.
 
@@ -230,23 +250,33 @@ class EdgeLook:
         if self.coloured or colour > max(EDGES.clear_contrast, abs(float(contrast[0]))):
             # White stripes along an edge have the pavement's colour, not its brightness.
             contrast[0] = 0.0
+        elif self._wide and (paint := self._paint(samples, channels[0])):
+            steps = samples.steps(samples.brightest_inwards(channels[:1]))
+            contrast = np.array([paint])
         size = float(np.linalg.norm(contrast))
         direction = contrast / max(size, 1e-6)
-        along = np.tensordot(direction, steps, axes=1)
         size = max(size, EDGES.min_contrast)
-        along = np.clip(along, 0.0, size)
+        along = np.clip(np.tensordot(direction, steps, axes=1), 0.0, size)
         return samples.fit(along, size)
+
+    def _paint(self, samples: EdgeSamples, brightness: NDArray[np.float32]) -> float:
+        """Grey levels by which stripes along both edges are brighter than the land; 0 without any.
+
+        They are brighter than the pavement as well: its border with them is no edge.
+        """
+        along, land, pavement = samples.profile(brightness)
+        brightest = along.max(axis=1)
+        clear = (brightest - np.maximum(land, pavement)).min()
+        least = max(EDGES.clear_contrast, EDGES.paint_share * float(np.abs(pavement - land).max()))
+        return float((brightest - land).min()) if clear > least else 0.0
 
     def _learn(
         self, steps: NDArray[Any], samples: EdgeSamples, channels: NDArray[np.float32]
     ) -> None:
         """Take what the edges have in common: of one that is dashed the mean."""
         if self._wide:
-            # Inside minus outside, farthest from either edge: lines beside it do not count.
-            outer = max(1, samples.across.size // EDGES.region)
-            values = channels.reshape(len(channels), 2, samples.rows.size, -1).mean(axis=2)
-            rise = values[:, :, -outer:].mean(axis=2) - values[:, :, :outer].mean(axis=2)
-            left, right = rise[:, 0], -rise[:, 1]
+            _, land, pavement = samples.profile(channels)
+            left, right = (pavement - land).T
         else:
             # The strongest step near where either is expected.
             middle = steps.shape[3] // 2

@@ -101,6 +101,9 @@ class EdgesTuning:
     min_contrast: float = 1.5  # grey levels: less gives no direction
     clear_contrast: float = 12.0  # grey levels that are plain to see
     colour_contrast: float = 30.0  # opponent colours' levels between pavement and grass by day
+    # of the step from land to pavement, by which stripes are brighter than both: a camera that
+    # sharpens makes land beside the pavement brighter by up to a quarter
+    paint_share: float = 0.3
     memory: float = 0.05  # share of a new frame in the contrast. Simulated slabs and S-turns
     region: int = 5  # samples across an edge over those of its outside, or its inside
 
