@@ -57,23 +57,18 @@ def horizon_from(
 def _seen_by(camera: CameraModel, up: NDArray[np.float64], sigma: float) -> HorizonLine | None:
     """The horizon where it is nearest to the camera's axis, of the way up in the optical frame.
 
-    There a lens does not turn it, as it does beside.
+    There radial distortion does not turn it, as it does beside. Tangential distortion does: the
+    slope is that without a lens, as the guidance takes it.
     """
     axis = np.array([0.0, 0.0, 1.0])
     level = axis - (axis @ up) * up
-    if np.linalg.norm(level) < math.cos(HORIZON.max_pitch):
+    across, down, _ = camera.matrix @ np.cross(level, up)
+    ahead = level[None]
+    if level[2] < math.cos(HORIZON.max_pitch) ** 2 or across <= 0 or not camera.shows(ahead).all():
         return None
-    level /= np.linalg.norm(level)
-    right = np.cross(level, up)
-    rays = np.stack([level - HORIZON.half_base * right, level + HORIZON.half_base * right])
-    if not camera.shows(rays).all():
-        return None
-    (x1, y1), (x2, y2) = camera.project(rays)
-    if x2 <= x1:
-        return None
-    slope = (y2 - y1) / (x2 - x1)
-    row = y1 + slope * (0.5 * (camera.width - 1) - x1)
-    return HorizonLine(float(row), math.atan(slope), sigma)
+    x, y = camera.project(ahead)[0]
+    row = y + down / across * (0.5 * (camera.width - 1) - x)
+    return HorizonLine(float(row), math.atan(down / across), sigma)
 
 
 Box = tuple[int, int, int, int]

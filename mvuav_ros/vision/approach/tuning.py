@@ -32,7 +32,6 @@ class HorizonTuning:
     # rad, of the camera's axis by attitude; beyond, the horizon is nowhere near the image
     max_pitch: float = math.radians(80.0)
     min_upside_down: float = 0.3  # cosine between image's down and world's up: beyond 107 deg
-    half_base: float = 0.05  # tangent of half the angle between two points that give its slope
     width: int = 80  # px of the small image in which it is looked for without attitude
     height: int = 60  # px, likewise
     slope_step_deg: float = 1.5  # between slopes that are tried
