@@ -24,6 +24,8 @@ class Registration:
         """The newest image differs from the last one; a still says nothing new."""
         self.unchanged = 0
         """Images that were the same as the newest."""
+        self.alike = math.nan
+        """Correlation of a strip's surroundings with the last image, the best of all strips'."""
 
     def take(self, pixels: NDArray[Any]) -> None:
         """Take in the next working image, (height, width) or (height, width, 3)."""
@@ -34,6 +36,7 @@ class Registration:
         same = np.array_equal(self.gray, self._last)
         self.moving = self._last.size > 0 and not same
         self.unchanged = self.unchanged + 1 if same else 0
+        self.alike = math.nan
 
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
         """Px to the right and down by which the surroundings of the last frame's strip have moved.
@@ -42,6 +45,7 @@ class Registration:
         """
         box = _box(strip, level, self._last.shape)
         if box is None:
+            self.alike = 1.0
             return 0.0, 0.0
         (first, end), (top, bottom) = box
         reach = MOTION.reach
@@ -49,6 +53,7 @@ class Registration:
         part = self._last[top:bottom, first:end]
         alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
         row, column = (int(place) for place in np.unravel_index(alike.argmax(), alike.shape))
+        self.alike = float(np.fmax(self.alike, alike[row, column]))
         # What is most alike at the end of the reach is more so beyond: a torn picture.
         if not alike[row, column] > MOTION.min_correlation or {0, 2 * reach} & {row, column}:
             return 0.0, 0.0

@@ -195,6 +195,7 @@ class FollowedStrip:
         self.age = 0  # frames
         self.misses = 0  # looks in a row in which it was not seen
         self.points: Edges | None = None  # in the newest frame, if seen
+        self.predicted = False  # they are no more than where it was followed to
         self.log_odds = log_odds  # that it is what is looked for, averaged over the last frames
 
     @property

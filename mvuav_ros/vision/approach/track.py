@@ -293,6 +293,7 @@ class RunwayTrack(FollowedStrip):
             distinct = measured.get(EdgeKind.LINE) or (plain and measured.get(EdgeKind.STEP))
             self.distinct += self._memory * (bool(distinct) - self.distinct)
         self.points = measured.get(self.kinds.likeliest)
+        self.predicted = self.points is None
         if self.points is not None:
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
             self.shape.update(self.points, view.sight.meeting if weighed else None)
