@@ -356,10 +356,10 @@ class Finder:
         registration = self.tracker.registration
         if registration.unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {registration.unchanged} frames'
-        if float(cv2.meanStdDev(registration.gray)[1].item()) < DETECTOR.min_contrast:
-            return 'the picture is all alike'
         if track is None:
             return ''
+        if float(cv2.meanStdDev(registration.gray)[1].item()) < DETECTOR.min_contrast:
+            return 'the picture is all alike'
         if registration.alike < MOTION.min_alike:
             return 'the picture shows nothing of what the last one did'
         if sight.row is None or sight.meeting is None:
