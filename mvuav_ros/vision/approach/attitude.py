@@ -119,10 +119,8 @@ def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:
     return NormalForm(x1 * math.cos(theta) + y1 * math.sin(theta), theta).normalised()
 
 
-def turn_edge(
-    p: float, slope: float, row: float, old: Derotation, new: Derotation
-) -> tuple[float, float]:
-    """An edge x = p + slope (y - row) of one level, described on another one."""
+def turn_edge(p: Any, slope: Any, row: Any, old: Derotation, new: Derotation) -> tuple[Any, Any]:
+    """Edges x = p + slope (y - row) of one level, described on another one."""
     angle = new.slope - old.slope
     if angle == 0.0:
         return p, slope
@@ -139,17 +137,13 @@ def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -
     """Strips, (n, 6), of one derotation described on another one; NaN where they are none there."""
     if old.slope == new.slope:
         return strips
-    turned = strips.copy()
-    for strip in turned:
-        x, y, left, right, far, near = (float(value) for value in strip)
-        edges = [turn_edge(x + s * near, s, y + near, old, new) for s in (left, right)]
-        (first, left), (second, right) = edges
-        strip[:] = math.nan
-        if right - left > 0.02:
-            depth = (second - first) / (right - left)
-            apex = first - left * depth, y + near - depth
-            strip[:] = (*apex, left, right, depth * far / near, depth)
-    return turned
+    x, y, *slopes, far, near = strips.T
+    edges = [turn_edge(x + slope * near, slope, y + near, old, new) for slope in slopes]
+    (first, left), (second, right) = edges
+    left, right = (slope * np.where(right - left > 0.02, 1.0, math.nan) for slope in (left, right))
+    depth = (second - first) / (right - left)
+    apex = first - left * depth, y + near - depth
+    return np.stack([*apex, left, right, depth * far / near, depth], axis=1)
 
 
 def vertex(values: NDArray[Any], index: int) -> float:

@@ -68,6 +68,10 @@ Edges = tuple[EdgePoints, EdgePoints]
 """The left and the right one."""
 
 
+_INWARDS = np.array([[1.0], [-1.0]])
+"""Columns to the right per px from the land to the pavement, of the left and of the right edge."""
+
+
 @dataclass(frozen=True, eq=False)
 class EdgeSamples:
     """The frame's pixels across both edges."""
@@ -76,7 +80,7 @@ class EdgeSamples:
     pixels: NDArray[Any]
     expected: NDArray[Any]  # (2, count) columns of the edges, px of the levelled working image
     rows: NDArray[Any]  # (count,) likewise
-    across: NDArray[Any]  # (places,) px from the expected column
+    across: NDArray[Any]  # (places,) px inwards from the expected column, from the land on
     inside: NDArray[np.bool_]  # (2, count, places) is on the frame
     base: int  # samples over which a step is measured, even
 
@@ -87,9 +91,7 @@ class EdgeSamples:
         """
         rise = channels[..., self.base :] - channels[..., : -self.base]
         shape = (*rise.shape[:-2], 2, self.rows.size, rise.shape[-1])
-        steps: NDArray[Any] = rise.reshape(shape) * self._steps_inside
-        steps[..., 1, :, :] *= -1
-        return steps
+        return np.asarray(rise.reshape(shape) * self._steps_inside)
 
     @property
     def _steps_inside(self) -> NDArray[np.bool_]:
@@ -98,7 +100,7 @@ class EdgeSamples:
         return self.inside[:, :, half:-half]
 
     def profile(self, channels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """What channels (..., 2 count, places) have in common along the edges, from the land on.
+        """What channels (..., 2 count, places) have in common along the edges.
 
         Returns:
             Means over the rows, (..., 2, places); and means of the land and of the pavement,
@@ -106,16 +108,8 @@ class EdgeSamples:
         """
         shape = (*channels.shape[:-2], 2, self.rows.size, self.across.size)
         along = channels.reshape(shape).mean(axis=-2)
-        along[..., 1, :] = along[..., 1, ::-1]
         outer = max(1, self.across.size // EDGES.region)
         return along, along[..., :outer].mean(axis=-1), along[..., -outer:].mean(axis=-1)
-
-    def brightest_inwards(self, channels: NDArray[Any]) -> NDArray[Any]:
-        """Channels, each sample the brightest from the land to it: a line goes on to the inside."""
-        left, right = np.split(channels, 2, axis=-2)
-        from_land = np.maximum.accumulate
-        turned = from_land(right[..., ::-1], axis=-1)[..., ::-1]
-        return np.concatenate([from_land(left, axis=-1), turned], axis=-2)
 
     def fit(self, steps: NDArray[Any], size: float) -> Edges:
         """Points of both edges, of (2, count, places - base) steps from 0 to a whole one's size.
@@ -138,7 +132,8 @@ class EdgeSamples:
         local = np.take_along_axis(steps, near_line, axis=2) * valid
         total = local.sum(axis=2)
         across = self.across[base // 2 :].take(near_line)
-        columns = self.expected + (local * across).sum(axis=2) / np.maximum(total, 1e-6)
+        inwards = (local * across).sum(axis=2) / np.maximum(total, 1e-6)
+        columns = self.expected + _INWARDS * inwards
         # A step of the contrast's size is seen by all samples around it.
         weights = np.clip(total / (base * size), 0.0, 1.0)
         weights *= weights > EDGES.min_step_share
@@ -188,7 +183,8 @@ def sample_edges(
     if far_off:
         sample *= max(1.0, EDGES.far_reach * width / reach)
     across = np.arange(-steps, steps + 1) * sample
-    pixels, inside = frame.at(expected[:, :, None] + across, rows[:, None])
+    columns = expected[:, :, None] + _INWARDS[:, :, None] * across
+    pixels, inside = frame.at(columns, rows[:, None])
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = max(2, int(np.clip(width / EDGES.widths_per_step, 2, 4) / sample))
     return EdgeSamples(pixels, expected, rows, across, inside, 2 * (base // 2))
@@ -251,7 +247,8 @@ class EdgeLook:
             # White stripes along an edge have the pavement's colour, not its brightness.
             contrast[0] = 0.0
         elif self._wide and (paint := self._paint(samples, channels[0])):
-            steps = samples.steps(samples.brightest_inwards(channels[:1]))
+            # A stripe goes on to the inside.
+            steps = samples.steps(np.maximum.accumulate(channels[:1], axis=2))
             contrast = np.array([paint])
         size = float(np.linalg.norm(contrast))
         direction = contrast / max(size, 1e-6)

@@ -65,9 +65,7 @@ class MotionTuning:
     min_side: int = 40  # px of the compared part's sides
     max_side: int = 96  # px, likewise
     min_correlation: float = 0.5  # of two parts that show the same
-    # of two that show anything in common: noise has up to 0.07, turns by 12 degrees a frame 0.3,
-    # every third frame of the UAV's clip 0.18
-    min_alike: float = 0.1
+    min_alike: float = 0.1  # likewise, anything in common: noise has up to 0.07, fast turns 0.18
     cell: int = 8  # px: sides of the cells in which it is remembered what stands still
     max_corners: int = 150  # corners compared
     corner_distance: float = 5.0  # px between corners
@@ -105,9 +103,7 @@ class EdgesTuning:
     min_contrast: float = 1.5  # grey levels: less gives no direction
     clear_contrast: float = 12.0  # grey levels that are plain to see
     colour_contrast: float = 30.0  # opponent colours' levels between pavement and grass by day
-    # of the step from land to pavement, by which stripes are brighter than both: a camera that
-    # sharpens makes land beside the pavement brighter by up to a quarter
-    paint_share: float = 0.3
+    paint_share: float = 0.3  # of it, by which stripes are brighter than all; sharpening gives 0.25
     memory: float = 0.05  # share of a new frame in the contrast. Simulated slabs and S-turns
     region: int = 5  # samples across an edge over those of its outside, or its inside
 
