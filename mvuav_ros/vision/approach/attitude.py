@@ -142,8 +142,8 @@ def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -
     (first, left), (second, right) = edges
     left, right = (slope * np.where(right - left > 0.02, 1.0, math.nan) for slope in (left, right))
     depth = (second - first) / (right - left)
-    apex = first - left * depth, y + near - depth
-    return np.stack([*apex, left, right, depth * far / near, depth], axis=1)
+    x, y = first - left * depth, y + near - depth
+    return np.stack([x, y, left, right, depth * far / near, depth], axis=1)
 
 
 def vertex(values: NDArray[Any], index: int) -> float:

@@ -147,11 +147,8 @@ class Overlaid:
         return True
 
     def _vote(self, still: Any, moved: Any, size: tuple[int, ...]) -> None:
-        height, width = size
         if self._votes is None:
-            self._votes = np.zeros(
-                (height // MOTION.cell + 1, width // MOTION.cell + 1), np.float32
-            )
+            self._votes = np.zeros([side // MOTION.cell + 1 for side in size], np.float32)
         votes = self._votes
         votes *= 1.0 - MOTION.forgotten
         # Beside a letter that stands still there may be digits that change.
@@ -162,11 +159,10 @@ class Overlaid:
         # Along a line that stands still there are no corners.
         gap = np.ones((MOTION.joined, MOTION.joined), np.uint8)
         cells = np.asarray(cv2.morphologyEx(cells, cv2.MORPH_CLOSE, gap), np.uint8)
-        if not cells.any():
-            self.mask = None
-            return
-        mask = np.repeat(np.repeat(cells, MOTION.cell, axis=0), MOTION.cell, axis=1)
-        self.mask = np.ascontiguousarray(mask[:height, :width])
+        self.mask = None
+        if cells.any():
+            mask = np.repeat(np.repeat(cells, MOTION.cell, axis=0), MOTION.cell, axis=1)
+            self.mask = np.ascontiguousarray(mask[: size[0], : size[1]])
 
 
 def _counted(places: Any, cells: tuple[int, ...]) -> NDArray[np.float32]:

@@ -131,8 +131,7 @@ def _away(strip: Strip, points: Edges) -> tuple[float, float]:
     for edge, slope in zip(points, strip[2:4].tolist(), strict=True):
         depth = edge.rows - strip[1]
         offsets = (edge.columns - strip[0] - slope * depth) / ((strip[3] - strip[2]) * depth)
-        weights = edge.weights + 1e-6
-        away.append(float((offsets * weights).sum() / weights.sum()))
+        away.append(float(np.average(offsets, weights=edge.weights + 1e-6)))
     return -away[0], away[1]
 
 

@@ -81,7 +81,7 @@ class EdgeSamples:
     expected: NDArray[Any]  # (2, count) columns of the edges, px of the levelled working image
     rows: NDArray[Any]  # (count,) likewise
     across: NDArray[Any]  # (places,) px inwards from the expected column, from the land on
-    inside: NDArray[np.bool_]  # (2, count, places) is on the frame
+    inside: NDArray[np.bool_]  # (2, count, places - base) the middle of a step is on the frame
     base: int  # samples over which a step is measured, even
 
     def steps(self, channels: NDArray[Any]) -> NDArray[Any]:
@@ -91,13 +91,7 @@ class EdgeSamples:
         """
         rise = channels[..., self.base :] - channels[..., : -self.base]
         shape = (*rise.shape[:-2], 2, self.rows.size, rise.shape[-1])
-        return np.asarray(rise.reshape(shape) * self._steps_inside)
-
-    @property
-    def _steps_inside(self) -> NDArray[np.bool_]:
-        """(2, count, places - base) where the middle of a step is on the frame."""
-        half = self.base // 2
-        return self.inside[:, :, half:-half]
+        return np.asarray(rise.reshape(shape) * self.inside)
 
     def profile(self, channels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """What channels (..., 2 count, places) have in common along the edges.
@@ -122,8 +116,7 @@ class EdgeSamples:
         votes = steps.reshape(2, -1).take(samples, axis=1).sum(axis=2) * worth
         if not self.inside.all():
             # What is in view of a line speaks for the rest of it.
-            inside = self._steps_inside.reshape(2, -1)
-            seen = inside.take(samples, axis=1).sum(axis=2)
+            seen = self.inside.reshape(2, -1).take(samples, axis=1).sum(axis=2)
             votes *= count / np.maximum(seen, EDGES.min_seen * count)
         best = votes.argmax(axis=1)
         near_line = lines[best][:, :, None] + np.arange(-base // 2 - 1, base // 2 + 2)
@@ -187,7 +180,8 @@ def sample_edges(
     pixels, inside = frame.at(columns, rows[:, None])
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = max(2, int(np.clip(width / EDGES.widths_per_step, 2, 4) / sample))
-    return EdgeSamples(pixels, expected, rows, across, inside, 2 * (base // 2))
+    half = base // 2
+    return EdgeSamples(pixels, expected, rows, across, inside[:, :, half:-half], 2 * half)
 
 
 def rows_of(

@@ -16,8 +16,7 @@ class DetectorTuning:
     """Of the whole frame."""
 
     frozen_frames: int = 50  # equal frames, after which a picture shows nothing: two seconds
-    # grey levels, standard deviation of a picture that shows anything: noise alone has 1 to 2
-    min_contrast: float = 2.0
+    min_contrast: float = 2.0  # grey levels, deviation of what shows anything: noise has 1 to 2
     # shares of the height searched for vanishing points without a horizon
     whole_range: tuple[float, float] = (0.03, 0.65)
     range_above: float = -0.4  # share of the height above the picture, up to which likewise
