@@ -198,3 +198,14 @@ def test_a_strip_painted_on_the_picture_is_no_runway(monkeypatch):
     monkeypatch.setattr(Overlaid, 'take', lambda *_: None)
     believed = [result.confidence for result, _ in results(images)][50:]
     assert max(believed) > max(last)
+
+
+def test_a_grey_camera_may_send_three_channels(flight):
+    """Its encoding changes no result, of a picture that is a part of a larger one either."""
+    gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in flight[:8]]
+    part = [np.stack([image] * 3, axis=2).repeat(2, axis=1)[:, ::2] for image in gray]
+    for (one, _), (other, _) in zip(results(gray), results(part), strict=True):
+        assert one.corners == other.corners
+        assert one.confidence == other.confidence
+        assert np.array_equal(one.horizon, other.horizon)
+    assert one.confidence > 0.0
