@@ -234,40 +234,30 @@ class EdgeLook:
         else:
             channels = np.stack(opponent_channels(samples.pixels))
             steps = samples.steps(channels)
-        self._learn(steps, samples, channels)
+        along, land, pavement = samples.profile(channels)
+        self._learn(steps, pavement - land)
         contrast = self._contrast[: len(channels)].copy()
         colour = float(np.linalg.norm(contrast[1:]))
         if self.coloured or colour > max(EDGES.clear_contrast, abs(float(contrast[0]))):
             # White stripes along an edge have the pavement's colour, not its brightness.
             contrast[0] = 0.0
-        elif self._wide and (paint := self._paint(samples, channels[0])):
+        elif self._wide and (paint := _paint(along[0], land[0], pavement[0])):
             # A stripe goes on to the inside.
             steps = samples.steps(np.maximum.accumulate(channels[:1], axis=2))
             contrast = np.array([paint])
         size = float(np.linalg.norm(contrast))
         direction = contrast / max(size, 1e-6)
         size = max(size, EDGES.min_contrast)
-        along = np.clip(np.tensordot(direction, steps, axes=1), 0.0, size)
-        return samples.fit(along, size)
+        whole = np.clip(np.tensordot(direction, steps, axes=1), 0.0, size)
+        return samples.fit(whole, size)
 
-    def _paint(self, samples: EdgeSamples, brightness: NDArray[np.float32]) -> float:
-        """Grey levels by which stripes along both edges are brighter than the land; 0 without any.
+    def _learn(self, steps: NDArray[Any], rise: NDArray[Any]) -> None:
+        """Take what the edges have in common: of one that is dashed the mean.
 
-        They are brighter than the pavement as well: its border with them is no edge.
+        The rise (channels, 2) is that from the land to the pavement, apart from lines.
         """
-        along, land, pavement = samples.profile(brightness)
-        brightest = along.max(axis=1)
-        clear = (brightest - np.maximum(land, pavement)).min()
-        least = max(EDGES.clear_contrast, EDGES.paint_share * float(np.abs(pavement - land).max()))
-        return float((brightest - land).min()) if clear > least else 0.0
-
-    def _learn(
-        self, steps: NDArray[Any], samples: EdgeSamples, channels: NDArray[np.float32]
-    ) -> None:
-        """Take what the edges have in common: of one that is dashed the mean."""
         if self._wide:
-            _, land, pavement = samples.profile(channels)
-            left, right = (pavement - land).T
+            left, right = rise.T
         else:
             # The strongest step near where either is expected.
             middle = steps.shape[3] // 2
@@ -283,6 +273,17 @@ class EdgeLook:
         self._frames += 1
         share = max(EDGES.memory, 1.0 / self._frames)
         self._contrast += share * (contrast - self._contrast)
+
+
+def _paint(along: NDArray[Any], land: NDArray[Any], pavement: NDArray[Any]) -> float:
+    """By how many grey levels stripes of an `EdgeSamples.profile` are brighter than the land, or 0.
+
+    They are brighter than the pavement as well: its border with them is no edge.
+    """
+    brightest = along.max(axis=1)
+    clear = (brightest - np.maximum(land, pavement)).min()
+    least = max(EDGES.clear_contrast, EDGES.paint_share * float(np.abs(pavement - land).max()))
+    return float((brightest - land).min()) if clear > least else 0.0
 
 
 def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:
