@@ -268,9 +268,8 @@ def as_pixels(given: Image | Pixels, *, all_bits: bool = False) -> Pixels:
         given = _plain(given)
         if given.ndim == 2 or (given.ndim == 3 and given.shape[2] == 3):
             return given
-    got = type(given).__name__
-    if isinstance(given, np.ndarray):
-        got = f'{given.shape} of {given.dtype}'
+    is_array = isinstance(given, np.ndarray)
+    got = f'{given.shape} of {given.dtype}' if is_array else type(given).__name__
     raise ImageError(
         'the image must be an Image, or (height, width) or (height, width, 3) of uint8 or uint16, '
         f'not {got}'

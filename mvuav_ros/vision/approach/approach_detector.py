@@ -7,6 +7,7 @@ import operator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import cv2
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
@@ -27,7 +28,7 @@ from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame
 from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
-from mvuav_ros.vision.approach.tuning import DETECTOR, GUIDANCE, SEARCH
+from mvuav_ros.vision.approach.tuning import DETECTOR, GUIDANCE, MOTION, SEARCH
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image, as_pixels
@@ -202,6 +203,7 @@ class ApproachDetector:
             LineRole.CENTRELINE: along_middle,
         }
         sees_far, sees_near = track.ends_in_view(level)
+        seen = track.points is not None and not track.predicted
         # Only a runway ends within sight.
         if self._parameters.target == 'runway':
             if sees_far:
@@ -214,7 +216,7 @@ class ApproachDetector:
             vanishing_point=level.to_frame(x, y),
             corners=(near_left, near_right, far_right, far_left),
             guidance=self._guidance(found, sees_near=sees_near),
-            status='' if track.points else f'{self._parameters.target} not seen: predicted',
+            status='' if seen else f'{self._parameters.target} not seen: predicted',
         )
 
     def _rows(
@@ -351,10 +353,16 @@ class Finder:
 
     def _veto(self, track: FollowedStrip | None, sight: Sight) -> str:
         """Why nothing is reported: the picture is frozen, or the attitude contradicts the track."""
-        unchanged = self.tracker.registration.unchanged
-        if unchanged > (0 if track is None else DETECTOR.frozen_frames):
-            return f'the picture has not changed for {unchanged} frames'
-        if track is None or sight.row is None or sight.meeting is None:
+        registration = self.tracker.registration
+        if registration.unchanged > (0 if track is None else DETECTOR.frozen_frames):
+            return f'the picture has not changed for {registration.unchanged} frames'
+        if track is None:
+            return ''
+        if float(cv2.meanStdDev(registration.gray)[1].item()) < DETECTOR.min_contrast:
+            return 'the picture is all alike'
+        if registration.alike < MOTION.min_alike:
+            return 'the picture shows nothing of what the last one did'
+        if sight.row is None or sight.meeting is None:
             return ''
         if track.lies_above(sight.row):
             return 'the likeliest lies above the horizon'

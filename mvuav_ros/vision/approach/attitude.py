@@ -57,23 +57,18 @@ def horizon_from(
 def _seen_by(camera: CameraModel, up: NDArray[np.float64], sigma: float) -> HorizonLine | None:
     """The horizon where it is nearest to the camera's axis, of the way up in the optical frame.
 
-    There a lens does not turn it, as it does beside.
+    There radial distortion does not turn it, as it does beside. Tangential distortion does: the
+    slope is that without a lens, as the guidance takes it.
     """
     axis = np.array([0.0, 0.0, 1.0])
     level = axis - (axis @ up) * up
-    if np.linalg.norm(level) < math.cos(HORIZON.max_pitch):
+    across, down, _ = camera.matrix @ np.cross(level, up)
+    ahead = level[None]
+    if level[2] < math.cos(HORIZON.max_pitch) ** 2 or across <= 0 or not camera.shows(ahead).all():
         return None
-    level /= np.linalg.norm(level)
-    right = np.cross(level, up)
-    rays = np.stack([level - HORIZON.half_base * right, level + HORIZON.half_base * right])
-    if not camera.shows(rays).all():
-        return None
-    (x1, y1), (x2, y2) = camera.project(rays)
-    if x2 <= x1:
-        return None
-    slope = (y2 - y1) / (x2 - x1)
-    row = y1 + slope * (0.5 * (camera.width - 1) - x1)
-    return HorizonLine(float(row), math.atan(slope), sigma)
+    x, y = camera.project(ahead)[0]
+    row = y + down / across * (0.5 * (camera.width - 1) - x)
+    return HorizonLine(float(row), math.atan(down / across), sigma)
 
 
 Box = tuple[int, int, int, int]
@@ -124,10 +119,8 @@ def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:
     return NormalForm(x1 * math.cos(theta) + y1 * math.sin(theta), theta).normalised()
 
 
-def turn_edge(
-    p: float, slope: float, row: float, old: Derotation, new: Derotation
-) -> tuple[float, float]:
-    """An edge x = p + slope (y - row) of one level, described on another one."""
+def turn_edge(p: Any, slope: Any, row: Any, old: Derotation, new: Derotation) -> tuple[Any, Any]:
+    """Edges x = p + slope (y - row) of one level, described on another one."""
     angle = new.slope - old.slope
     if angle == 0.0:
         return p, slope
@@ -144,17 +137,13 @@ def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -
     """Strips, (n, 6), of one derotation described on another one; NaN where they are none there."""
     if old.slope == new.slope:
         return strips
-    turned = strips.copy()
-    for strip in turned:
-        x, y, left, right, far, near = (float(value) for value in strip)
-        edges = [turn_edge(x + s * near, s, y + near, old, new) for s in (left, right)]
-        (first, left), (second, right) = edges
-        strip[:] = math.nan
-        if right - left > 0.02:
-            depth = (second - first) / (right - left)
-            apex = first - left * depth, y + near - depth
-            strip[:] = (*apex, left, right, depth * far / near, depth)
-    return turned
+    x, y, *slopes, far, near = strips.T
+    edges = [turn_edge(x + slope * near, slope, y + near, old, new) for slope in slopes]
+    (first, left), (second, right) = edges
+    left, right = (slope * np.where(right - left > 0.02, 1.0, math.nan) for slope in (left, right))
+    depth = (second - first) / (right - left)
+    x, y = first - left * depth, y + near - depth
+    return np.stack([x, y, left, right, depth * far / near, depth], axis=1)
 
 
 def vertex(values: NDArray[Any], index: int) -> float:

@@ -24,6 +24,8 @@ class Registration:
         """The newest image differs from the last one; a still says nothing new."""
         self.unchanged = 0
         """Images that were the same as the newest."""
+        self.alike = math.nan
+        """Correlation of a strip's surroundings with the last image, the best of all strips'."""
 
     def take(self, pixels: NDArray[Any]) -> None:
         """Take in the next working image, (height, width) or (height, width, 3)."""
@@ -34,6 +36,7 @@ class Registration:
         same = np.array_equal(self.gray, self._last)
         self.moving = self._last.size > 0 and not same
         self.unchanged = self.unchanged + 1 if same else 0
+        self.alike = math.nan
 
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
         """Px to the right and down by which the surroundings of the last frame's strip have moved.
@@ -42,6 +45,7 @@ class Registration:
         """
         box = _box(strip, level, self._last.shape)
         if box is None:
+            self.alike = 1.0
             return 0.0, 0.0
         (first, end), (top, bottom) = box
         reach = MOTION.reach
@@ -49,6 +53,7 @@ class Registration:
         part = self._last[top:bottom, first:end]
         alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
         row, column = (int(place) for place in np.unravel_index(alike.argmax(), alike.shape))
+        self.alike = float(np.fmax(self.alike, alike[row, column]))
         # What is most alike at the end of the reach is more so beyond: a torn picture.
         if not alike[row, column] > MOTION.min_correlation or {0, 2 * reach} & {row, column}:
             return 0.0, 0.0
@@ -142,11 +147,8 @@ class Overlaid:
         return True
 
     def _vote(self, still: Any, moved: Any, size: tuple[int, ...]) -> None:
-        height, width = size
         if self._votes is None:
-            self._votes = np.zeros(
-                (height // MOTION.cell + 1, width // MOTION.cell + 1), np.float32
-            )
+            self._votes = np.zeros([side // MOTION.cell + 1 for side in size], np.float32)
         votes = self._votes
         votes *= 1.0 - MOTION.forgotten
         # Beside a letter that stands still there may be digits that change.
@@ -157,11 +159,10 @@ class Overlaid:
         # Along a line that stands still there are no corners.
         gap = np.ones((MOTION.joined, MOTION.joined), np.uint8)
         cells = np.asarray(cv2.morphologyEx(cells, cv2.MORPH_CLOSE, gap), np.uint8)
-        if not cells.any():
-            self.mask = None
-            return
-        mask = np.repeat(np.repeat(cells, MOTION.cell, axis=0), MOTION.cell, axis=1)
-        self.mask = np.ascontiguousarray(mask[:height, :width])
+        self.mask = None
+        if cells.any():
+            mask = np.repeat(np.repeat(cells, MOTION.cell, axis=0), MOTION.cell, axis=1)
+            self.mask = np.ascontiguousarray(mask[: size[0], : size[1]])
 
 
 def _counted(places: Any, cells: tuple[int, ...]) -> NDArray[np.float32]:

@@ -60,7 +60,7 @@ def locate(
         covariance[0, 0] = UNKNOWN_VARIANCE
     else:
         covariance[0, 0] += GUIDANCE.beginning_sigma**2
-    x, y, z, roll, pitch, yaw = (float(value) for value in solution)
+    x, y, z, roll, pitch, yaw = solution.tolist()
     return Guidance(x, y, z, roll, pitch, yaw, covariance)
 
 
@@ -79,8 +79,7 @@ def _fitted(points: EdgePoints, factor: int) -> tuple[Vector, Vector, Matrix] | 
     weighted = design * weights
     inverse = np.linalg.inv(weighted @ design.T)
     at_ends = inverse @ (weighted @ columns)
-    error = columns - at_ends @ design
-    spread = float((weights * error**2).sum() / weights.sum())
+    spread = float(np.average((columns - at_ends @ design) ** 2, weights=weights))
     least = (GUIDANCE.min_spread / factor) ** 2
     covariance = inverse * (max(spread, least) * EDGES.correlated_rows)
     covariance += np.diag((GUIDANCE.edge_bias / factor) ** 2 + np.square(points.doubt))
@@ -91,8 +90,7 @@ def _jacobian(function: Callable[[Vector], Vector], at: Vector) -> NDArray[np.fl
     """(6, n) slopes of a pose at n measurements; 0 where one of them is not known."""
     jacobian = np.zeros((6, at.size))
     for index in np.flatnonzero(np.isfinite(at)):
-        step = np.zeros(at.size)
-        step[index] = GUIDANCE.jacobian_step
+        step = GUIDANCE.jacobian_step * (np.arange(at.size) == index)
         change = (function(at + step) - function(at - step)) / (2 * GUIDANCE.jacobian_step)
         jacobian[:, index] = np.where(np.isfinite(change), change, 0.0)
     return jacobian

@@ -208,12 +208,11 @@ class RoadTrack(FollowedStrip):
         score, sharp = self._score(edges, strip)
         self.shape.move_reference(y + 0.3 * strip[4] + 0.7 * strip[5])
         self.shape.update(edges, view.sight.meeting)
-        target = self.target
         self.quality += max(ROAD.memory, 1.0 / self.age) * (score - self.quality)
         self.log_odds = math.log(max(self.quality, 1e-6))
-        change = self.quality - target.start_score
+        change = self.quality - self.target.start_score
         self.evidence = min(max(self.evidence + change, 0.0), ROAD.certain)
-        seen = score > 0.5 * target.keep_score and sharp > ROAD.min_sharp
+        seen = score > 0.5 * self.target.keep_score and sharp > ROAD.min_sharp
         self.points = edges if seen else None
         self.misses = 0 if seen else self.misses + 1
 
@@ -229,12 +228,11 @@ class RoadTrack(FollowedStrip):
         sharp = min(max((support - self.target.least_support) / ROAD.support_range, 0.0), 1.0)
         # A strip under the camera goes on to the lower end of the image.
         end = float(depth[min(last, len(depth)) - 1])
-        low = ((strip[1] + end) / (strip[1] + strip[5]) - ROAD.high_end) / (
-            ROAD.low_end - ROAD.high_end
-        )
+        lowest = (strip[1] + end) / (strip[1] + strip[5])
+        low = float(np.interp(lowest, (ROAD.high_end, ROAD.low_end), (0.0, 1.0)))
         if sharp > ROAD.min_sharp:
             self.follow_ends(float(one.rows[first]), float(strip[1]) + end)
-        return run * sharp * min(max(low, 0.0), 1.0), sharp
+        return run * sharp * low, sharp
 
 
 class RoadTracker(StripTracker[RoadTrack]):

@@ -24,7 +24,7 @@ from mvuav_ros.vision.approach.evidence import (
     shrunk_by,
 )
 from mvuav_ros.vision.approach.strip_edges import Strip, Strips
-from mvuav_ros.vision.approach.strips import level_of
+from mvuav_ros.vision.approach.strips import columns_at, level_of, strips_through
 from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
 from mvuav_ros.vision.point_operations import intensity
 
@@ -255,27 +255,15 @@ def _choose(edges: NDArray[np.int8]) -> list[NDArray[np.intp]]:
 
 
 def _moved(strips: Strips, chosen: list[NDArray[np.intp]]) -> tuple[Strips, NDArray[np.bool_]]:
-    x, y, *_, near = strips.T
-    places = []
-    for column, number in zip((2, 3), chosen, strict=True):
-        slope = strips[:, column]
-        far_move = _FAR_STEPS[number % _FAR_STEPS.size]
-        near_move = _NEAR_STEPS[number // _FAR_STEPS.size]
-        at_far = x + slope * SEARCH.first_row * near + far_move
-        places.append((at_far, x + slope * near + near_move))
-    length = (1.0 - SEARCH.first_row) * near
-    left, right = ((at_near - at_far) / length for at_far, at_near in places)
-    depth = (places[1][1] - places[0][1]) / np.maximum(right - left, 0.05)
-    moved = strips.copy()
-    moved[:, 0] = places[0][1] - left * depth
-    moved[:, 1] = y + near - depth
-    moved[:, 2], moved[:, 3], moved[:, 5] = left, right, depth
-    valid = (
-        (right - left > SEARCH.min_slope_gap)
-        & (depth > SEARCH.min_depth)
-        & (depth < np.maximum(SEARCH.max_depth, SEARCH.max_deeper * near))
-    )
-    return moved, valid
+    y, near = strips[:, 1:2], strips[:, 5:6]
+    rows = y + near * (SEARCH.first_row, 1.0)
+    far_move, near_move = np.array(chosen) % _FAR_STEPS.size, np.array(chosen) // _FAR_STEPS.size
+    moves = np.stack([_FAR_STEPS[far_move], _NEAR_STEPS[near_move]], axis=2).swapaxes(0, 1)
+    moved = strips_through(columns_at(strips, rows) + moves, rows, y + strips[:, 4:6])
+    moved[:, 4] = strips[:, 4]
+    gap, depth = moved[:, 3] - moved[:, 2], moved[:, 5]
+    valid = (gap > SEARCH.min_slope_gap) & (depth > SEARCH.min_depth)
+    return moved, valid & (depth < np.maximum(SEARCH.max_depth, SEARCH.max_deeper * near[:, 0]))
 
 
 def _widest(y: Any) -> NDArray[np.float64]:
@@ -364,12 +352,12 @@ class LevelledImage:
         hidden = self.level.turned(self._overlaid, (left, top, right, bottom)) > 0
         return gather_evidence(pixels, hidden[:: 2**level, :: 2**level])
 
-    def part_around(self, strips: Strips) -> Part | None:
-        """The part of the image that is needed to describe strips, on the first one's level."""
-        return self._part_on(level_of(float(strips[0, 5])), strips)
+    def part_around(self, strips: Strips, level: int | None = None) -> Part | None:
+        """The part of a level of the pyramid around strips, if it is large enough.
 
-    def _part_on(self, level: int, strips: Strips) -> Part | None:
-        """The part of a level of the pyramid around strips, if it is large enough."""
+        It is on the first one's level, unless another one is given.
+        """
+        level = level_of(float(strips[0, 5])) if level is None else level
         known = _scaled(strips, 0.5**level)
         x, y, left, right, _, near = known.T
         near_left, near_right = x + left * near, x + right * near
@@ -387,7 +375,7 @@ class LevelledImage:
     def refined(self, strips: Strips, level: int) -> Strips:
         """Strips that were aligned on a level of the pyramid, aligned on the finer ones as well."""
         for finer in range(level - 1, SEARCH.finest_aligned - 1, -1):
-            part = self._part_on(finer, strips)
+            part = self.part_around(strips, finer)
             if part is None:
                 break
             moved, valid = align(part.map, part.strips)

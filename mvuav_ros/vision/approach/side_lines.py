@@ -116,8 +116,8 @@ def _outer_sides(frame: LevelledFrame, strip: Strip) -> Edges | None:
     # The fall of a line thinner than a step, whose weight is its width in steps, is found half a
     # step from its middle.
     half = 0.5 * float(samples.across[samples.base] - samples.across[0])
-    parts = [np.array_split(side.weights, 2) for side in sides]
-    widths = np.array([[p.sum() / max(np.count_nonzero(p), 1) for p in each] for each in parts])
+    parts = [np.array_split(side.weights[side.weights > 0], 2) for side in sides]
+    widths = np.array([[part.sum() / max(part.size, 1) for part in each] for each in parts])
     outside = half * np.maximum(1.0 - 1.5 * widths + 0.5 * widths[:, ::-1], 0.0)
     one, other = (
         replace(side, outside=tuple(each)) for side, each in zip(sides, outside, strict=True)
@@ -131,8 +131,7 @@ def _away(strip: Strip, points: Edges) -> tuple[float, float]:
     for edge, slope in zip(points, strip[2:4].tolist(), strict=True):
         depth = edge.rows - strip[1]
         offsets = (edge.columns - strip[0] - slope * depth) / ((strip[3] - strip[2]) * depth)
-        weights = edge.weights + 1e-6
-        away.append(float((offsets * weights).sum() / weights.sum()))
+        away.append(float(np.average(offsets, weights=edge.weights + 1e-6)))
     return -away[0], away[1]
 
 

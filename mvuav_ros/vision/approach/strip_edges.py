@@ -68,6 +68,10 @@ Edges = tuple[EdgePoints, EdgePoints]
 """The left and the right one."""
 
 
+_INWARDS = np.array([[1.0], [-1.0]])
+"""Columns to the right per px from the land to the pavement, of the left and of the right edge."""
+
+
 @dataclass(frozen=True, eq=False)
 class EdgeSamples:
     """The frame's pixels across both edges."""
@@ -76,8 +80,8 @@ class EdgeSamples:
     pixels: NDArray[Any]
     expected: NDArray[Any]  # (2, count) columns of the edges, px of the levelled working image
     rows: NDArray[Any]  # (count,) likewise
-    across: NDArray[Any]  # (places,) px from the expected column
-    inside: NDArray[np.bool_]  # (2, count, places) is on the frame
+    across: NDArray[Any]  # (places,) px inwards from the expected column, from the land on
+    inside: NDArray[np.bool_]  # (2, count, places - base) the middle of a step is on the frame
     base: int  # samples over which a step is measured, even
 
     def steps(self, channels: NDArray[Any]) -> NDArray[Any]:
@@ -87,15 +91,19 @@ class EdgeSamples:
         """
         rise = channels[..., self.base :] - channels[..., : -self.base]
         shape = (*rise.shape[:-2], 2, self.rows.size, rise.shape[-1])
-        steps: NDArray[Any] = rise.reshape(shape) * self._steps_inside
-        steps[..., 1, :, :] *= -1
-        return steps
+        return np.asarray(rise.reshape(shape) * self.inside)
 
-    @property
-    def _steps_inside(self) -> NDArray[np.bool_]:
-        """(2, count, places - base) where the middle of a step is on the frame."""
-        half = self.base // 2
-        return self.inside[:, :, half:-half]
+    def profile(self, channels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """What channels (..., 2 count, places) have in common along the edges.
+
+        Returns:
+            Means over the rows, (..., 2, places); and means of the land and of the pavement,
+            (..., 2), farthest from either edge: lines beside it do not count.
+        """
+        shape = (*channels.shape[:-2], 2, self.rows.size, self.across.size)
+        along = channels.reshape(shape).mean(axis=-2)
+        outer = max(1, self.across.size // EDGES.region)
+        return along, along[..., :outer].mean(axis=-1), along[..., -outer:].mean(axis=-1)
 
     def fit(self, steps: NDArray[Any], size: float) -> Edges:
         """Points of both edges, of (2, count, places - base) steps from 0 to a whole one's size.
@@ -108,8 +116,7 @@ class EdgeSamples:
         votes = steps.reshape(2, -1).take(samples, axis=1).sum(axis=2) * worth
         if not self.inside.all():
             # What is in view of a line speaks for the rest of it.
-            inside = self._steps_inside.reshape(2, -1)
-            seen = inside.take(samples, axis=1).sum(axis=2)
+            seen = self.inside.reshape(2, -1).take(samples, axis=1).sum(axis=2)
             votes *= count / np.maximum(seen, EDGES.min_seen * count)
         best = votes.argmax(axis=1)
         near_line = lines[best][:, :, None] + np.arange(-base // 2 - 1, base // 2 + 2)
@@ -118,7 +125,8 @@ class EdgeSamples:
         local = np.take_along_axis(steps, near_line, axis=2) * valid
         total = local.sum(axis=2)
         across = self.across[base // 2 :].take(near_line)
-        columns = self.expected + (local * across).sum(axis=2) / np.maximum(total, 1e-6)
+        inwards = (local * across).sum(axis=2) / np.maximum(total, 1e-6)
+        columns = self.expected + _INWARDS * inwards
         # A step of the contrast's size is seen by all samples around it.
         weights = np.clip(total / (base * size), 0.0, 1.0)
         weights *= weights > EDGES.min_step_share
@@ -168,10 +176,12 @@ def sample_edges(
     if far_off:
         sample *= max(1.0, EDGES.far_reach * width / reach)
     across = np.arange(-steps, steps + 1) * sample
-    pixels, inside = frame.at(expected[:, :, None] + across, rows[:, None])
+    columns = expected[:, :, None] + _INWARDS[:, :, None] * across
+    pixels, inside = frame.at(columns, rows[:, None])
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = max(2, int(np.clip(width / EDGES.widths_per_step, 2, 4) / sample))
-    return EdgeSamples(pixels, expected, rows, across, inside, 2 * (base // 2))
+    half = base // 2
+    return EdgeSamples(pixels, expected, rows, across, inside[:, :, half:-half], 2 * half)
 
 
 def rows_of(
@@ -224,29 +234,30 @@ class EdgeLook:
         else:
             channels = np.stack(opponent_channels(samples.pixels))
             steps = samples.steps(channels)
-        self._learn(steps, samples, channels)
+        along, land, pavement = samples.profile(channels)
+        self._learn(steps, pavement - land)
         contrast = self._contrast[: len(channels)].copy()
         colour = float(np.linalg.norm(contrast[1:]))
         if self.coloured or colour > max(EDGES.clear_contrast, abs(float(contrast[0]))):
             # White stripes along an edge have the pavement's colour, not its brightness.
             contrast[0] = 0.0
+        elif self._wide and (paint := _paint(along[0], land[0], pavement[0])):
+            # A stripe goes on to the inside.
+            steps = samples.steps(np.maximum.accumulate(channels[:1], axis=2))
+            contrast = np.array([paint])
         size = float(np.linalg.norm(contrast))
         direction = contrast / max(size, 1e-6)
-        along = np.tensordot(direction, steps, axes=1)
         size = max(size, EDGES.min_contrast)
-        along = np.clip(along, 0.0, size)
-        return samples.fit(along, size)
+        whole = np.clip(np.tensordot(direction, steps, axes=1), 0.0, size)
+        return samples.fit(whole, size)
 
-    def _learn(
-        self, steps: NDArray[Any], samples: EdgeSamples, channels: NDArray[np.float32]
-    ) -> None:
-        """Take what the edges have in common: of one that is dashed the mean."""
+    def _learn(self, steps: NDArray[Any], rise: NDArray[Any]) -> None:
+        """Take what the edges have in common: of one that is dashed the mean.
+
+        The rise (channels, 2) is that from the land to the pavement, apart from lines.
+        """
         if self._wide:
-            # Inside minus outside, farthest from either edge: lines beside it do not count.
-            outer = max(1, samples.across.size // EDGES.region)
-            values = channels.reshape(len(channels), 2, samples.rows.size, -1).mean(axis=2)
-            rise = values[:, :, -outer:].mean(axis=2) - values[:, :, :outer].mean(axis=2)
-            left, right = rise[:, 0], -rise[:, 1]
+            left, right = rise.T
         else:
             # The strongest step near where either is expected.
             middle = steps.shape[3] // 2
@@ -262,6 +273,17 @@ class EdgeLook:
         self._frames += 1
         share = max(EDGES.memory, 1.0 / self._frames)
         self._contrast += share * (contrast - self._contrast)
+
+
+def _paint(along: NDArray[Any], land: NDArray[Any], pavement: NDArray[Any]) -> float:
+    """By how many grey levels stripes of an `EdgeSamples.profile` are brighter than the land, or 0.
+
+    They are brighter than the pavement as well: its border with them is no edge.
+    """
+    brightest = along.max(axis=1)
+    clear = (brightest - np.maximum(land, pavement)).min()
+    least = max(EDGES.clear_contrast, EDGES.paint_share * float(np.abs(pavement - land).max()))
+    return float((brightest - land).min()) if clear > least else 0.0
 
 
 def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:

@@ -19,7 +19,7 @@ def level_of(near: float) -> int:
 
 
 def columns_at(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2, 2) columns of the left and the right edge at two rows, px."""
+    """(n, 2, 2) columns of the left and the right edge at two rows, px: (2,), or (n, 2)."""
     depth = (rows - strips[:, 1:2])[:, None]
     return strips[:, 0, None, None] + strips[:, 2:4, None] * depth
 
@@ -27,11 +27,11 @@ def columns_at(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]
 def strips_through(
     columns: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
 ) -> Strips:
-    """Strips whose edges pass through columns at two rows."""
-    slopes = (columns[:, :, 1] - columns[:, :, 0]) / (rows[1] - rows[0])
+    """Strips whose edges pass through columns at two rows, (2,) or (n, 2)."""
+    slopes = (columns[:, :, 1] - columns[:, :, 0]) / (rows[..., 1] - rows[..., 0])[..., None]
     gap = np.maximum(slopes[:, 1] - slopes[:, 0], 0.02)
     depth = (columns[:, 1, 1] - columns[:, 0, 1]) / gap
-    x, y = columns[:, 0, 1] - slopes[:, 0] * depth, rows[1] - depth
+    x, y = columns[:, 0, 1] - slopes[:, 0] * depth, rows[..., 1] - depth
     found = np.stack([x, y, slopes[:, 0], slopes[:, 1], ends[:, 0] - y, ends[:, 1] - y], axis=1)
     found[:, 5] = np.maximum(found[:, 5], 4.0)
     return found
@@ -195,6 +195,7 @@ class FollowedStrip:
         self.age = 0  # frames
         self.misses = 0  # looks in a row in which it was not seen
         self.points: Edges | None = None  # in the newest frame, if seen
+        self.predicted = False  # they are no more than where it was followed to
         self.log_odds = log_odds  # that it is what is looked for, averaged over the last frames
 
     @property

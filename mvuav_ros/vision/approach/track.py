@@ -112,8 +112,7 @@ class EdgeKinds:
 
     def take_in(self, evidence: dict[EdgeKind, float]) -> None:
         """Take in log odds of the kinds that a frame speaks of."""
-        odds = np.zeros(len(EdgeKind))
-        odds[list(evidence)] = list(evidence.values())
+        odds = np.array([evidence.get(kind, 0.0) for kind in EdgeKind])
         left = (1.0 - TRACK.kind_leave) * self._shares + TRACK.kind_leave / len(EdgeKind)
         shares = left * np.exp(TRACK.kind_weight * odds)
         self._shares = shares / shares.sum()
@@ -223,7 +222,10 @@ class RunwayTrack(FollowedStrip):
             self._measure(view, strip, strip[1] + strip[4:6], weighed=True)
             in_place = 0.0 if self.points is None else self.kinds.share(self.kinds.likeliest)
             self.agreement += self._memory * (in_place - self.agreement)
-            self._see_ends(view)
+            strip = self.strip()
+            ends = ends_of(view.working, strip)
+            if ends is not None and ends[1] > 0.5 * self.near:
+                self.follow_ends(*(strip[1] + ends).tolist())
             self.locked = self.points is not None
         seen = self.locked or self._weigh(view)
         self._found = self._found[:0]
@@ -293,6 +295,7 @@ class RunwayTrack(FollowedStrip):
             distinct = measured.get(EdgeKind.LINE) or (plain and measured.get(EdgeKind.STEP))
             self.distinct += self._memory * (bool(distinct) - self.distinct)
         self.points = measured.get(self.kinds.likeliest)
+        self.predicted = self.points is None
         if self.points is not None:
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
             self.shape.update(self.points, view.sight.meeting if weighed else None)
@@ -330,10 +333,3 @@ class RunwayTrack(FollowedStrip):
         # Without strips that are weighed beside it, its place is no more than a guess.
         needed = TRACK.min_support if weighed and not self.locked else TRACK.plain_support
         return steps if clear > needed else None, odds
-
-    def _see_ends(self, view: View) -> None:
-        """See where it ends in the newest frame."""
-        strip = self.strip()
-        found = ends_of(view.working, strip)
-        if found is not None and found[1] > 0.5 * self.near:
-            self.follow_ends(*(strip[1] + found).tolist())

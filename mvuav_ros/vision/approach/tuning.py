@@ -16,6 +16,7 @@ class DetectorTuning:
     """Of the whole frame."""
 
     frozen_frames: int = 50  # equal frames, after which a picture shows nothing: two seconds
+    min_contrast: float = 2.0  # grey levels, deviation of what shows anything: noise has 1 to 2
     # shares of the height searched for vanishing points without a horizon
     whole_range: tuple[float, float] = (0.03, 0.65)
     range_above: float = -0.4  # share of the height above the picture, up to which likewise
@@ -32,7 +33,6 @@ class HorizonTuning:
     # rad, of the camera's axis by attitude; beyond, the horizon is nowhere near the image
     max_pitch: float = math.radians(80.0)
     min_upside_down: float = 0.3  # cosine between image's down and world's up: beyond 107 deg
-    half_base: float = 0.05  # tangent of half the angle between two points that give its slope
     width: int = 80  # px of the small image in which it is looked for without attitude
     height: int = 60  # px, likewise
     slope_step_deg: float = 1.5  # between slopes that are tried
@@ -64,6 +64,7 @@ class MotionTuning:
     min_side: int = 40  # px of the compared part's sides
     max_side: int = 96  # px, likewise
     min_correlation: float = 0.5  # of two parts that show the same
+    min_alike: float = 0.1  # likewise, anything in common: noise has up to 0.07, fast turns 0.18
     cell: int = 8  # px: sides of the cells in which it is remembered what stands still
     max_corners: int = 150  # corners compared
     corner_distance: float = 5.0  # px between corners
@@ -101,6 +102,7 @@ class EdgesTuning:
     min_contrast: float = 1.5  # grey levels: less gives no direction
     clear_contrast: float = 12.0  # grey levels that are plain to see
     colour_contrast: float = 30.0  # opponent colours' levels between pavement and grass by day
+    paint_share: float = 0.3  # of it, by which stripes are brighter than all; sharpening gives 0.25
     memory: float = 0.05  # share of a new frame in the contrast. Simulated slabs and S-turns
     region: int = 5  # samples across an edge over those of its outside, or its inside
 

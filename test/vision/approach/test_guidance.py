@@ -75,11 +75,17 @@ def test_points_outside_of_the_edges_do_not_move_the_pose():
 
 
 @pytest.mark.parametrize(
-    ('model', 'd'), [('', ()), ('plumb_bob', (-0.25, 0.06, 0, 0)), ('equidistant', (0, 0, 0, 0))]
+    ('model', 'd'),
+    [
+        ('', ()),
+        ('plumb_bob', (-0.25, 0.06, 0, 0)),
+        ('plumb_bob', (0, 0, 0.004, -0.003)),
+        ('equidistant', (0, 0, 0, 0)),
+    ],
 )
 @pytest.mark.parametrize(('roll_deg', 'yaw_deg'), [(0, 0), (0, 10), (20, 10), (-20, 5)])
 def test_a_bent_horizon_does_not_roll_the_camera(model, d, roll_deg, yaw_deg):
-    """Beside the camera's axis a lens bends the horizon, but its slope is seen at the axis."""
+    """Beside the axis a lens bends the horizon; tangential distortion turns it there, too."""
     camera = CameraModel(640, 480, CAMERA.k, d, model)
     angles = np.radians((roll_deg, 12.0, yaw_deg))
     position = np.array((-300.0, 5.0, 30.0))
@@ -96,4 +102,4 @@ def test_a_bent_horizon_does_not_roll_the_camera(model, d, roll_deg, yaw_deg):
         edges.append(EdgePoints(*along, np.ones(8), 1.0))
     found = locate(edges, None, level, 0.001, camera, 30.0)
     assert (found.y, found.z) == pytest.approx((5.0, 30.0), abs=0.02)
-    assert (found.roll, found.pitch, found.yaw) == pytest.approx(angles, abs=1e-3)
+    assert (found.roll, found.pitch, found.yaw) == pytest.approx(angles, abs=1e-4)

@@ -76,6 +76,29 @@ def test_noise_hides_a_runway(flight):
     assert status.startswith('no runway')
 
 
+@pytest.mark.parametrize(
+    ('spoil', 'reason'),
+    [
+        (lambda image, _: np.zeros_like(image), 'is all alike'),
+        (lambda image, _: np.full_like(image, 255), 'is all alike'),
+        (
+            lambda image, rng: rng.integers(0, 256, image.shape).astype(np.uint8),
+            'nothing of what the last one did',
+        ),
+    ],
+    ids=['black', 'white', 'noise'],
+)
+def test_what_was_followed_is_not_reported_of_a_frame_that_shows_nothing(flight, spoil, reason):
+    """Not even of the first one; and it is reported again once it is seen."""
+    rng = np.random.default_rng(2)
+    spoilt = [spoil(image, rng) for image in flight[20:24]]
+    found = [result for result, _ in results(flight[:20] + spoilt + flight[24:])]
+    assert [result.confidence >= CONFIDENT for result in found[19:24]] == [True] + [False] * 4
+    assert reason in found[20].status
+    assert found[-1].confidence >= CONFIDENT
+    assert not found[-1].status
+
+
 def test_a_torn_picture_is_reported_where_the_runway_is(flight):
     """The rows below somewhere come from the frame before, moved sideways."""
     torn = [flight[0]]
@@ -175,3 +198,14 @@ def test_a_strip_painted_on_the_picture_is_no_runway(monkeypatch):
     monkeypatch.setattr(Overlaid, 'take', lambda *_: None)
     believed = [result.confidence for result, _ in results(images)][50:]
     assert max(believed) > max(last)
+
+
+def test_a_grey_camera_may_send_three_channels(flight):
+    """Its encoding changes no result, of a picture that is a part of a larger one either."""
+    gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in flight[:8]]
+    part = [np.stack([image] * 3, axis=2).repeat(2, axis=1)[:, ::2] for image in gray]
+    for (one, _), (other, _) in zip(results(gray), results(part), strict=True):
+        assert one.corners == other.corners
+        assert one.confidence == other.confidence
+        assert np.array_equal(one.horizon, other.horizon)
+    assert one.confidence > 0.0

@@ -69,6 +69,21 @@ def test_points_of_thin_lines_say_how_far_outside_they_lie(inner):
         assert 0.0 <= side.outside[1] < side.outside[0]
 
 
+def test_points_of_lines_that_leave_the_frame_say_how_far_outside_those_in_view_lie():
+    """A camera that looks down: the far half of the strip is above the picture."""
+    above = 85
+    image = cv2.convertScaleAbs(runway((0.9, 1.0)), alpha=1.2)[above:]
+    strip = np.array([X, Y - above, -SLOPE, SLOPE, *SPAN])
+    sides = find_side_lines(LevelledFrame(image, Derotation(320, 240 - above, 1, 0.0)), strip)
+    for side, sign in zip(sides, (-1.0, 1.0), strict=True):
+        seen = side.weights > 0
+        assert 0 < np.count_nonzero(side.rows < 0) < side.rows.size
+        away = sign * (side.columns - X) - SLOPE * (side.rows - Y + above)
+        line = np.polyfit(side.rows[seen], away[seen], 1)
+        ends = np.polyval(line, side.rows[seen][[0, -1]])
+        assert ends - side.outside == pytest.approx(0, abs=0.6)
+
+
 @pytest.mark.parametrize('expected', [1.0, 1.15])
 def test_of_two_lines_the_outer_one_is_the_shoulders(expected):
     image = runway((0.8, 1.0), (1.3, 1.5))

@@ -1,5 +1,6 @@
 """Steps along a strip's edges, against where they were drawn."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -81,6 +82,24 @@ def test_paint_beside_an_edge_that_colour_shows_is_not_the_edge():
         true = FAR[0] + slope * (edge.rows - FAR[1])
         assert edge.support > TRACK.min_support
         assert edge.columns[edge.weights > 0] == pytest.approx(true[edge.weights > 0], abs=1.5)
+
+
+@pytest.mark.parametrize('pavement', [60, 100, 125])
+def test_the_edge_of_a_grey_runway_is_the_outer_side_of_its_side_stripes(pavement):
+    """Whether the land is brighter than the pavement, as dark asphalt in dry grass, or darker."""
+    fine = 4
+    rows, columns = ((np.arange(n * fine) + 0.5) / fine - 0.5 for n in (240, 320))
+    slope = np.abs(columns - FAR[0]) / np.maximum(rows - FAR[1], 1.0)[:, None]
+    image = np.where(slope < FAR[3], np.float32(pavement), np.float32(110))
+    image[(slope > 0.94 * FAR[3]) & (slope < FAR[3])] = 220
+    seen = cv2.GaussianBlur(
+        cv2.resize(image, (320, 240), interpolation=cv2.INTER_AREA), (0, 0), 0.6
+    )
+    edges = EdgeLook().find(noisy(seen), FAR)
+    for edge, slope in zip(edges, FAR[2:4], strict=True):
+        away = np.sign(slope) * (edge.columns - FAR[0] - slope * (edge.rows - FAR[1]))
+        assert edge.support > TRACK.plain_support
+        assert away[edge.weights > 0] == pytest.approx(0.0, abs=0.6)
 
 
 def test_a_joint_that_is_longer_in_view_is_not_the_edge():
