@@ -135,7 +135,8 @@ def test_a_type_checker_lets_a_program_give_arrays(tmp_path):
         'CameraModel(640, 480, np.eye(3), np.zeros((5, 1)), p=None)\n'
         'MarkerTracker(rig="rig.yaml"), PoseEstimator("rig.yaml")\n'
     )
-    options = ['--strict', '--no-incremental', '--config-file=']
+    # Of the package's own imports, which may lack their types, nothing is reported.
+    options = ['--strict', '--no-incremental', '--config-file=', '--follow-imports=silent']
     command = [sys.executable, '-m', 'mypy', *options, str(program)]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
