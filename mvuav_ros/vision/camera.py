@@ -213,6 +213,24 @@ class CameraModel:
             return np.asarray(found, np.float64).reshape(-1, 2)
         return self._undistort_fisheye(points.reshape(-1, 2))
 
+    def reaches(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Which pixels (n, 2) have a ray: beyond where the lens model turns back there is none."""
+        away = (np.asarray(pixels) - self.matrix[:2, 2]) / (self.matrix[0, 0], self.matrix[1, 1])
+        return np.asarray(np.hypot(*away.T) < self._farthest)
+
+    @cached_property
+    def _farthest(self) -> float:
+        """Focal lengths from the principal point to where `widest` is seen."""
+        if math.isinf(self.widest):
+            return math.inf
+        seen = self.project([(self.widest, 0.0, 1.0)])[0] - self.matrix[:2, 2]
+        return float(seen[0] / self.matrix[0, 0])
+
+    def seen_at(self, flat: Array) -> Array:
+        """Pixels (n, 2) of rays x / z and y / z (n, 2): those beyond `widest` are put there."""
+        ahead = np.maximum(1.0, np.hypot(*flat.T) / self.widest)
+        return self.project(np.column_stack((flat, ahead)))
+
     def _undistort_fisheye(self, pixels: Array) -> Array:
         """Newton's method on theta_d = theta (1 + k1 theta² + ... + k4 theta⁸).
 

@@ -230,9 +230,9 @@ class HorizonFinder:
 def _straightening(camera: CameraModel) -> tuple[Any, Any]:
     """Maps to an image that the same camera without distortion would see."""
     rows, columns = np.mgrid[: camera.height, : camera.width]
-    pixels = np.stack((columns, rows, np.ones_like(rows)), axis=2).reshape(-1, 3)
-    places = camera.project(pixels @ np.linalg.inv(camera.matrix).T).astype(np.float32)
-    x, y = places.T.reshape(2, *rows.shape)
+    pixels = np.stack((columns.ravel(), rows.ravel()), axis=1)
+    flat = (pixels - camera.matrix[:2, 2]) / camera.matrix.diagonal()[:2]
+    x, y = camera.seen_at(flat).astype(np.float32).T.reshape(2, *rows.shape)
     return cv2.convertMaps(x, y, cv2.CV_16SC2)
 
 

@@ -34,7 +34,7 @@ def locate(
     """
     rows, measured, noise = np.zeros(4), np.zeros(6), np.zeros((6, 6))
     for ends, points in zip((slice(0, 2), slice(2, 4)), edges, strict=True):
-        fitted = _fitted(points, level.factor)
+        fitted = _fitted(points, level, camera)
         if fitted is None:
             return Guidance()
         measured[ends], rows[ends], noise[ends, ends] = fitted
@@ -64,9 +64,12 @@ def locate(
     return Guidance(x, y, z, roll, pitch, yaw, covariance)
 
 
-def _fitted(points: EdgePoints, factor: int) -> tuple[Vector, Vector, Matrix] | None:
+def _fitted(
+    points: EdgePoints, level: Derotation, camera: CameraModel
+) -> tuple[Vector, Vector, Matrix] | None:
     """Columns and rows of an edge's two ends on a straight line, and the columns' covariance."""
-    used = points.weights > 0
+    on_frame = np.stack(level.to_frame(points.columns, points.rows), axis=1)
+    used, factor = (points.weights > 0) & camera.reaches(on_frame), level.factor
     if used.sum() < 4:
         return None
     rows, columns, weights = points.rows[used], points.columns[used], points.weights[used]
@@ -137,7 +140,11 @@ def _pose(
 
 
 def _rays(columns: Vector, rows: Vector, level: Derotation, camera: CameraModel) -> Matrix:
-    """(n, 3) directions in the optical frame of points of the levelled working image."""
-    x, y = level.to_frame(columns, rows)
-    flat = camera.undistort(np.stack([x, y], axis=1))
+    """(n, 3) directions in the optical frame of points of the levelled working image.
+
+    NaN where the lens model has none.
+    """
+    pixels = np.stack(level.to_frame(columns, rows), axis=1)
+    flat = camera.undistort(pixels)
+    flat[~camera.reaches(pixels)] = math.nan
     return np.concatenate([flat, np.ones((len(flat), 1))], axis=1)

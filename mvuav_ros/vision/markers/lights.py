@@ -56,10 +56,7 @@ class Lens:
         camera = self._camera
         if camera is None or self.focal is None or not len(ideal):
             return ideal
-        flat = (ideal - self.centre) / self.focal
-        # Nothing is seen beyond anyway.
-        ahead = np.maximum(1.0, np.hypot(*flat.T) / camera.widest)
-        return camera.project(np.column_stack((flat, ahead)))
+        return camera.seen_at((ideal - self.centre) / self.focal)
 
 
 # Beyond these a frame is noise or glare, not lights, and grouping it would stall the stream.

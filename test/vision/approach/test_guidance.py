@@ -103,3 +103,18 @@ def test_a_bent_horizon_does_not_roll_the_camera(model, d, roll_deg, yaw_deg):
     found = locate(edges, None, level, 0.001, camera, 30.0)
     assert (found.y, found.z) == pytest.approx((5.0, 30.0), abs=0.02)
     assert (found.roll, found.pitch, found.yaw) == pytest.approx(angles, abs=1e-4)
+
+
+def test_points_where_the_lens_model_has_turned_back_say_nothing():
+    """A model that is fitted in the middle alone may end within the image."""
+    camera = CameraModel(640, 480, CAMERA.k, (-0.6, 0.0, 0.0, 0.0))
+    level = Derotation(640, 480, 1, 0.0)
+    near = [edge(aside) for aside in (-1.7, 1.8)]
+    inside = [camera.reaches(np.stack([each.columns, each.rows], axis=1)) for each in near]
+    assert all(0 < np.count_nonzero(each) < 8 for each in inside)
+    cut = [
+        replace(each, weights=each.weights * kept) for each, kept in zip(near, inside, strict=True)
+    ]
+    found, known = (locate(each, 470.0, level, 0.001, camera, 30.0) for each in (near, cut))
+    assert (found.y, found.z, found.yaw) == pytest.approx((known.y, known.z, known.yaw))
+    assert math.isnan(found.x)
