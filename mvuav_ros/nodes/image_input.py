@@ -322,7 +322,7 @@ class FrameInput(ABC):
         node: Node,
         name: str,
         on_image: Callable[[ReceivedImage], None],
-        synchronized: Sequence[SynchronizedTopic] = (),
+        synchronized: Sequence[SynchronizedTopic],
     ) -> None:
         self._events = InputEvents()
         self._node, self._on_image = node, on_image
@@ -404,8 +404,14 @@ class IntraProcessInput(FrameInput):
     A detector that is too slow loses the oldest frames, and the source never waits for it.
     """
 
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        on_image: Callable[[ReceivedImage], None],
+        synchronized: Sequence[SynchronizedTopic] = (),
+    ) -> None:
+        super().__init__(node, name, on_image, synchronized)
         self._waiting: deque[ReceivedImage] = deque(maxlen=_DEPTH)
         self._lock = Lock()
 

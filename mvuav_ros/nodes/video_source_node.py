@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import SetBool, Trigger
@@ -221,6 +221,9 @@ class SourcePlayer:
         self._node.get_logger().warning(text, throttle_duration_sec=LOG_INTERVAL)
 
 
+ResponseT = TypeVar('ResponseT', SetBool.Response, Trigger.Response)
+
+
 class VideoSource(ManagedNode):
     """Publishes a source's frames from a thread of its own, so that services stay responsive."""
 
@@ -304,7 +307,7 @@ class VideoSource(ManagedNode):
             self._player.restart()
         return self._answered(response, f'playing {self.status.source} from the start')
 
-    def _answered(self, response: Any, done: str) -> Any:
+    def _answered(self, response: ResponseT, done: str) -> ResponseT:
         response.success = self._player is not None
         inactive = f'the node is {self.lifecycle_state}, not active'
         response.message = done if response.success else inactive

@@ -64,13 +64,19 @@ def test_what_the_user_says_of_a_topic_holds_when_it_is_subscribed_anew(graph: G
     node.destroy_node()
 
 
-def test_no_attitude_is_lost_while_an_image_is_answered(graph: Graph) -> None:
-    """Of a fast IMU more of them come in that time than a queue for images holds."""
+def imu_topic(graph: Graph) -> tuple[Any, SynchronizedTopic, Any]:
+    """A node, its topic of attitudes, and a publisher that has found it."""
     node = graph.add_node('other')
     topic = SynchronizedTopic(node, Imu, 'imu', lambda: True)
     publisher = graph.probe.create_publisher(Imu, 'imu', 100)
     graph.until(lambda: publisher.get_subscription_count() == 1, 'the subscription')
     graph.until(lambda: topic.subscription.get_publisher_count() == 1, 'the publisher')
+    return node, topic, publisher
+
+
+def test_no_attitude_is_lost_while_an_image_is_answered(graph: Graph) -> None:
+    """Of a fast IMU more of them come in that time than a queue for images holds."""
+    _, topic, publisher = imu_topic(graph)
     for number in range(60):
         publisher.publish(encode_imu((0.0, 0.0, 0.0, 1.0), 0.0, make_header(1 + number, 'imu')))
     known = topic._pairing._infos
@@ -85,11 +91,7 @@ def test_no_attitude_is_lost_while_an_image_is_answered(graph: Graph) -> None:
 
 def test_an_image_finds_what_came_while_the_one_before_was_answered(graph: Graph) -> None:
     """The first image takes a node longer than an image is held: the second got no attitude."""
-    node = graph.add_node('other')
-    topic = SynchronizedTopic(node, Imu, 'imu', lambda: True)
-    publisher = graph.probe.create_publisher(Imu, 'imu', 100)
-    graph.until(lambda: publisher.get_subscription_count() == 1, 'the subscription')
-    graph.until(lambda: topic.subscription.get_publisher_count() == 1, 'the publisher')
+    node, topic, publisher = imu_topic(graph)
     black = ImagePixels(np.zeros((2, 2), np.uint8), 'mono8')
     long_ago = time.perf_counter() - 10.0
     images = [ReceivedImage(Frame(each, '', black), math.nan, long_ago) for each in (1, 2)]

@@ -234,14 +234,14 @@ class EdgeLook:
         else:
             channels = np.stack(opponent_channels(samples.pixels))
             steps = samples.steps(channels)
-        along, land, pavement = samples.profile(channels)
-        self._learn(steps, pavement - land)
+        profile = samples.profile(channels) if self._wide else None
+        self._learn(profile[2] - profile[1] if profile else _strongest(steps))
         contrast = self._contrast[: len(channels)].copy()
         colour = float(np.linalg.norm(contrast[1:]))
         if self.coloured or colour > max(EDGES.clear_contrast, abs(float(contrast[0]))):
             # White stripes along an edge have the pavement's colour, not its brightness.
             contrast[0] = 0.0
-        elif self._wide and (paint := _paint(along[0], land[0], pavement[0])):
+        elif profile and (paint := _paint(*(each[0] for each in profile))):
             # A stripe goes on to the inside.
             steps = samples.steps(np.maximum.accumulate(channels[:1], axis=2))
             contrast = np.array([paint])
@@ -251,19 +251,9 @@ class EdgeLook:
         whole = np.clip(np.tensordot(direction, steps, axes=1), 0.0, size)
         return samples.fit(whole, size)
 
-    def _learn(self, steps: NDArray[Any], rise: NDArray[Any]) -> None:
-        """Take what the edges have in common: of one that is dashed the mean.
-
-        The rise (channels, 2) is that from the land to the pavement, apart from lines.
-        """
-        if self._wide:
-            left, right = rise.T
-        else:
-            # The strongest step near where either is expected.
-            middle = steps.shape[3] // 2
-            average = steps.mean(axis=2)[:, :, max(0, middle - 3) : middle + 4]
-            size = np.linalg.norm(average, axis=0)
-            left, right = (average[:, side, size[side].argmax()] for side in (0, 1))
+    def _learn(self, rise: NDArray[Any]) -> None:
+        """Take what the edges have in common of the rise (channels, 2) inwards, a mean of rows."""
+        left, right = rise.T
         common = 0.5 * (left + right) if self._painted else in_common(left, right)
         contrast = np.zeros(3)
         contrast[: common.size] = common
@@ -273,6 +263,14 @@ class EdgeLook:
         self._frames += 1
         share = max(EDGES.memory, 1.0 / self._frames)
         self._contrast += share * (contrast - self._contrast)
+
+
+def _strongest(steps: NDArray[Any]) -> NDArray[Any]:
+    """(channels, 2) mean of the strongest step near where either edge is expected."""
+    middle = steps.shape[3] // 2
+    average = steps.mean(axis=2)[:, :, max(0, middle - 3) : middle + 4]
+    strongest = np.linalg.norm(average, axis=0).argmax(axis=1)
+    return np.asarray(average[:, (0, 1), strongest])
 
 
 def _paint(along: NDArray[Any], land: NDArray[Any], pavement: NDArray[Any]) -> float:
