@@ -388,7 +388,7 @@ def of_flight(name: str, given: dict[str, Any], step: int, cache: Path | None) -
         truth = flight.truth_at(flight.seen_at(index))
         if not all(line.visible for line in truth.lines[:2]):
             continue
-        if name.startswith('higher') and not is_long(label_of(truth), truth.camera.height):
+        if name.startswith('higher') and not is_long(label_of(truth), flight.camera.height):
             continue
         attitude = None
         if name in BANKS or name.endswith('attitude'):

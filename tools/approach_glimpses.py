@@ -119,7 +119,7 @@ def glimpses(
         for index in range(4 * most):
             truth = flight.truth_at(flight.seen_at(index))
             label = label_of(truth)
-            if label is None or not is_long(label, truth.camera.height) or found == most:
+            if label is None or not is_long(label, flight.camera.height) or found == most:
                 continue
             found += 1
             image = flight.frame(index).image.pixels

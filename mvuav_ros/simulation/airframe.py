@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -119,33 +118,23 @@ _FUSELAGE = (
 )
 _UPPER_DECK = ((30.0, 0.6, 2.0), (26.5, 2.3, 2.3), (14.0, 2.3, 2.3), (4.0, 0.5, 2.4))
 """Stations from nose to tail: x, radius, z of the axis."""
-
-
-class WingSection(NamedTuple):
-    """One section of a wing: leading edge, chord, where it is, thickness (m)."""
-
-    leading_x: float
-    chord: float
-    y: float
-    z: float
-    thickness: float
-
-
-_WING = (
-    WingSection(13.0, 15.5, 2.6, -2.2, 1.9),
-    WingSection(6.3, 10.6, 12.0, -1.1, 1.2),
-    WingSection(-1.6, 6.8, 22.0, 0.1, 0.6),
-    WingSection(-8.2, 3.9, 29.7, 1.0, 0.3),
+_Section = tuple[float, float, float, float, float]
+"""Of a wing: x of the leading edge, chord, y, z and thickness, m."""
+_WING: tuple[_Section, ...] = (
+    (13.0, 15.5, 2.6, -2.2, 1.9),
+    (6.3, 10.6, 12.0, -1.1, 1.2),
+    (-1.6, 6.8, 22.0, 0.1, 0.6),
+    (-8.2, 3.9, 29.7, 1.0, 0.3),
 )
-_STABILIZER = (
-    WingSection(-27.5, 8.0, 0.8, 1.7, 0.8),
-    WingSection(-31.5, 5.2, 6.0, 2.4, 0.5),
-    WingSection(-34.6, 2.5, 10.9, 3.0, 0.25),
+_STABILIZER: tuple[_Section, ...] = (
+    (-27.5, 8.0, 0.8, 1.7, 0.8),
+    (-31.5, 5.2, 6.0, 2.4, 0.5),
+    (-34.6, 2.5, 10.9, 3.0, 0.25),
 )
-_FIN = (
-    WingSection(-22.0, 12.5, 0.0, 2.6, 0.9),
-    WingSection(-28.0, 8.7, 0.0, 7.5, 0.6),
-    WingSection(-33.0, 3.6, 0.0, 12.8, 0.3),
+_FIN: tuple[_Section, ...] = (
+    (-22.0, 12.5, 0.0, 2.6, 0.9),
+    (-28.0, 8.7, 0.0, 7.5, 0.6),
+    (-33.0, 3.6, 0.0, 12.8, 0.3),
 )
 _ENGINES = ((6.6, 11.7, -3.4), (-2.2, 20.9, -2.0))  # middle of the left nacelles
 
@@ -174,7 +163,7 @@ def _faces() -> Iterator[Face]:
     fin = []
     for section in _FIN:
         (leading, _, z), (top, *_), (trailing, *_), _ = _outline(section)
-        half = 0.5 * section.thickness
+        half = 0.5 * section[-1]
         fin.append([(leading, 0.0, z), (top, half, z), (trailing, 0.0, z), (top, -half, z)])
     yield from _closed(fin, 0.9)
 
@@ -202,7 +191,7 @@ def _closed(outlines: Sequence[Sequence[Corner]], albedo: float) -> Iterator[Fac
     yield outlines[-1], albedo
 
 
-def _outline(section: WingSection) -> tuple[Corner, Corner, Corner, Corner]:
+def _outline(section: _Section) -> tuple[Corner, Corner, Corner, Corner]:
     """Leading edge, top, trailing edge and bottom."""
     x, chord, y, z, thickness = section
     thickest = x - 0.35 * chord

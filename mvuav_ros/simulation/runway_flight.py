@@ -48,7 +48,6 @@ class RunwayTruth:
     horizon: tuple[float, float]  # rho (px) and theta (rad) of the ground's horizon
     pose: CameraPose  # in the runway's frame, shake included
     gain: float  # by which the camera's image is brighter than usual
-    camera: CameraModel  # with its matrix K
 
     def line(self, role: LineRole) -> LineTruth:
         """The line of that role."""
@@ -210,7 +209,6 @@ class RunwayFlight(Flight[RunwayTruth]):
             horizon(self.camera, pose),
             pose,
             self._gain(time),
-            self.camera,
         )
 
     def pose(self, time: float) -> CameraPose:

@@ -46,8 +46,6 @@ class Vibration:
     @property
     def terms(self) -> tuple[tuple[float, float], ...]:
         """Each frequency (Hz) with its amplitude relative to the primary's."""
-        if self.magnitude == 0.0:
-            return ()
         harmonics = [
             (hz, HARMONIC * min(hz, self.primary_hz) / max(hz, self.primary_hz))
             for hz in self.harmonics_hz
@@ -55,10 +53,8 @@ class Vibration:
         return ((self.primary_hz, 1.0), *harmonics)
 
 
-STEADY = Vibration(0.0, 0.0, ())
-
 VIBRATIONS = (
-    STEADY,
+    Vibration(0.0, 0.0, ()),
     Vibration(11.06, 0.005248, (22.12, 33.11, 66.58)),
     Vibration(14.21, 0.01204, (28.42, 64.01)),
     Vibration(16.63, 0.01378, (8.31, 24.98, 33.22, 41.78, 49.88, 58.26, 66.54)),
@@ -71,7 +67,7 @@ class Shake:
     """One vibration with phases from a seed, as a function of time."""
 
     def __init__(self, vibration: Vibration, gain: float, rng: np.random.Generator) -> None:
-        self._still = vibration == STEADY or gain == 0.0
+        self._still = gain * vibration.magnitude == 0.0
         self._waves = []
         for scale in (*[POINTING_DEG_PER_MAGNITUDE] * 2, ROLL_DEG_PER_MAGNITUDE):
             amplitude = math.radians(scale * vibration.magnitude) * gain

@@ -31,7 +31,6 @@ from mvuav_ros.simulation.settings import (
 )
 from mvuav_ros.simulation.shake import random_wave
 from mvuav_ros.simulation.sky import Background
-from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, Vector, about_y, from_rpy
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
@@ -62,7 +61,6 @@ class TankerTruth:
     translation: Vector  # m, of the body's origin in the optical frame
     distance: float  # from the camera to the body's dock point, m
     gain: float  # by which the camera's image is brighter than usual
-    camera: CameraModel  # with its matrix K and distortion
 
     def marker(self, name: str) -> MarkerTruth:
         """The light of that name.
@@ -279,7 +277,6 @@ class TankerFlight(Flight[TankerTruth]):
             pose.translation,
             float(np.linalg.norm(dock)),
             self._gain(time),
-            self.camera,
         )
 
     def pose(self, time: float) -> BodyPose:

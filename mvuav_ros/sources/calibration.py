@@ -32,8 +32,9 @@ def load_calibration(path: str | Path) -> CameraModel:
         >>> camera.width, camera.height, camera.distortion_model
         (640, 480, 'plumb_bob')
     """
+    file = _path(str(path))
     try:
-        content = read_yaml(_path(str(path)).read_text())
+        content = read_yaml(file.read_text())
         if not isinstance(content, dict):
             raise ValueError('it is no YAML mapping')
         return CameraModel(
@@ -47,8 +48,6 @@ def load_calibration(path: str | Path) -> CameraModel:
         )
     except OSError as error:
         raise SourceError(f'calibration {path}: {error.strerror}') from error
-    except SourceError:
-        raise
     except Exception as error:
         # Beside YAMLError whatever its constructors stumble over: a width of ``.inf`` is one.
         raise SourceError(

@@ -255,18 +255,16 @@ class CameraModel:
         self, points: ArrayLike, rvec: ArrayLike = _NOWHERE, tvec: ArrayLike = _NOWHERE
     ) -> Array:
         """Where points are seen: (n, 3) m, moved by ``rvec`` (rad) and ``tvec`` (m); (n, 2) px."""
-        return self.project_with_jacobian(points, rvec, tvec)[0]
-
-    def project_with_jacobian(
-        self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
-    ) -> tuple[Array, Array]:
-        """`project`, and its derivative (2n, 6) by ``rvec`` and ``tvec``."""
-        return self.project_with_jacobians(points, rvec, tvec)[:2]
+        return self.project_with_jacobians(points, rvec, tvec)[0]
 
     def project_with_jacobians(
         self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
     ) -> tuple[Array, Array, Array]:
-        """`project_with_jacobian`, and (2n, 4 + k) by fx, fy, cx, cy and the k coefficients."""
+        """`project`, and its derivatives.
+
+        They are (2n, 6) by ``rvec`` and ``tvec``, and (2n, 4 + k) by fx, fy, cx, cy and the k
+        coefficients.
+        """
         given = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 3)
         count = 4 + len(self.distortion)
         if not len(given):

@@ -117,11 +117,7 @@ class Attitude:
     @classmethod
     def from_roll_pitch(cls, roll: float, pitch: float) -> Attitude:
         """Of REP 103's angles, rad: right wing down and nose down are positive."""
-        cos_roll, sin_roll = math.cos(roll / 2), math.sin(roll / 2)
-        cos_pitch, sin_pitch = math.cos(pitch / 2), math.sin(pitch / 2)
-        return cls(
-            sin_roll * cos_pitch, cos_roll * sin_pitch, -sin_roll * sin_pitch, cos_roll * cos_pitch
-        )
+        return cls(*quaternion(from_rpy(roll, pitch, 0.0)))
 
     @property
     def valid(self) -> bool:

@@ -160,7 +160,7 @@ def projection_derivatives(
         about the optical axes (n, 2, 3, px/rad).
     """
     arms, place = (points - about).dot(rotation.T), translation + rotation.dot(about)
-    seen, slopes = camera.project_with_jacobian(arms, _NO_TURN, place)
+    seen, slopes, _ = camera.project_with_jacobians(arms, _NO_TURN, place)
     slopes = slopes.reshape(-1, 2, 6)
     return seen, slopes[:, :, 3:], slopes[:, :, :3]
 

@@ -167,6 +167,7 @@ def load_rig(path: str | Path) -> MarkerRig:
     """
     try:
         content = _Loader(Path(path).expanduser().read_text(encoding='utf-8')).get_single_data()
+        return parse_rig(content, Path(path).stem)
     except OSError as error:
         raise RigError(f'{path}: {error.strerror}') from error
     except RigError as error:
@@ -175,10 +176,6 @@ def load_rig(path: str | Path) -> MarkerRig:
         # Beside YAMLError whatever its constructors stumble over, such as a date of month 13.
         reason = ' '.join(str(error).split())
         raise RigError(f'{path} is not YAML: {reason}') from error
-    try:
-        return parse_rig(content, Path(path).stem)
-    except RigError as error:
-        raise RigError(f'{path}: {error}') from error
 
 
 def parse_rig(content: object, name: str = 'body') -> MarkerRig:

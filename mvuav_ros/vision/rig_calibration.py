@@ -236,7 +236,7 @@ class _Bundle:
         rows = rows[self.used[rows]]
         markers = self._all.markers[rows]
         own = points.reshape(-1, 3)[markers]
-        seen, by_pose = self._camera.project_with_jacobian(own, pose[:3], pose[3:])
+        seen, by_pose, _ = self._camera.project_with_jacobians(own, pose[:3], pose[3:])
         by_points = np.zeros((len(rows), 2, len(self.points), 3))
         # A point moves before the camera as the body does, but for the body's turn.
         slopes = (by_pose[:, 3:] @ rotation_of(pose[:3])).reshape(-1, 2, 3)

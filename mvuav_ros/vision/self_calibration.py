@@ -277,7 +277,8 @@ class SelfCalibration:
         rotations = np.array([frame.rotation for frame in frames])
         arms = points @ rotations.transpose(0, 2, 1)
         places = arms + np.array([frame.translation for frame in frames])[:, None]
-        seen, slopes = camera.project_with_jacobian(places.reshape(-1, 3), _NOWHERE, _NOWHERE)
+        around = places.reshape(-1, 3), _NOWHERE, _NOWHERE
+        seen, slopes, _ = camera.project_with_jacobians(*around)
         seen, by_place = seen.reshape(pixels.shape), slopes[:, 3:].reshape(*pixels.shape, 3)
         # By small turns about the optical axes, and by the translation.
         x, y, z = arms[..., None].transpose(2, 0, 1, 3)

@@ -35,8 +35,8 @@ def test_flight_truth_agrees_with_opencv_from_the_pose():
             sim.rig.positions,
             vector,
             truth.translation,
-            truth.camera.matrix,
-            np.array(truth.camera.distortion),
+            sim.camera.matrix,
+            np.array(sim.camera.distortion),
         )
         places = [(m.x, m.y) for m in truth.markers]
         assert np.abs(places - expected[:, 0]).max() < 1e-6

@@ -72,8 +72,8 @@ def test_lines_follow_from_the_pose(motion):
         assert line.visible
         for x, y in corners:
             ray = truth.pose.rotation.T @ ((x, y, 0.0) - truth.pose.position)
-            u = truth.camera.k[2] + truth.camera.k[0] * ray[0] / ray[2]
-            v = truth.camera.k[5] + truth.camera.k[4] * ray[1] / ray[2]
+            u = sim.camera.k[2] + sim.camera.k[0] * ray[0] / ray[2]
+            v = sim.camera.k[5] + sim.camera.k[4] * ray[1] / ray[2]
             offset = u * math.cos(line.theta) + v * math.sin(line.theta) - line.rho
             assert offset == pytest.approx(0.0, abs=1e-6)
         for x, y in ((line.x1, line.y1), (line.x2, line.y2)):
