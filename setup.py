@@ -30,7 +30,13 @@ setup(
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={
-        NAME: ['py.typed', 'nodes/*.xml', 'panel/static/*', 'vision/approach/*.json'],
+        NAME: [
+            'py.typed',
+            'nodes/*.xml',
+            'offline/*.css',
+            'panel/static/*',
+            'vision/approach/*.json',
+        ],
     },
     python_requires='>=3.11',
     install_requires=[

@@ -174,74 +174,7 @@ def _known(value: Cell) -> str | float | int | None:
 
 _LONGEST_TEXT = 100_000
 
-_CSS = """
-:root { color-scheme: light dark; --ink: #1c2430; --soft: #5b6675; --line: #d5dbe3;
-  --paper: #ffffff; --band: #f4f6f9; --accent: #0b5fa5; --good: #0a7a4a; --bad: #b3261e; }
-@media screen and (prefers-color-scheme: dark) {
-  :root { --ink: #e6eaf0; --soft: #a3adba; --line: #39424f; --paper: #14181e; --band: #1c222b;
-    --accent: #7db9f0; --good: #5fd39b; --bad: #ff8a80; } }
-* { box-sizing: border-box; }
-body { margin: 0; background: var(--paper); color: var(--ink);
-  font: 16px/1.55 system-ui, "Segoe UI", "Noto Sans", "DejaVu Sans", sans-serif; }
-main { max-width: 1290px; margin: 0 auto; padding: 2.5rem 1.5rem 4rem; }
-h1 { font-size: 2rem; line-height: 1.2; margin: 0 0 .75rem; }
-h2 { font-size: 1.4rem; margin: 3rem 0 .75rem; padding-top: .9rem;
-  border-top: 2px solid var(--accent); }
-h3 { font-size: 1.05rem; margin: 0 0 .5rem; }
-p { margin: .5rem 0; max-width: 76ch; }
-.lead { color: var(--soft); }
-nav { margin: 1.25rem 0 0; font-size: .95rem; }
-nav a { color: var(--accent); text-decoration: none; margin-right: 1.2em; white-space: nowrap; }
-figure, .table { margin: 1.75rem 0 2.25rem; }
-figure img { display: block; width: 100%; max-width: 1040px; height: auto;
-  background: #fff; border-radius: 6px;  border: 1px solid var(--line); padding: .5rem; }
-figcaption, .note { color: var(--soft); font-size: .88rem; margin-top: .45rem; max-width: 92ch; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .88rem; min-width: 45%;
-  font-variant-numeric: tabular-nums; }
-td.whole { white-space: nowrap; }
-th, td { padding: .32rem .7rem; text-align: right; border-bottom: 1px solid var(--line);
-  vertical-align: top; }
-th { text-align: right; font-weight: 600; vertical-align: bottom;
-  border-bottom: 2px solid var(--line); }
-th .unit { display: block; font-weight: 400; color: var(--soft); white-space: nowrap; }
-th.word, td.word { text-align: left; }
-.wide table { font-size: .76rem; }
-.wide th, .wide td { padding: .3rem .4rem; }
-tbody tr:nth-child(even) { background: var(--band); }
-tr.first td { border-top: 2px solid var(--line); }
-td .range { display: block; color: var(--soft); font-size: .9em; white-space: nowrap; }
-td .verdict { display: block; font-size: .9em; }
-.verdict { font-weight: 600; white-space: nowrap; }
-.good { color: var(--good); }
-.bad { color: var(--bad); }
-.neutral { color: var(--soft); }
-@media screen and (max-width: 600px) {
-  main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
-  th, td { padding: .28rem .45rem; } td.word { min-width: 6.5rem; white-space: normal; }
-  figure img { width: 720px; max-width: none; }
-  nav a { display: inline-block; padding: .2rem 0; } }
-@page { size: A4; margin: 16mm 14mm; }
-@page wide { size: A4 landscape; }
-@media print {
-  body { font-size: 10pt; }
-  main { max-width: none; padding: 0; }
-  nav { display: none; }
-  h2 { break-after: avoid; margin-top: 1.6rem; }
-  h3 { break-after: avoid; }
-  figure, .table.short { break-inside: avoid; }
-  .scroll { overflow: visible; }
-  table { font-size: 8pt; min-width: 0; }
-  th, td { padding: .15rem .38rem; }
-  .wide { page: wide; }
-  .wide table { font-size: 7.5pt; }
-  figcaption, .note { font-size: 8pt; max-width: none; }
-  thead { display: table-header-group; }
-  tr { break-inside: avoid; }
-  figure img { border: 0; padding: 0; width: auto; max-width: 100%; max-height: 108mm;
-    margin: 0 auto; }
-}
-"""
+_STYLE = Path(__file__).with_name('report.css')
 _SHORT = 22
 """Tables with at most so many rows are kept on one printed page."""
 _WIDE = 9
@@ -269,7 +202,8 @@ def render_page(report: Report) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<title>{escape(report.title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n'
+        f'<title>{escape(report.title)}</title>\n<style>\n{_STYLE.read_text()}</style>\n'
+        '</head>\n<body>\n<main>\n'
         + '\n'.join(body)
         + '\n</main>\n</body>\n</html>\n'
     )

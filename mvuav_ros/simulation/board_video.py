@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.board import Board
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.reprojection import rotation_of
@@ -49,9 +50,8 @@ class BoardVideo:
     @property
     def corners(self) -> Array:
         """(n, 3), of the inner corners from the board's middle, m; row after row."""
-        y, x = np.indices((ROWS, COLUMNS), np.float64).reshape(2, -1)
-        x, y = x - 0.5 * (COLUMNS - 1), y - 0.5 * (ROWS - 1)
-        return SQUARE * np.column_stack((x, y, np.zeros(len(x))))
+        points = Board(COLUMNS, ROWS, SQUARE).points
+        return np.asarray(points - 0.5 * points[-1])
 
     def poses(self) -> Iterator[tuple[Array, Array]]:
         """Rotation vector and place (m) of the board's middle, (6,), and its step to the next."""

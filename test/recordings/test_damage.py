@@ -133,10 +133,14 @@ def test_every_kind_survives_random_damage(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('summary', [True, False])
-@pytest.mark.parametrize('compression', ['zstd', 'lz4', 'none'])
+@pytest.mark.parametrize('compression', ['zstd', 'lz4', 'none', 'bz2 of ROS 1'])
 def test_corrupt_chunk_in_the_middle(tmp_path: Path, compression: str, summary: bool) -> None:
-    path = write_mcap(tmp_path / 'a.mcap', SAMPLES, compression, summary=summary)
-    ends = mcap_ends(path)
+    if compression.endswith('ROS 1'):
+        path = write_ros1(tmp_path / 'a.bag', SAMPLES, 'bz2')
+        ends = ros1_ends(path)
+    else:
+        path = write_mcap(tmp_path / 'a.mcap', SAMPLES, compression, summary=summary)
+        ends = mcap_ends(path)
     middle = ends[len(ends) // 2]
     kept = [s for s, end in zip(SAMPLES, ends, strict=True) if end != middle]
     content = bytearray(path.read_bytes())
@@ -169,20 +173,6 @@ def test_a_damaged_definition_gives_no_wrong_name(tmp_path: Path, places: tuple[
     assert set(got) <= set(SAMPLES)
     assert len(got) > len(SAMPLES) / 2
     assert errors
-
-
-def test_corrupt_chunk_of_ros1(tmp_path: Path) -> None:
-    path = write_ros1(tmp_path / 'a.bag', SAMPLES, 'bz2')
-    ends = ros1_ends(path)
-    middle = ends[len(ends) // 2]
-    kept = [s for s, end in zip(SAMPLES, ends, strict=True) if end != middle]
-    content = bytearray(path.read_bytes())
-    content[middle - 500] ^= 0xFF
-    path.write_bytes(content)
-    got, errors = read(path)
-    assert got == kept
-    (error,) = errors
-    assert f'{len(SAMPLES) - len(kept)} messages lost' in error
 
 
 @pytest.mark.parametrize('chunk_size', [None, 10_000])

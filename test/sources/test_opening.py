@@ -104,19 +104,6 @@ def test_a_video_and_its_own_rate(tmp_path):
     assert source.count == 10
 
 
-def test_a_video_cut_off_says_so(tmp_path):
-    whole = write_video(tmp_path / 'flight.avi', count=40).read_bytes()
-    cut = tmp_path / 'cut.avi'
-    cut.write_bytes(whole[: len(whole) // 2])
-    try:
-        source = open_source(str(cut))
-        count = len(list(source.frames()))
-    except SourceError as error:
-        assert 'not a video' in str(error)
-    else:
-        assert 0 < count < 40
-
-
 @pytest.mark.parametrize(
     ('name', 'words'),
     [

@@ -12,6 +12,14 @@ def test_the_angles_of_a_rotation_are_those_that_made_it(angles):
     assert rpy(from_rpy(*angles)) == pytest.approx(angles)
 
 
+def test_positive_are_the_right_wing_down_the_nose_down_and_the_nose_left():
+    """REP 103: y is to the left and z up."""
+    right_wing = from_rpy(math.radians(30.0), 0.0, 0.0) @ (0.0, -1.0, 0.0)
+    assert right_wing[2] == pytest.approx(-0.5)
+    nose = from_rpy(0.0, math.radians(30.0), math.radians(60.0)) @ (1.0, 0.0, 0.0)
+    assert nose[1:] == pytest.approx((0.75, -0.5))
+
+
 def test_a_nose_straight_down_has_a_pitch():
     assert rpy(from_rpy(0.0, math.pi / 2, 0.0))[1] == pytest.approx(math.pi / 2)
 

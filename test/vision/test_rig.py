@@ -21,7 +21,7 @@ from mvuav_ros.vision.markers.lights import Lens
 from mvuav_ros.vision.markers.marker_results import Label, MarkerState
 from mvuav_ros.vision.markers.rig_view import WeakPerspective
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.rig import MarkerRig, load_rig
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig, parse_rig
 
 DRONE = """
 name: drone
@@ -173,13 +173,34 @@ def test_a_doubtful_layout_needs_to_be_allowed(tmp_path, text, reason):
 
 
 def test_the_shipped_layout_is_the_built_in_one():
+    assert load_rig(ROOT / 'config' / 'tanker_747.yaml') == TANKER_747
 
-    from mvuav_ros.vision.rig import TANKER_747
 
-    config = ROOT / 'config'
-    shipped = load_rig(config / 'tanker_747.yaml')
-    assert shipped.names == TANKER_747.names
-    np.testing.assert_array_equal(shipped.positions, TANKER_747.positions)
+@pytest.mark.parametrize(
+    ('content', 'reason'),
+    [
+        (None, 'must be a mapping'),
+        ({}, 'must map at least one name'),
+        ({'markers': {}}, 'must map at least one name'),
+        ({'markers': {'a': [1, 2]}}, 'a must be .x, y, z. in metres'),
+        ({'markers': {'a': [1, 2, float('nan')]}}, 'a must be'),
+        ({'markers': {'a': [1, 2, 'x']}}, 'a must be'),
+        ({'markers': {'a': [1, 2, True]}}, 'a must be'),
+        ({'markers': {'a': [1, 0, 0]}}, 'on the x axis'),
+        ({'markers': {'a': [0, 1, 0]}, 'wings': 2}, 'unknown key wings'),
+        ({'markers': {'a': [0, 1, 0]}, 'dock': [1]}, 'dock must be'),
+    ],
+)
+def test_what_is_no_rig_is_refused_with_the_reason(content, reason):
+    with pytest.raises(RigError, match=reason):
+        parse_rig(content)
+
+
+def test_what_a_rig_file_leaves_out():
+    """It is docked at the middle of its lights, where its boom is then, too."""
+    rig = parse_rig({'markers': {'a': [0, 3, 0], 'b': [2, -3, 4]}}, 'drone')
+    assert (rig.name, rig.dock, rig.boom) == ('drone', (1.0, 0.0, 2.0), (1.0, 0.0, 2.0))
+    assert rig.reach == 5.0
 
 
 def test_coordinates_may_have_an_exponent(tmp_path):
@@ -194,8 +215,6 @@ def test_coordinates_may_have_an_exponent(tmp_path):
 @pytest.mark.parametrize('lights', [4, 5])
 def test_the_thesis_programs_name_the_tanker_alone(given, lights):
     """They take five lights for its markers by their order: of another body that is wrong."""
-    from mvuav_ros.vision.rig import TANKER_747
-
     markers = TANKER_747.markers[::-1][:lights]
     rig = MarkerRig('mirrored', markers, TANKER_747.dock, TANKER_747.boom)
     tracker = MarkerTracker(MarkerTrackerParameters(**given), rig)
