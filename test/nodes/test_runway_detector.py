@@ -16,7 +16,6 @@ from visualization_msgs.msg import Marker
 
 from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import decode_image
-from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
 NODE = 'runway_detector'
 LINES = {'left': ((140, 20), (60, 239)), 'middle': ((160, 20), (160, 239))}
@@ -196,13 +195,6 @@ def test_a_set_of_parameters_loads_in_any_order(shared_node, start, end):
     assert shared_node.get_parameter(NODE, 'start_row') == start
     assert shared_node.get_parameter(NODE, 'end_row') == end
     assert shared_node.get_parameter(NODE, 'rho_resolution') == 2.0
-
-
-def test_every_parameter_is_declared(shared_node):
-    names = list(RunwayDetectorParameters.names())
-    described = shared_node.describe_parameters(NODE, names)
-    assert [d.name for d in described] == names
-    assert all(d.description for d in described)
 
 
 def test_statistics_can_have_another_qos_as_all_results(graph):

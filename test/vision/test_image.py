@@ -129,6 +129,30 @@ def test_a_mask_is_refused_and_a_matrix_is_an_array():
         assert type(take(pixels.view(np.matrix)).pixels) is np.ndarray
 
 
+@pytest.mark.parametrize(
+    ('pixels', 'encoding', 'reason'),
+    [
+        (np.zeros((0, 6), np.uint8), 'mono8', r'empty \(6 x 0\)'),
+        (np.zeros((4, 6, 3), np.uint8), 'mono8', r'mono8 pixels cannot have shape \(4, 6, 3\)'),
+        (np.zeros((4, 6), np.uint8), 'mono16', 'cannot have .* type uint8'),
+        (np.zeros((4, 6), np.uint8), 'bgr8', r'cannot have shape \(4, 6\)'),
+        (np.zeros(6, np.uint8), 'mono8', r'cannot have shape \(6,\)'),
+    ],
+)
+def test_pixels_that_are_not_those_of_their_encoding_are_refused(pixels, encoding, reason):
+    with pytest.raises(ImageError, match=reason):
+        Image(pixels, encoding)
+
+
+@pytest.mark.parametrize('encoding', ['uyvy', 'yuyv'])
+def test_two_pixels_share_a_colour(encoding):
+    """OpenCV 4.6 makes one up for the last of an odd width."""
+    odd = Image(noise(encoding, width=15), encoding)
+    assert odd.gray().shape == (12, 15)
+    with pytest.raises(ImageError, match=r'of 15 x 12 does not convert: .* the width is odd'):
+        odd.seen_in('red').gray()
+
+
 def test_a_channel_that_is_none_is_refused():
     with pytest.raises(ImageError, match="green, blue, not 'Red'"):
         Image(noise('bgr8'), 'bgr8', 'Red')

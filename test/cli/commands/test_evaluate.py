@@ -244,13 +244,16 @@ def test_a_mistyped_input_is_not_taken_for_a_report_in_the_way(tmp_path):
         ),
     ],
 )
-def test_an_output_that_is_no_folder_is_refused_before_the_work(
-    tmp_path, monkeypatch, work, command
+@pytest.mark.parametrize(
+    ('out', 'reason'), [('file', 'File exists'), ('file/a', 'Not a directory')]
+)
+def test_an_output_that_cannot_be_a_folder_is_refused_before_the_work(
+    tmp_path, monkeypatch, work, command, out, reason
 ):
     (tmp_path / 'file').touch()
     monkeypatch.setattr(work, lambda *_, **__: pytest.fail('it has begun to work'))
-    with pytest.raises(FileExistsError):
-        run(*command, '-o', tmp_path / 'file')
+    refused = mvuav(*command, '-o', tmp_path / out)
+    assert refused.status == 1 and reason in refused.err
 
 
 def test_evaluate_needs_truth(tmp_path):
@@ -268,23 +271,6 @@ def test_a_sweep_leaves_the_page_of_an_evaluation(tmp_path):
     with pytest.raises(RecordingError, match=r'index\.html exists; --force'):
         run('sweep', 'sim:tanker?frames=2', '-o', tmp_path)
     assert page.read_text() == 'of an evaluation'
-
-
-@pytest.mark.parametrize(
-    ('command', 'work'),
-    [
-        (('sweep', 'sim:tanker?frames=2'), 'parameter_sweep.sweep'),
-        (('evaluate', 'sim:tanker?frames=2'), 'evaluation.evaluation_run.replay'),
-        (('evaluate', 'integrity'), 'evaluation.protection.run'),
-    ],
-)
-def test_a_folder_that_cannot_be_made_is_refused_before_the_work(
-    tmp_path, monkeypatch, command, work
-):
-    monkeypatch.setattr(f'mvuav_ros.offline.{work}', lambda *_: pytest.fail('it has worked'))
-    (tmp_path / 'file').touch()
-    refused = mvuav(*command, '-o', tmp_path / 'file' / 'out')
-    assert refused.status == 1 and 'Not a directory' in refused.err
 
 
 def test_a_sweep_says_what_of_a_recording_is_missing(tmp_path):
