@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.simulation.pinhole import parse_distortion, pinhole_camera, seen_by
-from mvuav_ros.simulation.runway_flight import clip_segment, normal_form
+from mvuav_ros.simulation.runway_flight import normal_form
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.rig import TANKER_747
@@ -91,10 +91,3 @@ def test_normal_form_covers_every_direction():
         assert -math.pi / 2 < theta <= math.pi / 2
         assert rho * math.cos(theta) == pytest.approx(20.0 * a, abs=1e-9)
         assert rho * math.sin(theta) == pytest.approx(20.0 * b, abs=1e-9)
-
-
-def test_segments_are_cut_at_the_frame():
-    assert clip_segment(-10, 5, 30, 5, 20, 10) == pytest.approx((0, 5, 20, 5))
-    assert clip_segment(2, 3, 4, 5, 20, 10) == pytest.approx((2, 3, 4, 5))
-    assert clip_segment(-5, -5, -1, 20, 20, 10) is None
-    assert clip_segment(0, -10, 40, 30, 20, 20) == pytest.approx((10, 0, 20, 10))

@@ -333,19 +333,23 @@ def test_as_many_places_as_labels_are_needed(labels):
 
 
 def test_what_cannot_be_a_pose():
-    estimator = PoseEstimator(TANKER_747)
     pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))
-    assert estimator.estimate(CAMERA, [0, 4], pixels[[0, 4]], 0) is None
-    names_exchanged = pixels[[2, 1, 0, 3, 4]]
-    assert estimator.estimate(CAMERA, range(5), names_exchanged, 100_000_000) is None
-    assert estimator.estimate(CAMERA, range(5), pixels, 200_000_000) is not None
-    in_one_place = np.full((5, 2), 300.0)
-    pose = estimator.estimate(CAMERA, range(5), in_one_place, 300_000_000)
-    assert pose is None or np.isfinite(pose.translation).all()
-    # As a lens of senseless coefficients projects.
-    estimator.reset()
-    assert estimator.estimate(CAMERA, range(5), 1e200 * pixels, 400_000_000) is None
-    assert estimator.reason == 'no pose fits the markers'
+    unknown = pixels.copy()
+    unknown[0, 0] = math.nan
+    frames = [
+        ([0, 4], pixels[[0, 4]], '2 markers; a pose needs 3'),
+        (range(5), pixels[[2, 1, 0, 3, 4]], 'no pose fits the markers'),
+        (range(5), unknown, 'the positions of the markers are not finite'),
+        # As a lens of senseless coefficients projects.
+        (range(5), 1e200 * pixels, 'no pose fits the markers'),
+        (range(5), pixels, ''),
+        # All in one place.
+        (range(5), np.full((5, 2), 300.0), 'the pose is too uncertain'),
+    ]
+    estimator = PoseEstimator(TANKER_747)
+    for index, (labels, places, reason) in enumerate(frames):
+        pose = estimator.estimate(CAMERA, labels, places, index * 100_000_000)
+        assert (pose is not None, estimator.reason) == (not reason, reason)
 
 
 def test_a_light_behind_the_camera_is_seen_nowhere():

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mvuav_ros.vision.runway.normal_form import NormalForm, segment_ends
+from mvuav_ros.vision.runway.normal_form import NormalForm, clip_segment, segment_ends
 
 lines = st.builds(NormalForm, st.floats(-500, 500), st.floats(-10, 10))
 sizes = st.integers(1, 400)
@@ -102,3 +102,10 @@ def test_a_line_beside_the_frame_has_no_ends(line):
 
 def test_an_empty_frame_has_no_ends():
     assert math.isnan(segment_ends(NormalForm(0, 0), 0, 10)[0])
+
+
+def test_segments_are_cut_at_the_frame():
+    assert clip_segment(-10, 5, 30, 5, 20, 10) == pytest.approx((0, 5, 20, 5))
+    assert clip_segment(2, 3, 4, 5, 20, 10) == pytest.approx((2, 3, 4, 5))
+    assert clip_segment(-5, -5, -1, 20, 20, 10) is None
+    assert clip_segment(0, -10, 40, 30, 20, 20) == pytest.approx((10, 0, 20, 10))
