@@ -44,13 +44,13 @@ def levels(
     return protection_levels(CAMERA, TANKER_747, labels, pixels, budget=budget, **arguments)  # type: ignore[arg-type]
 
 
-def test_as_computed_one_hypothesis_at_a_time() -> None:
+@pytest.mark.parametrize('budget', [BUDGET, IntegrityBudget(risk=1e-3, light_prior=1e-2)])
+def test_as_computed_one_hypothesis_at_a_time(budget: IntegrityBudget) -> None:
     # Independent of the code's sums: whole design matrices, numeric derivatives, one by one.
     from itertools import combinations
 
     from scipy.special import ndtri
 
-    budget = IntegrityBudget()
     pixels = seen() + np.random.default_rng(5).normal(0.0, 0.1, (5, 2))
     dock = np.array(TANKER_747.dock)
 
@@ -89,7 +89,7 @@ def test_as_computed_one_hypothesis_at_a_time() -> None:
             bounds.append(bound[:3])
     x, y, z = np.max(bounds, axis=0)
     pitch, yaw, roll = np.where(np.max(turns, axis=0) <= 0.15, np.max(turns, axis=0), np.nan)
-    found = levels(pixels)
+    found = levels(pixels, budget=budget)
     assert found.along == pytest.approx(z, rel=1e-4)
     assert (found.across, found.up) == pytest.approx((x, y), rel=1e-4)
     assert (found.roll, found.pitch, found.yaw) == pytest.approx(
