@@ -38,7 +38,7 @@ class Control(ParameterSpec):
         if self.type is bool:
             return 'switch'
         if self.type in (int, float):
-            return 'number' if self.maximum is None else 'slider'
+            return 'slider' if self.usual else 'number'
         return 'menu' if self.choices else 'text'
 
     def parse(self, words: object) -> Value:
@@ -86,9 +86,9 @@ def scale_of(control: Control, image_size: float = 0.0) -> tuple[float, ...]:
 
     Places and lengths in the image end at the longer side of the node's images (px; 0: not known).
     """
-    assert control.minimum is not None and control.maximum is not None
-    low, high = control.usual or (control.minimum, control.maximum)
-    if control.unit == 'px' and image_size > 0 and control.usual:
+    assert control.usual is not None
+    low, high = control.usual
+    if control.unit == 'px' and image_size > 0:
         high = min(high, max(image_size, low + 1))
     whole = control.type is int
     if low > 0 and high / low >= _LOGARITHMIC:

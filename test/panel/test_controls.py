@@ -69,6 +69,8 @@ def test_places_end_where_the_image_does():
     control = control_of(RunwayDetectorParameters, 'end_row')
     assert scale_of(control, 240)[-1] == 240
     assert scale_of(control, 0)[-1] == 1080
+    # An image smaller than anything usual leaves two values.
+    assert scale_of(control_of(MarkerTrackerParameters, 'min_area'), 1) == (1, 2)
 
 
 def test_what_has_an_effect_depends_on_the_other_values():
@@ -116,6 +118,7 @@ def test_what_is_not_declared_has_the_type_of_its_value():
     gain, words, nothing, clock, depth = controls_of(MarkerTrackerParameters, values)
     assert (gain.kind, gain.parse('2'), gain.stage) == ('number', 2.0, 'Other')
     assert (words.kind, words.read_only, words.declared) == ('text', False, False)
+    assert (words.parse(' a, b '), words.parse(3), words.parse(None)) == (' a, b ', '3', '')
     assert nothing.read_only
     assert clock.stage == depth.stage == EVERY_NODE
     assert clock.kind == 'switch' and not clock.read_only
