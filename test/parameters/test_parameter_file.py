@@ -4,7 +4,7 @@ import pytest
 
 from mvuav_ros import load_parameters
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import resolve_parameters
+from mvuav_ros.parameters.parameter_file import fits, resolve_parameters
 
 
 def test_a_dump_of_a_running_node_can_be_loaded(tmp_path):
@@ -43,6 +43,22 @@ def test_a_section_for_all_nodes_may_hold_parameters_of_each(tmp_path):
     file.write_text('runway_detector:\n  ros__parameters:\n    threshold: 0.5\n')
     with pytest.raises(ParameterError, match='threshold: no such parameter'):
         resolve_parameters(['runway_detector'], file)
+
+
+@pytest.mark.parametrize(
+    ('key', 'nodes'),
+    [
+        ('tracker', ['/tracker']),
+        ('/a/tracker', ['/a/tracker']),
+        ('/*/tracker', ['/a/tracker']),
+        ('/*', ['/tracker']),
+        ('/**/tracker', ['/tracker', '/a/tracker', '/a/b/tracker']),
+        ('/**', ['/tracker', '/a/tracker', '/a/b/tracker']),
+    ],
+)
+def test_a_key_fits_the_nodes_for_which_ros_takes_it(key, nodes):
+    every = ('/tracker', '/a/tracker', '/a/b/tracker')
+    assert [node for node in every if fits(key, node)] == nodes
 
 
 @pytest.mark.parametrize(
