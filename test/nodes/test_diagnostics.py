@@ -83,14 +83,6 @@ def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(grap
     assert stamp_ns_of(stream.answers['runway_detector'][-1].header) == stamp_ns
 
 
-def test_a_source_tells_its_state(graph, tmp_path):
-    graph.start('video_source', source=77)
-    graph.spin(1.0)
-    values = graph.diagnostics('video_source')
-    assert values['level'] == 2 and values['state'] == 'retrying'
-    assert 'camera 77' in values['message']
-
-
 def test_a_node_alone(graph):
     graph.start('marker_tracker', opencv_threads=2)
     values = graph.diagnostics('marker_tracker')

@@ -1,9 +1,7 @@
 """marker_tracker as a process on real DDS."""
 
-import array
 import importlib.util
 import math
-import signal
 from itertools import islice
 
 import numpy as np
@@ -197,38 +195,6 @@ def test_every_parameter_is_declared_with_its_documentation(graph):
             assert (limits.from_value, limits.to_value) == (spec.minimum, spec.maximum)
 
 
-def test_bad_images_are_counted_and_survived(graph):
-    graph.start(NODE, **KEEP_EVERYTHING)
-    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
-    good = flight(0, 10)
-    cut = image_message(draw([]), 100)
-    cut.data = cut.data[:1000]
-    unknown = image_message(draw([]), 101)
-    unknown.encoding = 'plaid8'
-    zero = Image(header=unknown.header, encoding='mono8')
-    huge = Image(header=unknown.header, encoding='mono8', width=2**31, height=2**31, step=2**31)
-    huge.data = array.array('B', [0])
-    graph.publish_images([*good[:5], cut, unknown, zero, huge, good[4], *good[5:]])
-    graph.until(lambda: len(markers) == 10, '10 answers')
-    values = graph.diagnostics(NODE)
-    assert values['frames_received'] == '15'
-    assert values['frames_processed'] == '10'
-    assert values['rejected_bad_image'] == '4'
-    assert values['rejected_duplicate_stamp'] == '1'
-    assert 'came twice' in values['last_rejection']
-    assert float(values['latency_p50_ms']) > 0
-
-
-def test_stamps_that_jump_back_reset_the_state(graph):
-    graph.start(NODE, **KEEP_EVERYTHING)
-    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
-    graph.publish_images([*flight(0, 6), *flight(0, 6)])
-    graph.until(lambda: len(markers) == 12, '12 answers')
-    assert all(set(view_points(m)['state']) == {1} for m in markers)
-    assert all(math.isnan(v) for v in view_points(markers[6])['vx'])
-    assert graph.diagnostics(NODE)['stamp_jumps_back'] == '1'
-
-
 def test_services(graph):
     graph.start(NODE, **KEEP_EVERYTHING)
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
@@ -271,16 +237,17 @@ def test_compressed_images_in_a_namespace_under_another_name(graph):
 
     graph.start(NODE, image_transport='compressed', remap=('image_raw:=/nose/image',))
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
-    messages = []
+    topic = '/nose/image/compressed'
+    broken = CompressedImage(format='jpeg', data=b'not a jpeg')
+    graph.publish_images([broken], topic=topic)
+    graph.until(lambda: graph.diagnostics(NODE).get('rejected_bad_image') == '1', 'a refusal')
+    # One by one: of a queue a busy machine leaves some out.
     for index, image in enumerate(flight(0, 5)):
-        pixels = draw(tanker_at(320 + index, 240))
-        data = cv2.imencode('.png', pixels)[1].tobytes()
-        messages.append(CompressedImage(header=image.header, format='mono8; png', data=data))
-    broken = CompressedImage(header=image.header, format='jpeg', data=b'not a jpeg')
-    graph.publish_images([broken, *messages], topic='/nose/image/compressed')
-    graph.until(lambda: len(markers) == 5, '5 answers')
+        data = cv2.imencode('.png', draw(tanker_at(320 + index, 240)))[1].tobytes()
+        message = CompressedImage(header=image.header, format='mono8; png', data=data)
+        graph.publish_images([message], topic=topic)
+        graph.until(lambda: len(markers) > index, 'an answer')  # noqa: B023
     assert list(view_points(markers[4])['state']) == [1] * 5
-    assert graph.diagnostics(NODE)['rejected_bad_image'] == '1'
 
 
 def test_a_camera_that_sends_h264(graph):
@@ -304,15 +271,6 @@ def test_a_transport_whose_messages_are_missing_is_said(graph):
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 2
     assert 'apt install ros-jazzy-ffmpeg-image-transport-msgs' in output.splitlines()[-1]
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_it_cleanly(graph, number):
-    process = graph.start(NODE, **KEEP_EVERYTHING)
-    process.send_signal(number)
-    output, _ = process.communicate(timeout=120)
-    assert process.returncode == 0, output
-    assert 'Traceback' not in output
 
 
 def test_a_bad_start_is_one_clear_line(graph):

@@ -131,25 +131,6 @@ def test_every_gui_input_takes_effect_on_the_next_frame(frames):
     assert np.isfinite(coarse['rho']).sum() < np.isfinite(fine['rho']).sum()
 
 
-def test_error_thresholds_and_warmup_take_effect(frames):
-    graph = frames.graph
-    assert graph.set_parameter(NODE, 'num_peaks', 1).successful
-    straight = runway({'middle': ((160, 0), (160, 239))})
-    shifted = runway({'middle': ((172, 0), (172, 239))})
-    tilted = runway({'middle': ((150, 0), (180, 239))})
-    frames.show(straight, 4)
-    assert rows(frames.show(shifted))['flags'][0] == 0
-    assert graph.set_parameter(NODE, 'rho_error_threshold', 5).successful
-    answer = rows(frames.show(straight))
-    assert answer['flags'][0] == 1 | 4
-    assert answer['rho'][0] == pytest.approx(rows(frames.answers[-2])['rho'][0])
-    assert answer['rho_raw'][0] != pytest.approx(answer['rho'][0])
-    assert graph.set_parameter(NODE, 'rho_error_threshold', 1000.0).successful
-    assert rows(frames.show(tilted))['flags'][0] == 2 | 4
-    assert graph.set_parameter(NODE, 'theta_error_threshold_deg', 45).successful
-    assert rows(frames.show(tilted))['flags'][0] == 0
-
-
 @pytest.mark.parametrize(
     ('name', 'value', 'reason'),
     [

@@ -177,7 +177,9 @@ def test_a_bad_start_is_one_clear_line(graph, parameters, words):
 
 def test_a_missing_camera_is_waited_for(graph):
     process = graph.start(NODE, source=77)
-    graph.spin(2.0)
+    graph.until(lambda: graph.diagnostics(NODE)['state'] == 'retrying', 'another try')
+    said = graph.diagnostics(NODE)
+    assert said['level'] == 2 and 'camera 77' in said['message']
     assert process.poll() is None
     process.send_signal(2)
     output, _ = process.communicate(timeout=120)

@@ -23,7 +23,6 @@ from mvuav_ros.messages.cdr import PointLayout, cdr_header, view_points
 from mvuav_ros.messages.marker_messages import encode_markers, encode_rpy
 from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings import tables
-from mvuav_ros.recordings import tables as result_rows
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.tables import Csv
 from mvuav_ros.recordings.tables import export as export_flights
@@ -60,7 +59,7 @@ POSE_DATA = pose(0.1)
 
 
 def interrupted_after(count: int) -> Callable[[Any], Any]:
-    rows, calls = result_rows.ResultRows.of, itertools.count(1)
+    rows, calls = tables.ResultRows.of, itertools.count(1)
 
     def read(self: Any, message: Any) -> Any:
         if next(calls) > count:
@@ -210,7 +209,7 @@ def test_a_run_that_fails_leaves_nothing_in_the_way(
 ) -> None:
     if form == 'parquet':
         pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(result_rows.ResultRows, 'of', interrupted_after(1))
+    monkeypatch.setattr(tables.ResultRows, 'of', interrupted_after(1))
     with pytest.raises(KeyboardInterrupt):
         export(results, tmp_path / 'out', form)
     assert list((tmp_path / 'out').iterdir()) == []
@@ -221,7 +220,7 @@ def test_a_parquet_export_that_fails_says_nothing_more(
 ) -> None:
     pytest.importorskip('pyarrow.parquet')
     said: list[Any] = []
-    monkeypatch.setattr(result_rows.ResultRows, 'of', interrupted_after(1))
+    monkeypatch.setattr(tables.ResultRows, 'of', interrupted_after(1))
     monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 1)
     monkeypatch.setattr(sys, 'unraisablehook', said.append)
     with pytest.raises(KeyboardInterrupt):

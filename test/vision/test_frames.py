@@ -2,7 +2,9 @@
 
 import math
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mvuav_ros.vision.frames import Attitude, from_quaternion, from_rpy, quaternion, rpy
 
@@ -29,6 +31,21 @@ def test_a_nose_straight_down_has_a_pitch():
 def test_the_angles_straight_up_and_down_make_the_rotation_again(pitch, yaw):
     rotation = from_quaternion(*quaternion(from_rpy(0.3, pitch, yaw)))
     assert from_rpy(*rpy(rotation)) == pytest.approx(rotation, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    'turn',
+    [(0.2, -0.1, 0.3), (3.1, 0.1, -0.2), (-0.1, 3.0, 0.2), (0.1, 0.2, -3.1), (2.0, 2.1, 1.0)],
+)
+def test_quaternions_are_those_of_others(turn):
+    known = Rotation.from_rotvec(turn)
+    x, y, z, w = known.as_quat() * math.copysign(1.0, known.as_quat()[3])
+    assert quaternion(known.as_matrix()) == pytest.approx((x, y, z, w))
+    assert from_quaternion(2 * x, 2 * y, 2 * z, 2 * w) == pytest.approx(known.as_matrix())
+
+
+def test_a_quaternion_of_no_length_is_no_rotation():
+    assert np.isnan(from_quaternion(0.0, 0.0, 0.0, 0.0)).all()
 
 
 def test_an_attitude_of_rounded_numbers_is_not_turned_by_their_length():

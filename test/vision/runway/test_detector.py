@@ -263,6 +263,8 @@ def test_known_lines_survive_a_change_of_parameters(change):
     assert flags(tested.process(LEFT, 0))[0] == 0
     line = tested.process(FAR, 0).lines[0]
     assert line.rho_flag and line.rho == pytest.approx(known.rho, abs=4)
+    tested.configure(tested.parameters.changed({'rho_error_threshold': 1_000.0}))
+    assert flags(tested.process(FAR, 0))[0] == 0
 
 
 def test_a_change_of_parameters_takes_effect_at_the_next_frame():
