@@ -203,9 +203,7 @@ def render_page(report: Report) -> str:
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<title>{escape(report.title)}</title>\n<style>\n{_STYLE.read_text()}</style>\n'
-        '</head>\n<body>\n<main>\n'
-        + '\n'.join(body)
-        + '\n</main>\n</body>\n</html>\n'
+        '</head>\n<body>\n<main>\n' + '\n'.join(body) + '\n</main>\n</body>\n</html>\n'
     )
 
 
