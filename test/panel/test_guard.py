@@ -54,7 +54,7 @@ def is_accepted(**more):
 
 @pytest.mark.parametrize('host', ['localhost:8642', '127.0.0.1:8642', '[::1]:8642', '127.0.0.1'])
 def test_loopback_serves_the_names_of_this_machine(host):
-    assert status(host=host) == 200
+    assert status(host=host) == status(host=host, query='token=of_another_panel') == 200
     assert is_accepted(host=host, origin=f'http://{host}')
 
 
