@@ -22,13 +22,13 @@ from mvuav_ros.vision.approach.attitude import (
     mount_matrix,
 )
 from mvuav_ros.vision.approach.evidence import BitDepth, as_grey, shrink_levels
-from mvuav_ros.vision.approach.guidance import LevelHorizon, locate
+from mvuav_ros.vision.approach.guidance import locate
 from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame
 from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
-from mvuav_ros.vision.approach.tuning import DETECTOR, MOTION, SEARCH
+from mvuav_ros.vision.approach.tuning import DETECTOR, GUIDANCE, MOTION, SEARCH
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image, as_pixels
@@ -184,7 +184,7 @@ class ApproachDetector:
                 return ''
             status += f': the likeliest has confidence {found.confidence:.2f}'
         # A road is looked for without a horizon.
-        if found.horizon is None and target != 'road':
+        if found.horizon_row is None and target != 'road':
             status += ': no horizon in view: give attitude'
         return status
 
@@ -266,15 +266,26 @@ class ApproachDetector:
             return Guidance()
         _, y = track.shape.vanishing_point
         near_row = y + track.near_seen if sees_near else None
-        return locate(track.points, near_row, found.level, found.horizon, camera, width)
+        sigma = _slope_sigma(y, found)
+        return locate(track.points, near_row, found.level, sigma, camera, width)
+
+
+def _slope_sigma(meeting: float, found: Found) -> float:
+    """How well the horizon's slope is known, rad, by how far from it the edges meet."""
+    if found.horizon_row is None:
+        return GUIDANCE.bank_sigma
+    away = abs(meeting - found.horizon_row) / (0.5 * found.level.width)
+    share = GUIDANCE.slope_share if found.stated_sigma is None else GUIDANCE.stated_slope_share
+    sigmas = GUIDANCE.slope_sigma, share * max(0.0, away - GUIDANCE.max_usual_away)
+    return min(math.hypot(*sigmas, found.stated_sigma or 0.0), GUIDANCE.bank_sigma)
 
 
 def _across(found: Found) -> tuple[Point, Point] | None:
     """Where the horizon crosses the sides of the frame, if it is known and does."""
-    level, horizon = found.level, found.horizon
-    if horizon is None:
+    level, row = found.level, found.horizon_row
+    if row is None:
         return None
-    (x1, y1), (x2, y2) = level.to_frame(0.0, horizon.row), level.to_frame(1.0, horizon.row)
+    (x1, y1), (x2, y2) = level.to_frame(0.0, row), level.to_frame(1.0, row)
     if x1 == x2:  # Upright, as where an attitude is in the optical axes
         return None
     down = (y2 - y1) / (x2 - x1)
@@ -298,8 +309,9 @@ class Found:
     track: FollowedStrip | None  # of the target, if there is one
     confidence: float  # of the track
     level: Derotation  # of the frame
-    horizon: LevelHorizon | None  # if one is known
+    horizon_row: float | None  # on the levelled working image, if it is known
     veto: str = ''  # why no track is reported, however confident; empty if nothing forbids it
+    stated_sigma: float | None = None  # rad, of the horizon's slope; None without attitude
 
 
 class Finder:
@@ -337,10 +349,8 @@ class Finder:
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         veto = veto or self._veto(track, sight)
         confidence = 0.0 if veto else self.tracker.confidence
-        level_horizon = None
-        if sight.row is not None:
-            level_horizon = LevelHorizon(sight.row, None if known is None else known.sigma)
-        return Found(track, confidence, level, level_horizon, veto)
+        stated = None if known is None else known.sigma
+        return Found(track, confidence, level, sight.row, veto, stated)
 
     def _veto(self, track: FollowedStrip | None, sight: Sight) -> str:
         """Why nothing is reported: the picture is frozen, or the attitude contradicts the track."""

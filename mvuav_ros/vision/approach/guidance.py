@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,25 +19,18 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 
-class LevelHorizon(NamedTuple):
-    """The horizon on a levelled working image."""
-
-    row: float  # px
-    sigma: float | None = None  # rad, stated of its slope by an attitude; None: the image shows it
-
-
 def locate(
     edges: Edges,
     near_row: float | None,
     level: Derotation,
-    horizon: LevelHorizon | None,
+    slope_sigma: float,
     camera: CameraModel,
     runway_width: float,
 ) -> Guidance:
     """Where the camera is in the runway's frame; nothing is known of edges with too few points.
 
-    The near end's row on the levelled working image is known if it is in sight, and the horizon if
-    there is one; the runway is so many m wide from edge to edge.
+    The near end's row on the levelled working image is known if it is in sight. The level's slope
+    has a standard deviation, rad; the runway is so many m wide from edge to edge.
     """
     rows, measured, noise = np.zeros(4), np.zeros(6), np.zeros((6, 6))
     for ends, points in zip((slice(0, 2), slice(2, 4)), edges, strict=True):
@@ -52,7 +44,7 @@ def locate(
     measured[:4] += outside * inwards.sum(axis=0)
     alike = np.hypot(GUIDANCE.width_bias / level.factor, GUIDANCE.outside_share * outside)
     noise[:4, :4] += (alike * inwards).T @ (alike * inwards)
-    measured[4], noise[4, 4] = _slope(horizon, measured[:4], noise[:4, :4], rows, level)
+    noise[4, 4] = slope_sigma**2
     noise[5, 5] = 0.0 if near_row is None else GUIDANCE.near_sigma**2
 
     def pose(values: Vector) -> Vector:
@@ -70,29 +62,6 @@ def locate(
         covariance[0, 0] += GUIDANCE.beginning_sigma**2
     x, y, z, roll, pitch, yaw = solution.tolist()
     return Guidance(x, y, z, roll, pitch, yaw, covariance)
-
-
-def _slope(
-    horizon: LevelHorizon | None, columns: Vector, noise: Matrix, rows: Vector, level: Derotation
-) -> tuple[float, float]:
-    """The horizon's slope on the frame, rad, and its variance, by both edges at (4,) rows.
-
-    Edges that do not meet on it say that it is haze, or the border of a field: then the wings are
-    rather level, as they are taken to be without a horizon.
-    """
-    if horizon is None:
-        return 0.0, GUIDANCE.bank_sigma**2
-    left, right = (columns[1::2] - columns[::2]) / (rows[1::2] - rows[::2])
-    meeting = rows[0] + (columns[2] - columns[0] - right * (rows[2] - rows[0])) / (left - right)
-    shares = (meeting - rows[::2]) / (rows[1::2] - rows[::2])
-    apart = np.stack((1.0 - shares, shares), axis=1) * [[1.0], [-1.0]]
-    doubt = math.sqrt(apart.ravel() @ noise @ apart.ravel()) / abs(left - right)
-    away = abs(meeting - horizon.row) - GUIDANCE.meeting_sigmas * doubt
-    share = GUIDANCE.slope_share if horizon.sigma is None else GUIDANCE.stated_slope_share
-    wrong = share * max(0.0, away / (0.5 * level.width) - GUIDANCE.max_usual_away)
-    variance = GUIDANCE.slope_sigma**2 + wrong**2 + (horizon.sigma or 0.0) ** 2
-    seen = 1.0 / (1.0 + variance / GUIDANCE.bank_sigma**2)
-    return seen * level.slope, seen * variance
 
 
 def _fitted(
@@ -135,7 +104,7 @@ def _pose(
 ) -> Vector:
     """x, y, z, roll, pitch, yaw.
 
-    Of the columns of both edges at (4,) rows, the horizon's slope (rad), and the near end's row.
+    Of the columns of both edges at (4,) rows, the slope's error (rad), and the near end's row.
     """
     rays = _rays(values[:4], rows, level, camera)
     left, right = np.cross(rays[0], rays[1]), np.cross(rays[2], rays[3])
@@ -147,8 +116,8 @@ def _pose(
         return np.full(6, np.nan)
     # The horizon passes through the vanishing point. Its slope was seen where it is nearest to the
     # camera's axis, where no radial distortion turns it.
-    cos, sin = math.cos(values[4]), math.sin(values[4])
-    along = cos / camera.matrix[0, 0], sin / camera.matrix[1, 1], 0.0
+    slope = level.slope + values[4]
+    along = math.cos(slope) / camera.matrix[0, 0], math.sin(slope) / camera.matrix[1, 1], 0.0
     up = np.cross(forward, along)
     up /= np.linalg.norm(up)
     if up[1] > 0:

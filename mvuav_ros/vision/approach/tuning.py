@@ -381,14 +381,12 @@ class GuidanceTuning:
     beginning_sigma: float = 10.0  # m: markings and overruns blur where the pavement begins
     slope_sigma: float = math.radians(0.06)  # rad, of the horizon's slope
     bank_sigma: float = math.radians(10.0)  # rad, of a slope of 0 where no horizon is known
-    # Half widths of the image by which edges meet off a horizon that has the right slope. Of 82
-    # simulated flights, 1004 to 1123, slopes were off by 0.1 deg there
+    # Half widths of the image by which edges meet off a horizon that has the right slope
     max_usual_away: float = 0.012
-    meeting_sigmas: float = 2.0  # by which edges may meet off it
-    # rad of the slope, 1 sigma, per half width farther off: haze, clouds, and lines that are no
-    # horizon, as borders of fields and roads. Even ones of 60 simulated flights, 500 to 559
-    slope_share: float = 1.5
-    stated_slope_share: float = 0.2  # likewise, of an attitude: a fifth, as levels inflate it
+    # rad in the slope, 1 sigma, per half width that they meet farther off: haze, clouds, hills, and
+    # borders of fields. Even ones of 60 simulated flights, 500 to 559
+    slope_share: float = 0.8
+    stated_slope_share: float = 0.2  # likewise, of an attitude
     jacobian_step: float = 0.0001  # px, or rad
 
 

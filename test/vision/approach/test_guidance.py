@@ -8,7 +8,7 @@ import pytest
 
 from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.approach.attitude import Derotation, horizon_from, mount_matrix
-from mvuav_ros.vision.approach.guidance import LevelHorizon, locate
+from mvuav_ros.vision.approach.guidance import locate
 from mvuav_ros.vision.approach.strip_edges import EdgePoints
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_rpy, quaternion
@@ -28,7 +28,7 @@ def edge(aside):
 def test_what_is_not_observed_has_no_variance_of_what_is(near_row, x):
     """A near end above the horizon is none: a wrong attitude shows it there."""
     level = Derotation(640, 480, 1, 0.0)
-    guidance = locate((edge(-1.0), edge(2.0)), near_row, level, LevelHorizon(240.0, 0.001), CAMERA, 30.0)
+    guidance = locate((edge(-1.0), edge(2.0)), near_row, level, 0.001, CAMERA, 30.0)
     assert (guidance.y, guidance.z) == pytest.approx((5.0, 10.0))
     assert guidance.x == pytest.approx(x, nan_ok=True)
     assert (guidance.covariance[0, 0] == UNKNOWN_VARIANCE) == math.isnan(x)
@@ -43,14 +43,14 @@ def test_edges_that_are_no_more_than_predicted_make_the_pose_as_uncertain_as_the
         replace(edge(aside), doubt=tuple(doubt))
         for aside, doubt in zip((-1, 2), doubts, strict=True)
     ]
-    covariance = locate(edges, None, level, LevelHorizon(240.0, 1e-6), CAMERA, 30.0).covariance
+    covariance = locate(edges, None, level, 1e-6, CAMERA, 30.0).covariance
     rng, poses, along = np.random.default_rng(1), [], np.linspace(0.0, 1.0, 8)
     for _ in range(1000):
         moved = []
         for (far, near), points in zip(doubts * rng.normal(size=(2, 2)), edges, strict=True):
             columns = points.columns + far * (1 - along) + near * along
             moved.append(replace(points, columns=columns))
-        poses.append(locate(moved, None, level, LevelHorizon(240.0, 1e-6), CAMERA, 30.0))
+        poses.append(locate(moved, None, level, 1e-6, CAMERA, 30.0))
     for index, name in ((1, 'y'), (2, 'z'), (4, 'pitch'), (5, 'yaw')):
         scatter = np.std([getattr(pose, name) for pose in poses])
         assert math.sqrt(covariance[index, index]) == pytest.approx(scatter, rel=0.2)
@@ -59,7 +59,7 @@ def test_edges_that_are_no_more_than_predicted_make_the_pose_as_uncertain_as_the
 def test_points_outside_of_the_edges_do_not_move_the_pose():
     """By how much they are is known only about, and that counts in the covariance."""
     level = Derotation(640, 480, 1, 0.0)
-    true = locate((edge(-1.0), edge(2.0)), None, level, LevelHorizon(240.0, 1e-6), CAMERA, 30.0)
+    true = locate((edge(-1.0), edge(2.0)), None, level, 1e-6, CAMERA, 30.0)
     along, outside = np.linspace(0.0, 1.0, 8), (2.0, 0.5)
     moved = [
         replace(
@@ -69,7 +69,7 @@ def test_points_outside_of_the_edges_do_not_move_the_pose():
         )
         for aside, sign in ((-1.0, -1.0), (2.0, 1.0))
     ]
-    found = locate(moved, None, level, LevelHorizon(240.0, 1e-6), CAMERA, 30.0)
+    found = locate(moved, None, level, 1e-6, CAMERA, 30.0)
     assert (found.y, found.z, found.pitch) == pytest.approx((true.y, true.z, true.pitch))
     assert found.covariance[2, 2] > 1.5 * true.covariance[2, 2]
 
@@ -100,8 +100,7 @@ def test_a_bent_horizon_does_not_roll_the_camera(model, d, roll_deg, yaw_deg):
         columns, rows = back.to_frame(*camera.project(ends @ body @ OPTICAL_FROM_BODY.T).T)
         along = [np.linspace(*ends, 8) for ends in (rows, columns)]
         edges.append(EdgePoints(*along, np.ones(8), 1.0))
-    seen = LevelHorizon(level.row_of(horizon.row), 0.001)
-    found = locate(edges, None, level, seen, camera, 30.0)
+    found = locate(edges, None, level, 0.001, camera, 30.0)
     assert (found.y, found.z) == pytest.approx((5.0, 30.0), abs=0.02)
     assert (found.roll, found.pitch, found.yaw) == pytest.approx(angles, abs=1e-4)
 
@@ -116,6 +115,6 @@ def test_points_where_the_lens_model_has_turned_back_say_nothing():
     cut = [
         replace(each, weights=each.weights * kept) for each, kept in zip(near, inside, strict=True)
     ]
-    found, known = (locate(each, 470.0, level, LevelHorizon(240.0, 0.001), camera, 30.0) for each in (near, cut))
+    found, known = (locate(each, 470.0, level, 0.001, camera, 30.0) for each in (near, cut))
     assert (found.y, found.z, found.yaw) == pytest.approx((known.y, known.z, known.yaw))
     assert math.isnan(found.x)
