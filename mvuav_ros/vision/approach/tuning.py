@@ -94,6 +94,7 @@ class EdgesTuning:
     reach: float = 0.35  # widths searched on both sides of the expected edge
     min_reach: float = 3.0  # px, likewise
     max_reach: float = 8.0  # px, likewise
+    wide_reach: float = 0.04  # widths, searched at least: side stripes are 0.03 wide
     # widths, likewise, of a strip that was found on a coarse image: 2 px of its level
     far_reach: float = 0.12
     min_step_share: float = 0.25  # of the strip's contrast: a row with less supports no edge
@@ -104,6 +105,10 @@ class EdgesTuning:
     clear_contrast: float = 12.0  # grey levels that are plain to see
     colour_contrast: float = 30.0  # opponent colours' levels between pavement and grass by day
     paint_share: float = 0.3  # of it, by which stripes are brighter than all; sharpening gives 0.25
+    # px of the frame over which a stripe's side rises before a sharp camera, and share of what is
+    # more by which it may be off at the far end. Grey ones of 60 simulated flights, 500 to 559
+    usual_blur: float = 2.5
+    blur_share: float = 0.6
     memory: float = 0.05  # share of a new frame in the contrast. Simulated slabs and S-turns
     region: int = 5  # samples across an edge over those of its outside, or its inside
 
