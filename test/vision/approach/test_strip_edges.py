@@ -41,7 +41,7 @@ def test_wide_edges_are_found_where_a_coarse_image_did_not_show_them_exactly():
         assert edge.columns[seen] == pytest.approx(true[seen], abs=1.0)
 
 
-STRIPE = 0.045
+STRIPE = 0.035
 """Width of side stripes, of the runway's."""
 
 
