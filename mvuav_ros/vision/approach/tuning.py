@@ -42,17 +42,14 @@ class HorizonTuning:
     min_strength: float = 3.0  # grey levels of the mean step across a horizon
     # deviation along a horizon of what is above it, per step across it: clouds have up to 0.8
     max_spread: float = 0.9
-    sky_rows: int = 12  # rows above it in which that, and texture, are measured
+    sky_rows: int = 12  # rows above it in which that is measured
     # grey levels by which all above it is brighter than as many rows below: 33 and more with sky,
     # up to 22 without. Run 5 and the simulator's flights that look down
     min_contrast: float = 25.0
-    min_sky_rows: int = 1  # rows of sky that must be in view
     column_step: int = 4  # px between the columns of the refinement
     reach: int = 5  # px above and below the expected line
     min_columns: int = 12  # columns of the refinement
     min_agreement: float = 0.55  # share of columns on the line, with which a followed one is kept
-    texture_cost: float = 1.0  # grey levels of step per one of texture: haze is smoother
-    max_texture_cost: float = 6.0  # grey levels of texture; more counts as that
     full_period: int = 10  # frames between two looks for the horizon at any slope
     row_cost: float = 0.03  # grey levels per row: of steps alike the upper one
 
