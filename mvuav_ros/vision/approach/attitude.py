@@ -248,25 +248,21 @@ def _steps(blue: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _is_below_sky(blue: NDArray[Any], line: NDArray[np.intp], strength: float) -> bool:
-    """Whether it looks like sky above a line: alike along it, unlike fields, treetops or walls.
+    """Whether it looks like sky above a line, not like fields, treetops or walls, or a road.
 
     The line has a row in each column of the small image; its strength is the mean step across it.
     """
-    rows = line - np.arange(2, HORIZON.sky_rows + 2)[:, None]
-    seen = (rows >= 0) & (rows < HORIZON.height)
-    seen &= np.count_nonzero(seen, axis=1, keepdims=True) >= HORIZON.min_columns
-    # Of what nothing can be seen, nobody knows that it is sky.
-    if strength <= HORIZON.min_strength or not seen.any():
-        return False
-    values = np.take_along_axis(blue, rows.clip(0, HORIZON.height - 1), axis=0).astype(np.float32)
-    count = np.maximum(seen.sum(axis=1, keepdims=True), 1)
-    off = (values - (values * seen).sum(axis=1, keepdims=True) / count) * seen
-    spread = np.sqrt((off * off).sum(axis=1, keepdims=True) / count)
     below = np.arange(HORIZON.height)[:, None] - line
+    near = ((below < -1) & (below > -HORIZON.sky_rows))[:, 1:]
     above, land = below < 0, (below > 0) & (below <= HORIZON.sky_rows)
-    if (spread * seen).sum() >= HORIZON.max_spread * strength * seen.sum() or not land.any():
+    # Of what nothing can be seen, nobody knows that it is sky.
+    in_view = near.sum() >= HORIZON.min_sky_rows * near.shape[1] and land.any()
+    if strength <= HORIZON.min_strength or not in_view:
         return False
-    return float(blue[above].mean()) - float(blue[land].mean()) > HORIZON.min_contrast
+    # Clouds are soft. Of fields most is even, but not their borders.
+    edges = float(np.percentile(cv2.absdiff(blue[:, 1:], blue[:, :-1])[near], 90))
+    contrast = float(blue[above].mean()) - float(blue[land].mean())
+    return edges < HORIZON.max_edges * strength and contrast > HORIZON.min_contrast
 
 
 def _refined(horizon: HorizonLine, blue: NDArray[Any]) -> tuple[HorizonLine, float]:

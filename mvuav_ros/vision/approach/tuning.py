@@ -40,9 +40,11 @@ class HorizonTuning:
     step_rows: int = 3  # odd; rows above and below, whose difference is a step
     max_step: float = 24.0  # grey levels; more counts as that
     min_strength: float = 3.0  # grey levels of the mean step across a horizon
-    # deviation along a horizon of what is above it, per step across it: clouds have up to 0.8
-    max_spread: float = 0.9
-    sky_rows: int = 12  # rows above it in which that is measured
+    # differences of neighbours above a horizon, but for the largest tenth, per step across it.
+    # Even ones of 60 simulated flights, 500 to 559, and tuned stills
+    max_edges: float = 0.45
+    sky_rows: int = 14  # rows above it in which these are measured
+    min_sky_rows: int = 1  # of these rows, that must be in view
     # grey levels by which all above it is brighter than as many rows below: 33 and more with sky,
     # up to 22 without. Run 5 and the simulator's flights that look down
     min_contrast: float = 25.0
