@@ -42,7 +42,7 @@ class HorizonTuning:
     min_strength: float = 3.0  # grey levels of the mean step across a horizon
     # differences of neighbours above a horizon, but for the largest tenth, per step across it.
     # Even ones of 60 simulated flights, 500 to 559, and tuned stills
-    max_edges: float = 0.45
+    max_edges: float = 0.8
     sky_rows: int = 14  # rows above it in which these are measured
     min_sky_rows: int = 1  # of these rows, that must be in view
     # grey levels by which all above it is brighter than as many rows below: 33 and more with sky,
