@@ -159,17 +159,6 @@ def test_a_bright_road_across_the_land_is_no_horizon(road):
     assert HorizonFinder(HEIGHT, WIDTH).find(land).row == pytest.approx(101.5, abs=1.0)
 
 
-@pytest.mark.parametrize('slope', [0.0, 6.0])
-def test_the_border_of_fields_is_no_horizon(slope):
-    """Sky is as bright everywhere along the horizon, fields beyond a hedge or a river are not."""
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    beyond = y < 90 + math.tan(math.radians(slope)) * (x - WIDTH / 2)
-    fields = np.where((x + y) % 140 < 70, 110, 170)
-    assert HorizonFinder(HEIGHT, WIDTH).find(np.where(beyond, fields, 60).astype(np.uint8)) is None
-    sky = np.where(beyond, 140, 60).astype(np.uint8)
-    assert HorizonFinder(HEIGHT, WIDTH).find(sky).row == pytest.approx(89.5, abs=0.5)
-
-
 @pytest.mark.parametrize('row', [13, 18, 24])
 @pytest.mark.parametrize('slope', [0.0, -3.0])
 def test_a_narrow_strip_of_sky_shows_the_horizon(row, slope):
