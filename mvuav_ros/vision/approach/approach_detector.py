@@ -275,8 +275,9 @@ def _slope_sigma(meeting: float, found: Found) -> float:
     if found.horizon_row is None:
         return GUIDANCE.bank_sigma
     away = abs(meeting - found.horizon_row) / (0.5 * found.level.width)
-    wrong = GUIDANCE.slope_share * max(0.0, away - GUIDANCE.max_usual_away)
-    return min(math.hypot(GUIDANCE.slope_sigma, wrong, found.stated_sigma), GUIDANCE.bank_sigma)
+    share = GUIDANCE.slope_share if found.stated_sigma is None else GUIDANCE.stated_slope_share
+    sigmas = GUIDANCE.slope_sigma, share * max(0.0, away - GUIDANCE.max_usual_away)
+    return min(math.hypot(*sigmas, found.stated_sigma or 0.0), GUIDANCE.bank_sigma)
 
 
 def _across(found: Found) -> tuple[Point, Point] | None:
@@ -310,7 +311,7 @@ class Found:
     level: Derotation  # of the frame
     horizon_row: float | None  # on the levelled working image, if it is known
     veto: str = ''  # why no track is reported, however confident; empty if nothing forbids it
-    stated_sigma: float = 0.0  # rad, of the horizon's slope by the attitude
+    stated_sigma: float | None = None  # rad, of the horizon's slope; None without attitude
 
 
 class Finder:
@@ -348,7 +349,7 @@ class Finder:
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         veto = veto or self._veto(track, sight)
         confidence = 0.0 if veto else self.tracker.confidence
-        stated = 0.0 if known is None else known.sigma
+        stated = None if known is None else known.sigma
         return Found(track, confidence, level, sight.row, veto, stated)
 
     def _veto(self, track: FollowedStrip | None, sight: Sight) -> str:

@@ -207,10 +207,9 @@ class HorizonFinder:
     def _search(self, blue: NDArray[Any]) -> HorizonLine | None:
         size = HORIZON.width, HORIZON.height
         small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
-        steps = _steps(small)
         # Of steps alike, the upper one: sky is above all land.
-        lower = (HORIZON.row_cost * np.arange(HORIZON.height, dtype=np.float32))[:, None]
-        steps -= lower + HORIZON.texture_cost * _texture_above(small)
+        lower = HORIZON.row_cost * np.arange(HORIZON.height, dtype=np.float32)
+        steps = _steps(small) - lower[:, None]
         padded = np.zeros((HORIZON.width, HORIZON.height + 2 * self._pad), np.float32)
         padded[:, self._pad : self._pad + HORIZON.height] = steps.T
         moved = np.lib.stride_tricks.sliding_window_view(padded, HORIZON.height, axis=1)
@@ -249,35 +248,21 @@ def _steps(blue: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _is_below_sky(blue: NDArray[Any], line: NDArray[np.intp], strength: float) -> bool:
-    """Whether it looks like sky above a line, not like treetops or walls, or a road.
+    """Whether it looks like sky above a line, not like fields, treetops or walls, or a road.
 
     The line has a row in each column of the small image; its strength is the mean step across it.
     """
     below = np.arange(HORIZON.height)[:, None] - line
-    near = (below < -HORIZON.step_rows) & (below > -HORIZON.step_rows - HORIZON.sky_rows)
-    near = near[:, 1:]
+    near = ((below < -1) & (below > -HORIZON.sky_rows))[:, 1:]
     above, land = below < 0, (below > 0) & (below <= HORIZON.sky_rows)
     # Of what nothing can be seen, nobody knows that it is sky.
-    in_view = near.sum() > HORIZON.min_sky_rows * HORIZON.width and land.any()
+    in_view = near.sum() >= HORIZON.min_sky_rows * near.shape[1] and land.any()
     if strength <= HORIZON.min_strength or not in_view:
         return False
-    texture = float(cv2.absdiff(blue[:, 1:], blue[:, :-1])[near].mean())
+    # Clouds are soft. Of fields most is even, but not their borders.
+    edges = float(np.percentile(cv2.absdiff(blue[:, 1:], blue[:, :-1])[near], 90))
     contrast = float(blue[above].mean()) - float(blue[land].mean())
-    return texture < HORIZON.max_texture * strength and contrast > HORIZON.min_contrast
-
-
-def _texture_above(blue: NDArray[Any]) -> NDArray[np.float32]:
-    """How much neighbouring columns differ in the rows above each place, capped."""
-    change = np.zeros((HORIZON.height + 1, HORIZON.width), np.float32)
-    difference = cv2.absdiff(blue[:, 1:], blue[:, :-1])
-    np.cumsum(np.minimum(difference, HORIZON.max_texture_cost), axis=0, out=change[1:, 1:])
-    rows = np.arange(HORIZON.height)
-    last = np.maximum(rows - HORIZON.step_rows, 0)
-    first = np.maximum(last - HORIZON.sky_rows, 0)
-    above: NDArray[np.float32] = change[last] - change[first]
-    above /= np.maximum(last - first, 1)[:, None]
-    above[last - first < HORIZON.min_sky_rows] = HORIZON.max_texture_cost
-    return above
+    return edges < HORIZON.max_edges * strength and contrast > HORIZON.min_contrast
 
 
 def _refined(horizon: HorizonLine, blue: NDArray[Any]) -> tuple[HorizonLine, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -172,9 +172,9 @@ def sample_edges(
     rows, expected, _ = rows_of(strip, (np.arange(count) + 0.5) / count)
     width = (right - left) * near
     reach = float(np.clip(reach * width, EDGES.min_reach, EDGES.max_reach))
-    steps, sample = round(reach / EDGES.sample), EDGES.sample
-    if far_off:
-        sample *= max(1.0, EDGES.far_reach * width / reach)
+    steps = round(reach / EDGES.sample)
+    least = (EDGES.far_reach if far_off else EDGES.wide_reach) * width
+    sample = EDGES.sample * max(1.0, least / reach)
     across = np.arange(-steps, steps + 1) * sample
     columns = expected[:, :, None] + _INWARDS[:, :, None] * across
     pixels, inside = frame.at(columns, rows[:, None])
@@ -235,6 +235,7 @@ class EdgeLook:
             channels = np.stack(opponent_channels(samples.pixels))
             steps = samples.steps(channels)
         profile = samples.profile(channels) if self._wide else None
+        doubt = (0.0, 0.0)
         self._learn(profile[2] - profile[1] if profile else _strongest(steps))
         contrast = self._contrast[: len(channels)].copy()
         colour = float(np.linalg.norm(contrast[1:]))
@@ -245,11 +246,13 @@ class EdgeLook:
             # A stripe goes on to the inside.
             steps = samples.steps(np.maximum.accumulate(channels[:1], axis=2))
             contrast = np.array([paint])
+            doubt = _blur_doubt(profile[0][0], profile[1][0], samples.across, frame.level.factor)
         size = float(np.linalg.norm(contrast))
         direction = contrast / max(size, 1e-6)
         size = max(size, EDGES.min_contrast)
         whole = np.clip(np.tensordot(direction, steps, axes=1), 0.0, size)
-        return samples.fit(whole, size)
+        left, right = samples.fit(whole, size)
+        return replace(left, doubt=doubt), replace(right, doubt=doubt)
 
     def _learn(self, rise: NDArray[Any]) -> None:
         """Take what the edges have in common of the rise (channels, 2) inwards, a mean of rows."""
@@ -282,6 +285,20 @@ def _paint(along: NDArray[Any], land: NDArray[Any], pavement: NDArray[Any]) -> f
     clear = (brightest - np.maximum(land, pavement)).min()
     least = max(EDGES.clear_contrast, EDGES.paint_share * float(np.abs(pavement - land).max()))
     return float((brightest - land).min()) if clear > least else 0.0
+
+
+def _blur_doubt(
+    along: NDArray[Any], land: NDArray[Any], across: NDArray[Any], factor: int
+) -> tuple[float, float]:
+    """Px by which defocus moves the outer sides of stripes, narrow far away, at both ends.
+
+    It shows in how far they rise, (2, places) across the edges, over how steeply. The working image
+    is so many times smaller than the frame.
+    """
+    steepest = np.diff(along).max(axis=1) / (across[1] - across[0])
+    blur = float(((along.max(axis=1) - land) / steepest).mean())
+    far = EDGES.blur_share * max(0.0, blur - EDGES.usual_blur / factor)
+    return far, far / 3.0
 
 
 def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:

@@ -157,3 +157,11 @@ def test_a_bright_road_across_the_land_is_no_horizon(road):
     assert HorizonFinder(HEIGHT, WIDTH).find(land) is None
     land[:90] = road
     assert HorizonFinder(HEIGHT, WIDTH).find(land).row == pytest.approx(101.5, abs=1.0)
+
+
+@pytest.mark.parametrize('row', [13, 18, 24])
+@pytest.mark.parametrize('slope', [0.0, -3.0])
+def test_a_narrow_strip_of_sky_shows_the_horizon(row, slope):
+    found = HorizonFinder(HEIGHT, WIDTH).find(view(row, slope))
+    assert found.row == pytest.approx(row, abs=1.0)
+    assert math.degrees(found.slope) == pytest.approx(slope, abs=0.3)
