@@ -43,8 +43,8 @@ MAX_TAIL = 1e-3
 is: a margin for priors that are too small."""
 RUNWAY_INFLATION = 6.0
 """By which the deviations of a runway's guidance are multiplied. The factor that makes 95 % of the
-errors of real approaches right is 2.0 to 2.3 (three flights, two of them for the third; labels of
-whole pixels included), that of random simulated ones 1.5: the rest is a margin for other flights.
+errors of real approaches right is 1.6 to 1.7 (three flights, two of them for the third; labels of
+whole pixels included): the rest is a margin for other flights.
 See tools/evaluate_runway_levels.py."""
 MAX_ROLL_SIGMA = math.radians(9.0)
 """rad, of the roll, above which nothing is promised of offset and heading: no horizon shows it."""

@@ -310,7 +310,7 @@ def test_a_horizon_that_the_edges_do_not_meet_at_may_have_a_wrong_slope():
 
 
 def test_borders_of_fields_are_doubted_as_a_horizon():
-    """A camera that looks down in a bank sees sky in a corner at most: what it takes for it is land."""
+    """A camera that looks down in a bank sees sky in a corner at most, and takes land for it."""
     view = {'camera_pitch_deg': 23.4, 'width': 320, 'height': 240, 'visibility': 2500.0}
     flown = {'motion': 's_turn', 'runway_width': 23.0, 'runway_length': 1500.0, 'frames': 1000}
     flight = RunwayFlight(RunwaySettings(seed=512, **flown, **view))
