@@ -161,11 +161,11 @@ def _straight_lines(
 
 
 def sample_edges(
-    frame: LevelledFrame, strip: Strip, reach: float = EDGES.reach, *, far_off: bool = False
+    frame: LevelledFrame, strip: Strip, reach: float = EDGES.reach, least: float = 0.0
 ) -> EdgeSamples:
-    """Take the pixels across both edges of a strip from the frame; farther from it, and apart.
+    """Take the pixels across both edges of a strip from the frame.
 
-    ``reach`` is in widths of the strip.
+    So many of its widths from it, within limits in px, but for the least: the farther the coarser.
     """
     _, _, left, right, far, near = strip.tolist()
     count = int(np.clip((near - far) * frame.level.factor, 6, EDGES.max_rows))
@@ -173,8 +173,7 @@ def sample_edges(
     width = (right - left) * near
     reach = float(np.clip(reach * width, EDGES.min_reach, EDGES.max_reach))
     steps = round(reach / EDGES.sample)
-    least = (EDGES.far_reach if far_off else EDGES.wide_reach) * width
-    sample = EDGES.sample * max(1.0, least / reach)
+    sample = EDGES.sample * max(1.0, least * width / reach)
     across = np.arange(-steps, steps + 1) * sample
     columns = expected[:, :, None] + _INWARDS[:, :, None] * across
     pixels, inside = frame.at(columns, rows[:, None])
@@ -210,6 +209,7 @@ class EdgeLook:
         """
         self._wide, self._painted = wide, painted
         self._contrast = np.zeros(3)
+        self._striped = False  # in the newest frame
         self._frames = 0
 
     @property
@@ -227,7 +227,8 @@ class EdgeLook:
 
         They may be far off if it was found on a coarse image.
         """
-        samples = sample_edges(frame, strip, far_off=far_off)
+        striped = EDGES.stripes_reach if self._striped else 0.0
+        samples = sample_edges(frame, strip, least=EDGES.far_reach if far_off else striped)
         if self._painted:
             channels = brightness_of(samples.pixels)[None]
             steps = np.minimum(samples.steps(channels), 0.0)
@@ -235,7 +236,7 @@ class EdgeLook:
             channels = np.stack(opponent_channels(samples.pixels))
             steps = samples.steps(channels)
         profile = samples.profile(channels) if self._wide else None
-        doubt = (0.0, 0.0)
+        self._striped, doubt = False, (0.0, 0.0)
         self._learn(profile[2] - profile[1] if profile else _strongest(steps))
         contrast = self._contrast[: len(channels)].copy()
         colour = float(np.linalg.norm(contrast[1:]))
@@ -244,6 +245,7 @@ class EdgeLook:
             contrast[0] = 0.0
         elif profile and (paint := _paint(*(each[0] for each in profile))):
             # A stripe goes on to the inside.
+            self._striped = True
             steps = samples.steps(np.maximum.accumulate(channels[:1], axis=2))
             contrast = np.array([paint])
             doubt = _blur_doubt(profile[0][0], profile[1][0], samples.across, frame.level.factor)

@@ -93,7 +93,7 @@ class EdgesTuning:
     reach: float = 0.35  # widths searched on both sides of the expected edge
     min_reach: float = 3.0  # px, likewise
     max_reach: float = 8.0  # px, likewise
-    wide_reach: float = 0.04  # widths, searched at least: side stripes are 0.03 wide
+    stripes_reach: float = 0.04  # widths, where side stripes were seen: these are 0.03 wide
     # widths, likewise, of a strip that was found on a coarse image: 2 px of its level
     far_reach: float = 0.12
     min_step_share: float = 0.25  # of the strip's contrast: a row with less supports no edge
