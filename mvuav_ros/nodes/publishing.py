@@ -214,6 +214,7 @@ class FrameDecoder:
         if isinstance(data, Frame):
             yield _completed(data, received)
         elif self._type != IMAGE and (coded := view_coded_image(self._type, data)).is_video:
+            coded.stamp_ns = received.stamp_ns
             yield from self._of_video(coded, received)
         elif not received.is_skipped:
             yield _completed(self._images.decode(self._type, data), received)
@@ -233,9 +234,9 @@ class FrameDecoder:
 
 
 def _completed(frame: Frame, received: ReceivedImage) -> Frame:
-    """With the calibration and attitude that came with it, or beside it."""
+    """With its time, and the calibration and attitude that came with it, or beside it."""
     camera, attitude = received.camera or frame.camera, frame.attitude or received.attitude
-    return replace(frame, camera=camera, attitude=attitude)
+    return replace(frame, stamp_ns=received.stamp_ns, camera=camera, attitude=attitude)
 
 
 _LOOK_INTERVAL = 0.05

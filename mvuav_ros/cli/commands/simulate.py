@@ -45,8 +45,7 @@ def _command(kind: str, settings: type[ParameterSet]) -> Callable[..., None]:
         words = spec.description + (f' [{limits}]' if limits else '')
         options[spec.name] = Annotated[spec.type, typer.Option(help=words)], spec.default
     run.__doc__ = settings.__doc__
-    *own, _given = inspect.signature(run, eval_str=True).parameters.values()
-    take_options(run, own, options)
+    take_options(run, inspect.signature(run, eval_str=True).parameters.values(), options)
     return run
 
 

@@ -21,10 +21,11 @@ def test_nothing_of_one_recording_stands_under_the_name_of_another():
     node = SimpleNamespace(
         kind='marker_tracker', controls=['threshold'], own_values={}, image_topic=''
     )
+    node.found, topics = SimpleNamespace(imu_topic=''), MagicMock(wanted='')
     frames._page, frames._recording = SimpleNamespace(node=node), lambda: chosen[0]
     frames._set, frames._from = SimpleNamespace(value=''), SimpleNamespace(value=0.0)
     frames._words, frames._differing = MagicMock(is_deleted=False), MagicMock()
-    frames._lanes, frames._visible, frames._wanted = [lane], False, ''
+    frames._lanes, frames._visible, frames.images, frames.attitude = [lane], False, topics, topics
     frames._index, frames._count = 80, 180
     frames._fill = lambda shown, name: filled.append(shown.source)
 
