@@ -14,8 +14,8 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.parameters.yaml_text import read_yaml
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file
-from mvuav_ros.recordings.remote import fetch, is_url, matching
+from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file, matching
+from mvuav_ros.recordings.remote import fetch, is_url
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
@@ -64,17 +64,26 @@ def open_source(
         raise SourceError(f'{text}: rate must be above 0 Hz, not {rate}')
     if text.startswith(SIMULATED):
         return SimulatedFlight(text, rate)
-    if is_url(text):
-        return _remote(text, topic, imu_topic, rate)
     if cameras and (text.isdecimal() or text.startswith('/dev/')):
         return Camera(int(text) if text.isdecimal() else text, camera)
+    return _stored(text, (topic, imu_topic), rate)
+
+
+_Topics = tuple[str | None, str | None]
+"""Of a bag's images and attitude."""
+
+
+def _stored(text: str, topics: _Topics, rate: float | None) -> FrameSource:
+    """What lies in files, here or elsewhere."""
+    if is_url(text):
+        return _remote(text, topics, rate)
     path = Path(text).expanduser()
     if any(sign in text for sign in '*?[') and not path.exists():
         return ImageFolder(text, matching(path), rate)
     if not path.exists():
         raise SourceError(f'{text}: there is no such file or folder')
     if looks_like_bag(path):
-        return _bag(path, topic, imu_topic)
+        return _bag(path, topics)
     if path.is_dir():
         return ImageFolder(text, _visible(path), rate)
     if not path.is_file():
@@ -86,12 +95,11 @@ def open_source(
     return VideoFile(path, rate)
 
 
-def _remote(url: str, topic: str | None, imu_topic: str | None, rate: float | None) -> FrameSource:
+def _remote(url: str, topics: _Topics, rate: float | None) -> FrameSource:
     """A copy of what lies elsewhere, for as long as the source is used."""
     folder = TemporaryDirectory(prefix='mvuav_')
     try:
-        path = fetch(url, Path(folder.name))
-        source = open_source(str(path), topic=topic, imu_topic=imu_topic, rate=rate, cameras=False)
+        source = _stored(str(fetch(url, Path(folder.name))), topics, rate)
     except SourceError:
         folder.cleanup()
         raise
@@ -123,7 +131,7 @@ def _visible(folder: Path) -> list[Path]:
     return [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
 
 
-def _bag(path: Path, topic: str | None, imu_topic: str | None) -> FrameSource:
+def _bag(path: Path, topics: _Topics) -> FrameSource:
     # The bag libraries come from PyPI; cameras and videos work on a robot that lacks them.
     try:
         from mvuav_ros.sources.bag import BagImages
@@ -131,7 +139,7 @@ def _bag(path: Path, topic: str | None, imu_topic: str | None) -> FrameSource:
         raise SourceError(
             f'{path}: reading bags needs rosbags and mcap (pip install rosbags mcap): {error}'
         ) from error
-    return BagImages(path, topic, imu_topic)
+    return BagImages(path, *topics)
 
 
 class SimulatedFlight(FrameSource):

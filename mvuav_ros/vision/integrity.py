@@ -6,12 +6,14 @@ Multiple-hypothesis solution separation (Blanch et al., 2015); docs/integrity.md
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
 from itertools import combinations
 from statistics import NormalDist
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,9 +90,30 @@ class IntegrityBudget:
             raise ValueError('errors are standard deviations: positive numbers')
 
 
+class Levels(ABC):
+    """Bounds of errors; NaN where there are none, with the ``reason``."""
+
+    __slots__ = ()
+    subject: ClassVar[str]  # whose errors they are
+    limited: ClassVar[tuple[str, ...]]  # which of ``named`` have an alert limit, m
+    reason: str  # why there are no levels; empty if there are
+
+    @property
+    @abstractmethod
+    def named(self) -> dict[str, float]:
+        """All of them by their names, m; in degrees where the name says so."""
+
+    def beyond(self, alert_limits: Sequence[float]) -> list[str]:
+        """Which are beyond the limits (m) of ``limited``; a limit of zero is none."""
+        levels, limits = self.named, zip(self.limited, alert_limits, strict=True)
+        return [axis for axis, limit in limits if limit and levels[axis] > limit]
+
+
 @dataclass(frozen=True, slots=True)
-class ProtectionLevels:
-    """Bounds of one pose's errors, of the rig's dock; NaN where there are none, with the reason."""
+class ProtectionLevels(Levels):
+    """Bounds of one pose's errors, of the rig's dock."""
+
+    subject, limited = 'pose', ('along', 'across', 'up')
 
     along: float = math.nan  # along the line of sight (optical z), m
     across: float = math.nan  # to the right or left (optical x), m
@@ -98,7 +121,7 @@ class ProtectionLevels:
     roll: float = math.nan  # about the line of sight, rad; NaN where a turn could be large
     pitch: float = math.nan  # about optical x, rad
     yaw: float = math.nan  # about optical y, rad
-    reason: str = ''  # why there are no levels; empty if there are
+    reason: str = ''
 
     @property
     def horizontal(self) -> float:
@@ -110,33 +133,34 @@ class ProtectionLevels:
         """Perpendicular to that plane, m."""
         return self.up
 
-    def beyond(self, alert_limits: Sequence[float]) -> list[str]:
-        """Which of along, across and up are beyond their limits (m); a limit of zero is none."""
-        return _beyond(self, ('along', 'across', 'up'), alert_limits)
+    @property
+    def named(self) -> dict[str, float]:
+        """See `Levels`."""
+        metres = {'along': self.along, 'across': self.across, 'up': self.up}
+        metres |= {'horizontal': self.horizontal, 'vertical': self.vertical}
+        turns = {'roll_deg': self.roll, 'pitch_deg': self.pitch, 'yaw_deg': self.yaw}
+        return metres | {name: math.degrees(turn) for name, turn in turns.items()}
 
 
 @dataclass(frozen=True, slots=True)
-class RunwayLevels:
-    """Bounds of the errors of a runway's guidance; NaN where there are none, with the reason."""
+class RunwayLevels(Levels):
+    """Bounds of the errors of a runway's guidance."""
+
+    subject, limited = 'runway', ('offset', 'height')
 
     offset: float = math.nan  # lateral, m
     height: float = math.nan  # m
     heading: float = math.nan  # rad
-    reason: str = ''  # why there are no levels; empty if there are
+    reason: str = ''
 
-    def beyond(self, alert_limits: Sequence[float]) -> list[str]:
-        """Which of offset and height are beyond their limits (m); a limit of zero is none."""
-        return _beyond(self, ('offset', 'height'), alert_limits)
-
-
-def _beyond(levels: object, axes: Sequence[str], alert_limits: Sequence[float]) -> list[str]:
-    limited = zip(axes, alert_limits, strict=True)
-    return [axis for axis, limit in limited if limit and getattr(levels, axis) > limit]
+    @property
+    def named(self) -> dict[str, float]:
+        """See `Levels`."""
+        heading_deg = math.degrees(self.heading)
+        return {'offset': self.offset, 'height': self.height, 'heading_deg': heading_deg}
 
 
-def integrity_state(
-    levels: ProtectionLevels | RunwayLevels, alert_limits: Sequence[float]
-) -> IntegrityState:
+def integrity_state(levels: Levels, alert_limits: Sequence[float]) -> IntegrityState:
     """Whether what the levels bound may be used, as alert limits (m; zero: none) ask for."""
     if levels.reason:
         return IntegrityState.NOT_AVAILABLE

@@ -16,14 +16,14 @@ from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.offline.replay import pipeline
-from mvuav_ros.offline.replay.job import ReplayInput, ReplaySettings
+from mvuav_ros.offline.replay.job import ReplayInput, ReplayOutcome, ReplaySettings
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import Account, counted
 from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.result_rows import marker_names
 from mvuav_ros.recordings.stored_file import RecordedMessage
-from mvuav_ros.recordings.tables import marker_names
 from mvuav_ros.sources.opening import looks_like_bag
 from mvuav_ros.sources.source import SourceError
 
@@ -160,27 +160,23 @@ def replay(text: str, settings: ReplaySettings) -> EvaluationRun:
     """
     processors = pipeline.make_processors(settings.parameters)
     run = EvaluationRun(text, names=names_of(processors))
-    run.rejected = answers = 0
-    reasons: Counter[str] = Counter()
-    seconds: list[float] = []
+    outcome, seconds = ReplayOutcome(text, ''), list[float]()
     with closing(ReplayInput(text, settings)) as source:
         items = source.items(processors, keep=TRUTH_TOPICS)
         for step in pipeline.replay(items, processors, gamma=settings.gamma):
             if isinstance(step, RecordedMessage):
                 run.take(step.topic, step.data)
             elif step.is_frame:
-                run.frames += 1
-                run.rejected += bool(step.reasons)
-                reasons.update(step.reasons)
+                outcome.count(step)
                 seconds += [step.seconds] if step.seconds else []
-                answers += len(step.messages)
                 for name, _, data in step.messages:
                     run.take(name, data)
         run.end(source.account)
-    if not answers:
+    run.frames, run.rejected = outcome.frames, outcome.frames - outcome.processed
+    if not outcome.processed:
         raise SourceError(f'{text}: not a single frame could be used')
-    defects = ((why, count) for why, count in reasons.items() if why.startswith(pipeline.DEFECT))
-    run.errors += [f'{count} frames: {why}' for why, count in defects]
+    said = outcome.rejected.items()
+    run.errors += [f'{n} frames: {why}' for why, n in said if why.startswith(pipeline.DEFECT)]
     run.errors += [run.mismatch] if run.mismatch else []
     run.milliseconds = float(np.median(seconds)) * 1e3
     return run

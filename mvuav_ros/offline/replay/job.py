@@ -29,8 +29,8 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.layout import SIMULATED, absolute_place
-from mvuav_ros.recordings.remote import fingerprint, is_url, local_output, size_at
+from mvuav_ros.recordings.layout import SIMULATED, absolute_place, fingerprint
+from mvuav_ros.recordings.remote import is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter

@@ -24,7 +24,7 @@ from mvuav_ros.offline.replay.job import ReplaySettings
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.tables import marker_names
+from mvuav_ros.recordings.result_rows import marker_names
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import SourceError
