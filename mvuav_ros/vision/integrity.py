@@ -6,7 +6,6 @@ Multiple-hypothesis solution separation (Blanch et al., 2015); docs/integrity.md
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -90,18 +89,21 @@ class IntegrityBudget:
             raise ValueError('errors are standard deviations: positive numbers')
 
 
-class Levels(ABC):
-    """Bounds of errors; NaN where there are none, with the ``reason``."""
+class Levels:
+    """Bounds of errors, which are its fields; NaN where there are none, with the ``reason``."""
 
     __slots__ = ()
     subject: ClassVar[str]  # whose errors they are
-    limited: ClassVar[tuple[str, ...]]  # which of ``named`` have an alert limit, m
+    limited: ClassVar[tuple[str, ...]]  # those that have an alert limit, m
+    others: ClassVar[tuple[str, ...]] = ()  # m, which follow from these
+    angles: ClassVar[tuple[str, ...]]  # rad
     reason: str  # why there are no levels; empty if there are
 
     @property
-    @abstractmethod
     def named(self) -> dict[str, float]:
         """All of them by their names, m; in degrees where the name says so."""
+        metres = {name: getattr(self, name) for name in (*self.limited, *self.others)}
+        return metres | {f'{name}_deg': math.degrees(getattr(self, name)) for name in self.angles}
 
     def beyond(self, alert_limits: Sequence[float]) -> list[str]:
         """Which are beyond the limits (m) of ``limited``; a limit of zero is none."""
@@ -114,6 +116,7 @@ class ProtectionLevels(Levels):
     """Bounds of one pose's errors, of the rig's dock."""
 
     subject, limited = 'pose', ('along', 'across', 'up')
+    others, angles = ('horizontal', 'vertical'), ('roll', 'pitch', 'yaw')
 
     along: float = math.nan  # along the line of sight (optical z), m
     across: float = math.nan  # to the right or left (optical x), m
@@ -133,31 +136,17 @@ class ProtectionLevels(Levels):
         """Perpendicular to that plane, m."""
         return self.up
 
-    @property
-    def named(self) -> dict[str, float]:
-        """See `Levels`."""
-        metres = {'along': self.along, 'across': self.across, 'up': self.up}
-        metres |= {'horizontal': self.horizontal, 'vertical': self.vertical}
-        turns = {'roll_deg': self.roll, 'pitch_deg': self.pitch, 'yaw_deg': self.yaw}
-        return metres | {name: math.degrees(turn) for name, turn in turns.items()}
-
 
 @dataclass(frozen=True, slots=True)
 class RunwayLevels(Levels):
     """Bounds of the errors of a runway's guidance."""
 
-    subject, limited = 'runway', ('offset', 'height')
+    subject, limited, angles = 'runway', ('offset', 'height'), ('heading',)
 
     offset: float = math.nan  # lateral, m
     height: float = math.nan  # m
     heading: float = math.nan  # rad
     reason: str = ''
-
-    @property
-    def named(self) -> dict[str, float]:
-        """See `Levels`."""
-        heading_deg = math.degrees(self.heading)
-        return {'offset': self.offset, 'height': self.height, 'heading_deg': heading_deg}
 
 
 def integrity_state(levels: Levels, alert_limits: Sequence[float]) -> IntegrityState:
