@@ -25,16 +25,17 @@ ResultT = TypeVar('ResultT')
 
 def take_options(
     command: Callable[..., Any],
-    own: Iterable[inspect.Parameter],
     added: Mapping[str, tuple[Any, Any]],
+    like: Callable[..., Any] | None = None,
 ) -> None:
     """Let a command that takes ``**given`` be one with options, in both places where typer looks.
 
     Args:
         command: is changed.
-        own: its parameters, whose annotations are no texts; ``**given`` counts for those added.
-        added: more of them: annotation and default by name.
+        added: what ``**given`` stands for: annotation and default by name.
+        like: whose other parameters it has; its own if None.
     """
+    own = inspect.signature(like or command, eval_str=True).parameters.values()
     parameters = [each for each in own if each.kind is not inspect.Parameter.VAR_KEYWORD]
     for name, (annotation, default) in added.items():
         kind = inspect.Parameter.KEYWORD_ONLY
@@ -183,9 +184,8 @@ class RunOptions:
 
 def describes_run(command: Callable[..., ResultT]) -> Callable[..., ResultT]:
     """Give a command that takes ``**run`` the options that are the fields of `RunOptions`."""
-    own = inspect.signature(command, eval_str=True).parameters.values()
     kinds = get_type_hints(RunOptions, include_extras=True)
-    take_options(command, own, {f.name: (kinds[f.name], f.default) for f in fields(RunOptions)})
+    take_options(command, {f.name: (kinds[f.name], f.default) for f in fields(RunOptions)})
     return command
 
 
