@@ -98,26 +98,23 @@ def stamp_ns_in(message: bytes | memoryview) -> int:
 class StampReader:
     """When the images of a topic were taken, whose publisher may set no stamp, which is then 0.
 
-    The first 0 is a time, with which videos begin. From the second in a row on an image counts from
-    when it was sent, live, or recorded. ``missing`` are those, ``WHY`` says what to look at.
+    Such an image counts from when it was sent, live, or recorded. ``missing`` is how many there
+    were, ``WHY`` says what to look at.
     """
 
     WHY = 'have no stamp, as their publisher sets none or waits for /clock (use_sim_time)'
 
     def __init__(self) -> None:
-        self._follows_zero = False
         self.missing = 0
 
     def read(self, message: bytes | memoryview, sent_ns: int) -> int:
-        """The time (ns) of the next message, also of one that whoever decodes it will refuse."""
+        """The time (ns) of a message, also of one that whoever decodes it will refuse."""
         try:
             stamp_ns = stamp_ns_in(message)
         except ImageError:
             return sent_ns
-        is_missing = self._follows_zero and stamp_ns == 0
-        self._follows_zero = stamp_ns == 0
-        self.missing += is_missing
-        return sent_ns if is_missing else stamp_ns
+        self.missing += stamp_ns == 0
+        return stamp_ns or sent_ns
 
 
 def view_image(message: bytes | memoryview) -> RawImage:

@@ -140,8 +140,7 @@ def test_images_without_a_stamp_count_from_their_sending(graph: Graph) -> None:
     for _ in range(3):
         publisher.publish(Image())
     graph.until(lambda: len(received) == 3, 'three images')
-    assert images.poll().events.unstamped == 2
+    assert images.poll().events.unstamped == 3
     images.close()
-    first_ns, *others_ns = (each.stamp_ns for each in received)
-    assert first_ns == 0 and [before_ns, *others_ns] == sorted([before_ns, *others_ns])
-    assert others_ns[-1] <= time.time_ns()
+    times_ns = [before_ns, *(each.stamp_ns for each in received), time.time_ns()]
+    assert times_ns == sorted(times_ns)
