@@ -73,7 +73,7 @@ def _callback(work: Callable[..., Any]) -> Callable[..., Any]:
         return _account_for(work, given, **{**given, **ours}) if added else work(**given)
 
     run.__name__, run.__doc__ = work.__name__, work.__doc__
-    take_options(run, own.values(), added)
+    take_options(run, added, work)
     return run
 
 

@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar, get_type_hints
 
 import typer
 
@@ -16,20 +17,26 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.remote import is_url, size_at
 
+if TYPE_CHECKING:
+    from mvuav_ros.offline.replay.job import ReplaySettings
+
+ResultT = TypeVar('ResultT')
+
 
 def take_options(
-    command: Callable[..., None],
-    own: Iterable[inspect.Parameter],
+    command: Callable[..., Any],
     added: Mapping[str, tuple[Any, Any]],
+    like: Callable[..., Any] | None = None,
 ) -> None:
     """Let a command that takes ``**given`` be one with options, in both places where typer looks.
 
     Args:
         command: is changed.
-        own: its parameters, whose annotations are no texts.
-        added: more of them: annotation and default by name.
+        added: what ``**given`` stands for: annotation and default by name.
+        like: whose other parameters it has; its own if None.
     """
-    parameters = [*own]
+    own = inspect.signature(like or command, eval_str=True).parameters.values()
+    parameters = [each for each in own if each.kind is not inspect.Parameter.VAR_KEYWORD]
     for name, (annotation, default) in added.items():
         kind = inspect.Parameter.KEYWORD_ONLY
         parameters.append(inspect.Parameter(name, kind, default=default, annotation=annotation))
@@ -67,10 +74,6 @@ Param = Annotated[
     Optional[list[str]], typer.Option(help='A parameter, node:name:=value; may be repeated.')
 ]
 ImageTopic = Annotated[Optional[str], typer.Option(help='Image topic of a bag that has several.')]
-ImuTopic = Annotated[
-    Optional[str],
-    typer.Option(help='Attitude topic of a bag; default: imu beside the images, else /imu.'),
-]
 CameraInfo = Annotated[
     Optional[str],
     typer.Option(
@@ -107,6 +110,83 @@ AsJson = Annotated[
     bool, typer.Option('--json', help='Print JSON, with the account of what was lost.')
 ]
 Force = Annotated[bool, typer.Option('--force', help='Overwrite existing output.')]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What describes a run of nodes over recordings, an option for each; see `describes_run`."""
+
+    params_file: ParamsFile = None
+    image_topic: ImageTopic = None
+    imu_topic: Annotated[
+        Optional[str],
+        typer.Option(help='Attitude topic of a bag; default: imu beside the images, else /imu.'),
+    ] = None
+    fps: Annotated[
+        Optional[float],
+        typer.Option(
+            help='Frame rate of images without stamps (folder: 30, video: its own).',
+            min=0.001,
+            max=1e6,
+        ),
+    ] = None
+    start: Annotated[
+        float, typer.Option(help='Start at this time of the recording, s.', min=0.0, max=1e9)
+    ] = 0.0
+    duration: Annotated[
+        Optional[float], typer.Option(help='Length of the part to process, s.', min=0.0, max=1e9)
+    ] = None
+    every: Annotated[
+        int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)
+    ] = 1
+    camera_info: CameraInfo = None
+    image_is_rectified: Annotated[
+        bool,
+        typer.Option(
+            '--image-is-rectified',
+            help='The images are rectified: P of the calibration holds, without distortion.',
+        ),
+    ] = False
+    gamma: Annotated[
+        float,
+        typer.Option(
+            help='out = in ** gamma on every image (eq. 3.2), as video_source does: above 1 '
+            'darkens, below 1 brightens; 1: off.',
+            min=0.01,
+            max=100.0,
+        ),
+    ] = 1.0
+
+    def settings(self, nodes: Sequence[str], assignments: Iterable[str] = ()) -> ReplaySettings:
+        """The run of these nodes, with parameters as ``node:name:=value`` as well.
+
+        Raises:
+            ParameterError: see `resolve_parameters`.
+            SourceError: the calibration cannot be read.
+        """
+        from mvuav_ros.offline.replay.job import ReplaySettings
+        from mvuav_ros.parameters.parameter_file import resolve_parameters
+        from mvuav_ros.sources.calibration import load_calibration
+        from mvuav_ros.sources.source import Selection
+
+        rectified = nodes if self.image_is_rectified else ()
+        given = [*assignments, *(f'{node}:image_is_rectified:=true' for node in rectified)]
+        return ReplaySettings(
+            parameters=resolve_parameters(nodes, self.params_file, given),
+            image_topic=self.image_topic,
+            imu_topic=self.imu_topic,
+            fps=self.fps,
+            selection=Selection(self.start, self.duration, self.every),
+            gamma=self.gamma,
+            camera=load_calibration(self.camera_info) if self.camera_info else None,
+        )
+
+
+def describes_run(command: Callable[..., ResultT]) -> Callable[..., ResultT]:
+    """Give a command that takes ``**run`` the options that are the fields of `RunOptions`."""
+    kinds = get_type_hints(RunOptions, include_extras=True)
+    take_options(command, {f.name: (kinds[f.name], f.default) for f in fields(RunOptions)})
+    return command
 
 
 def refuse_to_overwrite(

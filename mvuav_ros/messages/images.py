@@ -30,6 +30,8 @@ from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
 if TYPE_CHECKING:
     from mvuav_ros.messages.poses import TransformTree
+    from mvuav_ros.simulation.runway_flight import RunwayTruth
+    from mvuav_ros.simulation.tanker_flight import TankerTruth
 
 IMAGE = 'sensor_msgs/msg/Image'
 COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
@@ -91,6 +93,28 @@ def stamp_ns_in(message: bytes | memoryview) -> int:
         ImageError: the bytes are no such message.
     """
     return CdrReader(message).header()[0]
+
+
+class StampReader:
+    """When the images of a topic were taken, whose publisher may set no stamp, which is then 0.
+
+    Such an image counts from when it was sent, live, or recorded. ``missing`` is how many there
+    were, ``WHY`` says what to look at.
+    """
+
+    WHY = 'have no stamp, as their publisher sets none or waits for /clock (use_sim_time)'
+
+    def __init__(self) -> None:
+        self.missing = 0
+
+    def read(self, message: bytes | memoryview, sent_ns: int) -> int:
+        """The time (ns) of a message, also of one that whoever decodes it will refuse."""
+        try:
+            stamp_ns = stamp_ns_in(message)
+        except ImageError:
+            return sent_ns
+        self.missing += stamp_ns == 0
+        return stamp_ns or sent_ns
 
 
 def view_image(message: bytes | memoryview) -> RawImage:
@@ -264,6 +288,7 @@ class Frame:
         camera: the calibration, usable or not, that holds for it; None where there is none.
         attitude: of the body that carries the camera, at that time; None where it is not known.
         static_transforms: those of a recording's ``/tf_static``; None where it has none.
+        truth: what a simulated flight knows of it; None of any other.
     """
 
     stamp_ns: int
@@ -272,6 +297,7 @@ class Frame:
     camera: CameraModel | None = None
     attitude: Attitude | None = None
     static_transforms: TransformTree | None = None
+    truth: TankerTruth | RunwayTruth | None = None
 
 
 @dataclass(frozen=True)

@@ -35,12 +35,7 @@ from mvuav_ros.vision.frames import (
     from_rpy,
     quaternion,
 )
-from mvuav_ros.vision.integrity import (
-    IntegrityState,
-    ProtectionLevels,
-    RunwayLevels,
-    integrity_state,
-)
+from mvuav_ros.vision.integrity import IntegrityState, Levels, integrity_state
 from mvuav_ros.vision.pose import Pose
 
 Array = NDArray[np.float64]
@@ -203,10 +198,7 @@ def encode_pose(pose: Pose | None, header: bytes) -> bytes:
 
 
 def encode_integrity(
-    levels: ProtectionLevels | RunwayLevels,
-    alert_limits: Sequence[float],
-    risk: float,
-    header: bytes,
+    levels: Levels, alert_limits: Sequence[float], risk: float, header: bytes
 ) -> bytes:
     """A DiagnosticArray with one status: OK available, WARN alert, ERROR not available.
 
@@ -218,23 +210,16 @@ def encode_integrity(
 
 # Where there are no levels every frame says the same.
 @lru_cache(maxsize=16)
-def _integrity_fields(
-    levels: ProtectionLevels | RunwayLevels, alert_limits: tuple[float, ...], risk: float
-) -> bytes:
+def _integrity_fields(levels: Levels, alert_limits: tuple[float, ...], risk: float) -> bytes:
     state = integrity_state(levels, alert_limits)
     message = state.name.lower().replace('_', ' ')
     if reason := levels.reason or ', '.join(levels.beyond(alert_limits)):
         message += f': {reason}'
-    name, axes, angles = 'runway', ['offset', 'height'], ['heading']
-    if isinstance(levels, ProtectionLevels):
-        name, axes, angles = 'pose', ['along', 'across', 'up'], ['roll', 'pitch', 'yaw']
-    others = ['horizontal', 'vertical'] if name == 'pose' else []
-    values = texts(**{each: getattr(levels, each) for each in axes + others})
-    values |= texts(**{f'{each}_deg': math.degrees(getattr(levels, each)) for each in angles})
-    for axis, limit in zip(axes, alert_limits, strict=True):
+    values = texts(**levels.named)
+    for axis, limit in zip(levels.limited, alert_limits, strict=True):
         values[f'alert_limit_{axis}'] = f'{limit:g}' if limit else 'none'
     values['risk'] = f'{risk:g}'
-    return status_fields([Status(_LEVELS[state], name, message, values)])
+    return status_fields([Status(_LEVELS[state], levels.subject, message, values)])
 
 
 _LEVELS = {

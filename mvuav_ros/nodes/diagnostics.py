@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from mvuav_ros.messages.images import Frame
+from mvuav_ros.messages.images import Frame, StampReader
 from mvuav_ros.nodes.image_input import InputEvents, InputState
 from mvuav_ros.nodes.running import PROFILE
 from mvuav_ros.parameters.common_parameters import TRANSPORTS
@@ -232,6 +232,7 @@ class DetectorStatus:
             'missing': events.missing,
             'skipped': events.skipped,
             'errors': events.errors,
+            'unstamped': events.unstamped,
             'left out': self._statistics.stamps.frames_left_out,
         }
         self._history.append(counts)
@@ -251,6 +252,9 @@ class DetectorStatus:
         # After a crash the graph has the old publisher for a while, beside the one that follows it.
         if recent['alternations'] > 1 and (count := len(images.publishers)) > 1:
             problems.append(f'{count} publishers on {images.topic}: their images are mixed')
+        if recent['unstamped']:
+            said = f'{recent["unstamped"]} images {StampReader.WHY}'
+            problems.append(f'{said}: the time of their sending counts')
         if recent['errors']:
             problems.append(f'images could not be received: {events.last_error}')
         return problems

@@ -42,7 +42,7 @@ from mvuav_ros.messages.images import (
     FFMPEG_PACKET,
     IMAGE,
     Frame,
-    stamp_ns_in,
+    StampReader,
 )
 from mvuav_ros.messages.sensors import (
     AttitudePairing,
@@ -56,7 +56,6 @@ from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
-from mvuav_ros.vision.image import ImageError
 
 _DEPTH = 5
 """Frames that wait at most, as many as in the queue of a sensor subscription."""
@@ -70,22 +69,13 @@ class ReceivedImage(NamedTuple):
     """An image, and when it came."""
 
     data: bytes | Frame  # a message in CDR; the frame where source and node share a process
+    stamp_ns: int  # see `StampReader`
     transport: float  # seconds since it was sent, by the system clocks; NaN if unknown
     taken: float  # `time.perf_counter` when it was taken
     camera: CameraModel | None = None  # that holds for it, if one is known (see `StampPairing`)
     attitude: Attitude | None = None  # of the body at its stamp, likewise (see `AttitudePairing`)
     is_skipped: bool = False  # newer ones lay waiting; those after it may need it to be decoded
     follows_loss: bool = False  # the one before it never came, or is not known to have
-
-    @property
-    def stamp_ns(self) -> int:
-        """The image's own; 0 of a message that whoever decodes it will refuse, and count."""
-        if isinstance(self.data, Frame):
-            return self.data.stamp_ns
-        try:
-            return stamp_ns_in(self.data)
-        except ImageError:
-            return 0
 
 
 @dataclass
@@ -98,6 +88,7 @@ class InputEvents:
     size: int = 0  # of the newest image, in bytes
     alternations: int = 0  # how often an image came from another publisher, which has sent no more
     incompatible: int = 0  # publishers whose QoS did not fit ours
+    unstamped: int = 0  # whose time is that of their sending
     errors: int = 0
     last_error: str = ''
 
@@ -421,7 +412,8 @@ class IntraProcessInput(FrameInput):
             if self._stopping.is_set():
                 return
             self._events.skipped += len(self._waiting) == _DEPTH
-            self._waiting.append(ReceivedImage(frame, math.nan, time.perf_counter()))
+            taken_at = time.perf_counter()
+            self._waiting.append(ReceivedImage(frame, frame.stamp_ns, math.nan, taken_at))
             self._wake.trigger()
 
     def close(self) -> None:
@@ -465,7 +457,7 @@ class ImageInput(FrameInput):
     ) -> None:
         """Subscribe to an `image_topic`."""
         super().__init__(node, name, on_image, synchronized)
-        self._name, self._kind = name, kind
+        self._name, self._kind, self._stamps = name, kind, StampReader()
         self._lost_before = 0
         self._backlog = Backlog()
         self._subscribe()
@@ -562,7 +554,10 @@ class ImageInput(FrameInput):
             sent_ns = info.get('source_timestamp') or 0
             transport = (time.time_ns() - sent_ns) * 1e-9 if sent_ns else math.nan
             taken_at = time.perf_counter()
-            images.append(ReceivedImage(data, transport, taken_at, follows_loss=follows_loss))
+            stamp_ns = self._stamps.read(data, sent_ns or time.time_ns())
+            self._events.unstamped = self._stamps.missing
+            made = ReceivedImage(data, stamp_ns, transport, taken_at, follows_loss=follows_loss)
+            images.append(made)
         return self._not_skipped(images)
 
     def _follow(self, sequence: int) -> bool:

@@ -138,7 +138,8 @@ class FramePublisher:
     def publish(self, frame: Frame, given: VideoSourceParameters) -> Image:
         """Send a frame as the parameters have it; returns its image, or raises an `ImageError`."""
         image = as_encoding(frame.image, given.encoding).gamma_corrected(given.gamma)
-        stamp_ns = frame.stamp_ns
+        # A video begins at 0, which would say that there is no stamp.
+        stamp_ns = frame.stamp_ns or 1
         if given.stamp == 'now':
             stamp_ns = self._node.get_clock().now().nanoseconds
         frame_id = given.frame_id or frame.frame_id
@@ -214,6 +215,7 @@ class FrameDecoder:
         if isinstance(data, Frame):
             yield _completed(data, received)
         elif self._type != IMAGE and (coded := view_coded_image(self._type, data)).is_video:
+            coded.stamp_ns = received.stamp_ns
             yield from self._of_video(coded, received)
         elif not received.is_skipped:
             yield _completed(self._images.decode(self._type, data), received)
@@ -233,9 +235,9 @@ class FrameDecoder:
 
 
 def _completed(frame: Frame, received: ReceivedImage) -> Frame:
-    """With the calibration and attitude that came with it, or beside it."""
+    """With its time, and the calibration and attitude that came with it, or beside it."""
     camera, attitude = received.camera or frame.camera, frame.attitude or received.attitude
-    return replace(frame, camera=camera, attitude=attitude)
+    return replace(frame, stamp_ns=received.stamp_ns, camera=camera, attitude=attitude)
 
 
 _LOOK_INTERVAL = 0.05

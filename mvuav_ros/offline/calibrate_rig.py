@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.offline.report import Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import (
     COLORS,
@@ -20,15 +19,14 @@ from mvuav_ros.offline.report_figures import (
     legend_below,
 )
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.tracking import track
 from mvuav_ros.sources.source import FrameSource, SourceError, nothing_to_read
-from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.image import ImageError
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.markers.marker_results import named_places
-from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import MarkerRig, Point
 from mvuav_ros.vision.rig_calibration import (
     MIN_LIGHTS,
-    LightSightings,
+    MarkerDetections,
     RigCalibration,
     RigCalibrationError,
     calibrate_rig,
@@ -43,14 +41,14 @@ _DRAWN = 4000  # Residuals
 class CalibratedRig:
     """A rig, the rough one that it was made from, and how.
 
-    The sightings are by the names of the last pass over the flight's frames, of which each had a
+    The detections are by the names of the last pass over the flight's frames, of which each had a
     better rig.
     """
 
     rig: MarkerRig
     rough: MarkerRig
     camera: CameraModel
-    sightings: LightSightings
+    detections: MarkerDetections
     found: RigCalibration
     frames: int
     passes: int
@@ -88,14 +86,14 @@ def calibrate_from(
     between = None if distance is None else _between(rough, *distance)
     rig, before, best = rough, 0.0, None
     for number in range(1, _MAX_PASSES + 1):
-        frames, used, sightings = name_lights(source, rig, camera, parameters, advance)
-        if best is not None and len(sightings.frames) <= _MORE * before:
+        frames, used, detections = name_lights(source, rig, camera, parameters, advance)
+        if best is not None and len(detections.frames) <= _MORE * before:
             break
-        before = len(sightings.frames)
-        found = calibrate_rig(rough.positions, used, sightings, between, rough.names)
+        before = len(detections.frames)
+        found = calibrate_rig(rough.positions, used, detections, between, rough.names)
         places: list[Point] = [(x, y, z) for x, y, z in found.positions.tolist()]
         rig = replace(rough, markers=tuple(zip(rough.names, places, strict=True)))
-        best = CalibratedRig(rig, rough, used, sightings, found, frames, number)
+        best = CalibratedRig(rig, rough, used, detections, found, frames, number)
     assert best is not None
     return best
 
@@ -123,41 +121,30 @@ def name_lights(
     camera: CameraModel | None,
     parameters: MarkerTrackerParameters,
     advance: Callable[[int], object],
-) -> tuple[int, CameraModel, LightSightings]:
+) -> tuple[int, CameraModel, MarkerDetections]:
     """The number of frames, their camera, and where the tracker sees which light.
 
     Raises:
         SourceError: there are no images, or no calibration of theirs.
     """
-    tracker, last_ns, count = MarkerTracker(parameters, rig), -1, 0
+    used, count = None, 0
     rows: list[tuple[int, int, float, float]] = []
-    for frame in source.frames():
-        if isinstance(frame, BadFrame):
-            source.account.leave_out(frame.stamp_ns, frame.reason)
-            continue
-        if frame.stamp_ns <= last_ns:
-            continue
-        last_ns, count = frame.stamp_ns, count + 1
-        width, height = frame.image.width, frame.image.height
-        if count == 1:
-            camera = camera or frame.camera
-            if camera is None:
+    try:
+        for frame in track(source, camera, rig, parameters):
+            if frame.image is None:
+                source.account.leave_out(frame.stamp_ns, frame.status)
+                continue
+            if frame.camera is None:
                 raise SourceError(f'{source.name} has no calibration of its own: --camera-info')
-            if parameters.image_is_rectified or source.is_rectified:
-                camera = camera.rectified()
-            tracker.set_camera(camera)
-        assert camera is not None
-        if objection := camera.objection(width, height):
-            raise SourceError(f'{source.name}: {objection}')
-        advance(count)
-        try:
-            result = tracker.process(frame.image, frame.stamp_ns)
-        except ImageError as error:
-            source.account.leave_out(frame.stamp_ns, str(error))
-            continue
-        labels, places = named_places(result, (width, height))
-        rows += [(count, label, *place) for label, place in zip(labels, places, strict=True)]
-    if camera is None or not count:
+            size = frame.image.width, frame.image.height
+            frame.camera.check(*size)
+            used, count = used or frame.camera, count + 1
+            advance(count)
+            labels, places = named_places(frame.result, size)
+            rows += [(count, label, *place) for label, place in zip(labels, places, strict=True)]
+    except CalibrationError as error:
+        raise SourceError(f'{source.name}: {error}') from error
+    if used is None:
         raise nothing_to_read(source)
     if not rows:
         raise RigCalibrationError(
@@ -166,16 +153,16 @@ def name_lights(
         )
     table = np.array(rows)
     frames, markers = (table[:, column].astype(np.intp) for column in (0, 1))
-    return count, camera, LightSightings(frames, markers, table[:, 2:])
+    return count, used, MarkerDetections(frames, markers, table[:, 2:])
 
 
 def report_of(name: str, made: CalibratedRig) -> Report:
     """The page: the lights, and what they leave unexplained."""
-    found, sightings = made.found, made.sightings
+    found, detections = made.found, made.detections
     moved = 1000 * (found.positions - made.rough.positions)
     rows = []
     for index, light in enumerate(made.rig.names):
-        mine = found.used & (sightings.markers == index)
+        mine = found.used & (detections.markers == index)
         rms = float(np.sqrt(np.mean(found.residuals[mine] ** 2)))
         rows.append(
             (
@@ -201,7 +188,7 @@ def report_of(name: str, made: CalibratedRig) -> Report:
         )
         + ' Moved is the distance to the rough position.',
     )
-    seen = len(sightings.frames)
+    seen = len(detections.frames)
     figures = (_residual_figure(made), _shape_figure(made))
     return Report(
         f'Calibration of {made.rig.name}',
@@ -227,8 +214,8 @@ def _residual_figure(made: CalibratedRig) -> Figure:
         axes = canvas.figure.add_subplot()
         every = -(-int(found.used.sum()) // _DRAWN)
         for index, name in enumerate(made.rig.names):
-            mine = np.flatnonzero(found.used & (made.sightings.markers == index))[::every]
-            seen, residuals = made.sightings.pixels[mine], found.residuals[mine]
+            mine = np.flatnonzero(found.used & (made.detections.markers == index))[::every]
+            seen, residuals = made.detections.pixels[mine], found.residuals[mine]
             color = COLORS[index % len(COLORS)]
             draw_residuals(axes, seen, residuals, scale, color, name)
         label_image(axes, camera.width, camera.height)

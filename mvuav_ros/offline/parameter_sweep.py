@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of
+from mvuav_ros.offline.replay.job import ReplaySettings
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.offline.tasks import each
 from mvuav_ros.parameters.declaration import ParameterError, Value
@@ -45,8 +45,7 @@ class SweepRun:
     number: int  # from 1
     source: str
     values: tuple[Value, ...]  # of the axes, in their order
-    parameters: Mapping[str, Mapping[str, Any]]  # of each node to run; changes of the defaults
-    topic: str | None = None  # of the images of a bag that has several
+    settings: ReplaySettings  # with these values among the parameters
 
 
 @dataclass(frozen=True)
@@ -88,16 +87,16 @@ def parse_axis(text: str) -> Axis:
 def plan_runs(
     sources: Sequence[str],
     axes: Sequence[Axis],
-    base: Mapping[str, Mapping[str, Any]],
-    topic: str | None = None,
+    settings: ReplaySettings,
 ) -> list[SweepRun]:
     """Every combination of the axes' values, on every input; of a folder of them, on each.
 
-    ``base`` is what differs from the defaults of each node to run.
+    ``settings`` hold for all runs, their parameters where no axis has others.
 
     Raises:
         ParameterError: a parameter occurs twice, or its node is not to run.
     """
+    base = settings.parameters
     for axis in axes:
         if axis.node not in base:
             raise ParameterError(axis.title, f'{axis.node} is not among {", ".join(base)}')
@@ -112,7 +111,7 @@ def plan_runs(
         parameters = {node: dict(given) for node, given in base.items()}
         for axis, value in zip(axes, values, strict=True):
             parameters[axis.node][axis.name] = value
-        runs.append(SweepRun(number, source, values, parameters, topic))
+        runs.append(SweepRun(number, source, values, replace(settings, parameters=parameters)))
     return runs
 
 
@@ -122,14 +121,19 @@ def do_run(run: SweepRun) -> tuple[list[Metric], list[str]]:
     Raises:
         SourceError, RecordingError, ParameterError: see `replay`.
     """
-    replayed = replay(run.source, run.parameters, run.topic)
+    replayed = replay(run.source, run.settings)
     return metrics_of(replayed), replayed.errors
 
 
 def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> Iterator[RunResult]:
     """Do the runs, as `each` does tasks; one that fails is reported."""
-    # A worker may run in another folder.
-    tasks = [replace(run, source=absolute_place(run.source)) for run in runs] if dask else runs
+    tasks = runs
+    if dask:
+        # A worker may run in another folder.
+        tasks = [
+            replace(run, source=absolute_place(run.source), settings=run.settings.absolute())
+            for run in runs
+        ]
     for one in each(do_run, tasks, jobs, dask):
         run = runs[one.number]
         if one.result is not None:

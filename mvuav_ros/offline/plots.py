@@ -24,7 +24,7 @@ from mvuav_ros.messages.untrusted import MalformedMessageError, visible
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_whole
-from mvuav_ros.recordings.tables import ResultRows
+from mvuav_ros.recordings.result_rows import ResultRows
 from mvuav_ros.vision.image import ImageError
 
 Array = NDArray[np.float64]

@@ -44,24 +44,24 @@ def simulated_messages(
         yield '/imu', type_name(Imu), serialize_message(imu)
     image = serialize_image(frame.image, cdr_header(frame.stamp_ns, OPTICAL_FRAME))
     yield '/image_raw', type_name(Image), image
-    yield from truth_messages(frame)
+    yield from truth_messages(frame.stamp_ns, frame.truth)
 
 
-def truth_messages(frame: SimulatedFrame[Any]) -> Iterator[Message]:
+def truth_messages(stamp_ns: int, truth: TankerTruth | RunwayTruth) -> Iterator[Message]:
     """What is true of one frame, in the form of the nodes' own results.
 
     The pose is that of the tanker in the camera's optical frame (m), or of the camera's body axes
     in the runway's frame.
     """
-    header, truth = cdr_header(frame.stamp_ns, OPTICAL_FRAME), frame.truth
+    header = cdr_header(stamp_ns, OPTICAL_FRAME)
     if isinstance(truth, TankerTruth):
         pose = stamped_doubles(header, *truth.translation, *quaternion(truth.rotation))
         yield '/truth/pose', type_name(PoseStamped), pose
         yield '/truth/markers', type_name(PointCloud2), _true_markers(truth, header)
         rpy = stamped_doubles(header, truth.roll, math.nan, math.nan)
         yield '/truth/rpy', type_name(Vector3Stamped), rpy
-    elif isinstance(truth, RunwayTruth):
-        above = cdr_header(frame.stamp_ns, RunwayDetectorParameters().runway_frame)
+    else:
+        above = cdr_header(stamp_ns, RunwayDetectorParameters().runway_frame)
         rotation = truth.pose.rotation @ OPTICAL_FROM_BODY
         pose = stamped_doubles(above, *truth.pose.position, *quaternion(rotation))
         yield '/truth/pose', type_name(PoseStamped), pose

@@ -33,6 +33,8 @@ _RESULTS = {
 }
 """A node is known by a topic that only its kind publishes: the kind, and the message's type."""
 _MAX_NODES = 20
+_MAX_GONE = 5
+"""That are shown; of more, as of a node whose every start has another name, the last ones."""
 _SERVICES = {
     'list_parameters': ListParameters,
     'get_parameters': GetParameters,
@@ -280,6 +282,10 @@ class LiveSystem:
                 self.notify('nodes', node)
             if name not in found:
                 node.disconnect()
+        gone = [node for name, node in self.nodes.items() if name not in found]
+        for node in gone[:-_MAX_GONE]:
+            del self.nodes[node.name]
+            self.notify('nodes', node)
 
     async def _read(self, node: LiveNode) -> None:
         # One that says nothing is asked again by the next scan.

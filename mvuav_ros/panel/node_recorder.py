@@ -9,10 +9,11 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Imu
 from sensor_msgs.msg import Image as RosImage
 
+from mvuav_ros.messages import poses
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
@@ -51,7 +52,10 @@ class NodeRecorder:
             # What the node hears may be published at best effort; a busy panel takes it later.
             is_input = kind in (RosImage, CompressedImage, CameraInfo, Imu)
             policy = ReliabilityPolicy.BEST_EFFORT if is_input else ReliabilityPolicy.RELIABLE
-            qos = QoSProfile(depth=_DEPTH, reliability=policy)
+            # Transforms that hold for the whole flight may have been published long before.
+            is_latched = topic == poses.TF_STATIC_TOPIC
+            kept = DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE
+            qos = QoSProfile(depth=_DEPTH, reliability=policy, durability=kept)
             keep = partial(self._keep, topic, type_name(kind))
             self._subscriptions.callback(ros.subscribe(kind, topic, keep, qos, raw=True))
 
@@ -94,4 +98,6 @@ def _topics(node: LiveNode) -> dict[str, type]:
         found[node.camera_info_topic] = CameraInfo
     if node.found.imu_topic:
         found[node.found.imu_topic] = Imu
+    if poses.TF_TYPE is not None:
+        found[poses.TF_STATIC_TOPIC] = poses.TF_TYPE
     return found

@@ -33,7 +33,8 @@ _WARM_UP = 30
 class Wanted:
     """A frame of a recording from ``start_s`` on, for a kind of node with each set of values.
 
-    ``topic`` is that of the images where there are several; the first one where it is none of them.
+    ``topic`` is that of the images, ``imu_topic`` that of the attitude, both as `BagImages` takes
+    them with ``or_first``.
     """
 
     source: str
@@ -42,6 +43,7 @@ class Wanted:
     index: int
     values: tuple[Mapping[str, Value], ...]
     topic: str = ''
+    imu_topic: str = ''
 
 
 class Result(NamedTuple):
@@ -57,7 +59,8 @@ class Shown:
     """A frame that was asked for: its place, the stretch's frames, and when it was recorded.
 
     ``seconds`` count from the recording's first message, as ``start_s`` of what is wanted does.
-    ``topic`` is that of its image, one of ``topics``; ``lost`` says what could not be read.
+    ``topic`` is that of its image, one of ``topics``; ``imu_topic`` that of its attitude or empty,
+    and ``imu_topics`` those that the node could use. ``lost`` says what could not be read.
     """
 
     index: int
@@ -67,6 +70,8 @@ class Shown:
     results: tuple[Result, ...]
     topic: str
     topics: tuple[str, ...]
+    imu_topic: str
+    imu_topics: tuple[str, ...]
     lost: str
 
 
@@ -122,10 +127,10 @@ class Reel:
 
     def __call__(self, wanted: Wanted, report: Report, stop: Stop) -> Shown:
         """Process a frame."""
-        images, topic = self._images, wanted.topic
+        images = self._images
         is_same = (wanted.source, wanted.start_s) == self._opened
-        if images is None or not is_same or topic in {*images.image_topics} - {images.topic}:
-            images = self._open(wanted.source, wanted.start_s, topic)
+        if images is None or not is_same or _has_others(images, wanted):
+            images = self._open(wanted)
         index = min(max(wanted.index, 0), len(self._items) - 1)
         results = [
             self._process(number, wanted.kind, dict(values), index)
@@ -134,12 +139,15 @@ class Reel:
         item = self._items[index]
         stamp_ns = item.recorded.stamp_ns if isinstance(item, EncodedFrame) else item.stamp_ns
         seconds = 1e-9 * (stamp_ns - self._zero_ns)
-        given = images.topic, images.image_topics, '; '.join(images.account.errors)
+        attitudes = images.imu_topics if PROCESSORS[wanted.kind].uses_attitude else ()
+        topics = images.topic, images.image_topics, images.imu_topic or '', attitudes
+        given = *topics, '; '.join(images.account.errors)
         return Shown(index, len(self._items), seconds, self._is_whole, tuple(results), *given)
 
-    def _open(self, source: str, start_s: float, topic: str) -> BagImages:
+    def _open(self, wanted: Wanted) -> BagImages:
         self._opened, self._items, self._lanes = ('', 0.0), [], {}
-        images, size = BagImages(Path(source), topic, or_first=True), 0
+        source, start_s, topics = wanted.source, wanted.start_s, (wanted.topic, wanted.imu_topic)
+        images, size = BagImages(Path(source), *topics, or_first=True), 0
         try:
             origin_ns = images.origin_ns
             for item in images.items(Selection(start_s), camera=True, attitude=True):
@@ -197,6 +205,12 @@ class _Lane:
             elif name == self._processor.panel.image:
                 jpeg = encode_jpeg(decode_image(view_image(data)))
         return Result(jpeg, self._figures.said(), '; '.join(results.reasons))
+
+
+def _has_others(images: BagImages, wanted: Wanted) -> bool:
+    """Whether a recording has wanted topics in place of those that it is read by."""
+    others = {*images.image_topics, *images.imu_topics} - {images.topic, images.imu_topic}
+    return not others.isdisjoint((wanted.topic, wanted.imu_topic))
 
 
 def _size(item: EncodedFrame | Frame | BadFrame) -> int:

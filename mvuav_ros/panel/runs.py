@@ -44,7 +44,8 @@ class Run:
     """A kind of node with some parameters over a recording, and what came of it.
 
     ``settings`` names the parameters' set, where they are one's; a run without a name is not kept.
-    ``image_topic`` is empty where the recording has images of one topic only.
+    ``image_topic`` is empty where the recording has images of one topic only, ``imu_topic`` where
+    no attitude was used.
     It was made in s since the epoch; ``answered`` of the frames have a result, and the metrics are
     those of ``mvuav sweep``. ``lost`` says what could not be read of the recording.
     """
@@ -55,6 +56,7 @@ class Run:
     parameters: dict[str, Value]
     settings: str = ''
     image_topic: str = ''
+    imu_topic: str = ''
     lost: str = ''
     version: str = mvuav_ros.__version__
     made: float = 0.0
@@ -142,9 +144,9 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     os.nice(_NICENESS)
     run, folder = task
     output = folder / RESULTS
-    images = BagImages(Path(run.source), run.image_topic, or_first=True)
+    images = BagImages(Path(run.source), run.image_topic, run.imu_topic, or_first=True)
     images.close()
-    settings = ReplaySettings({run.kind: run.parameters}, images.topic)
+    settings = ReplaySettings({run.kind: run.parameters}, images.topic, images.imu_topic)
     outcome = attempt(ReplayJob(run.source, str(output), settings), report, stop)
     if outcome.failure or outcome.interrupted:
         raise RecordingError(outcome.failure or 'interrupted')
@@ -158,6 +160,7 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     return replace(
         run,
         image_topic=images.topic if len(images.image_topics) > 1 else '',
+        imu_topic=images.imu_topic or '',
         lost='; '.join(outcome.errors),
         made=time.time(),
         frames=outcome.frames,
@@ -248,6 +251,7 @@ def _read(path: Path) -> Run:
         answered=int(answered),
         settings=words(content.get('settings', '')),
         image_topic=words(content.get('image_topic', '')),
+        imu_topic=words(content.get('imu_topic', '')),
         lost=words(content.get('lost', ''), sanitized.LONGEST_DESCRIPTION),
     )
 

@@ -47,6 +47,7 @@ class ParameterSpec:
     stage: str = ''  # of the processing
     counts: tuple[Condition, ...] = ()  # if any, one must hold for an effect
     booleans: tuple[str, str] | None = None  # the choices that false and true stand for as well
+    is_file: bool = False  # names one, unless it is empty
 
     @property
     def type(self) -> type[bool | int | float | str | tuple[float, ...]]:

@@ -120,6 +120,7 @@ class MarkerTrackerParameters(DetectorParameters):
         "A YAML file with the body's markers, their names and positions (see "
         'config/tanker_747.yaml); empty: the built-in tanker_747.',
         read_only=True,
+        is_file=True,
     )
     allow_ambiguous: bool = _pose(
         False,

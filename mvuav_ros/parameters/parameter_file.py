@@ -191,7 +191,7 @@ def _check_node_keys(path: Path, keys: Sequence[str]) -> None:
             )
 
 
-def complete(parameters: NodeParameters) -> NodeParameters:
+def complete(parameters: Mapping[str, Mapping[str, Any]]) -> NodeParameters:
     """Every parameter of the nodes, the defaults included."""
     return {
         node: NODE_PARAMETERS[node].from_mapping(values).as_dict()

@@ -169,7 +169,7 @@ class MarkerTrackerProcessor(Processor):
         if self._newest is None or 'debug_image' not in debug:
             return []
         image, result, pose, header = self._newest
-        canvas = draw_markers(image, result)
+        canvas = draw_markers(image, result, self._rig.names)
         if pose is not None and self._camera is not None:
             draw_pose(canvas, pose, self._camera, self._rig)
         return [Output('debug_image', partial(serialize_image, Image(canvas, 'bgr8'), header))]

@@ -144,13 +144,18 @@ class Processor(ABC):
             outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
 
+    @property
+    def _stated_mount(self) -> poses.Placement | None:
+        """The camera's body axes on the vehicle as parameters state them; None if they are 0."""
+        mount = self._parameters.camera_mount_xyz, self._parameters.camera_mount_rpy_deg
+        return poses.mount_of(*mount) if any(map(any, mount)) else None
+
     def _mount(self, frame: Frame) -> poses.Placement | None:
         """The camera's body axes on the vehicle; None where that is not known."""
+        if (stated := self._stated_mount) is not None:
+            return stated
         given = self._parameters
         camera_frame = given.camera_frame or frame.frame_id.lstrip('/')
-        xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
-        if any(xyz) or any(rpy_deg):
-            return poses.mount_of(xyz, rpy_deg)
         found = self.static_transforms.find(camera_frame, given.base_frame)
         if found is not None:
             return replace(found, rotation=found.rotation @ OPTICAL_FROM_BODY)

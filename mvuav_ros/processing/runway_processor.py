@@ -196,9 +196,8 @@ class RunwayDetectorProcessor(Processor):
 
     def _attitude(self, frame: Frame) -> Attitude | None:
         """The body's, or where /tf_static has the camera's mount that of the camera's own axes."""
-        given, attitude = self._parameters, frame.attitude
-        is_stated = any((*given.camera_mount_xyz, *given.camera_mount_rpy_deg))
-        if attitude is None or is_stated or not (given.base_frame and attitude.valid):
+        attitude, is_wanted = frame.attitude, self._parameters.base_frame and not self._stated_mount
+        if attitude is None or not (is_wanted and attitude.valid):
             return attitude
         mount = self._mount(frame)
         if mount is None:

@@ -94,6 +94,7 @@ def track(
         RigError: the rig cannot be read.
         ParameterError: the rig is ambiguous, and ``allow_ambiguous`` not set.
         CalibrationError: ``camera`` is not one of such images.
+        TypeError: ``camera``, ``rig`` or ``parameters`` is of another kind.
 
     Examples:
         >>> from mvuav_ros import track
@@ -104,6 +105,7 @@ def track(
         'roll 0.98 rad, 100.8 m ahead, DETECTED'
     """
     given = load_calibration(camera) if isinstance(camera, (str, Path)) else camera
+    given = None if given is None else CameraModel.given(given)
     posed = PosedTracker(parameters, rig)
     opened: Any = source
     if not hasattr(opened, 'frames'):
@@ -179,6 +181,7 @@ def draw(
     Raises:
         ValueError: there is no image to draw on.
         ImageError: the image is none.
+        TypeError: it is nothing that was found.
 
     Examples:
         >>> from mvuav_ros import draw, track
@@ -190,12 +193,14 @@ def draw(
         return draw_approach(found)
     if isinstance(found, RunwayResult):
         return draw_overlay(found)
+    if not isinstance(found, (TrackedFrame, MarkerResult)):
+        raise TypeError(f'found must be what track or a detector gives, not {type(found).__name__}')
     given = found.image if isinstance(found, TrackedFrame) else image
     if given is None:
         raise ValueError('there is no image to draw on; give the frame as image')
     if isinstance(found, MarkerResult):
         return draw_markers(as_image(given), found)
-    canvas = draw_markers(as_image(given), found.result)
+    canvas = draw_markers(as_image(given), found.result, found.rig.names)
     if found.pose is not None and found.camera is not None:
         draw_pose(canvas, found.pose, found.camera, found.rig)
     return canvas

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import re
 import sys
 from collections.abc import Sequence
+from glob import glob
 from pathlib import Path
 
 from mvuav_ros.recordings.account import Account, RecordingError, counted
-from mvuav_ros.recordings.remote import is_url
+from mvuav_ros.recordings.remote import is_url, reached
 
 IMAGE_SUFFIXES = frozenset(
     {'.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm', '.webp'}
@@ -222,6 +225,46 @@ def absolute_place(place: str) -> str:
     if place.startswith(SIMULATED) or is_url(place):
         return place
     return f'{Path(place).expanduser().absolute()}{"/" if place.endswith("/") else ""}'
+
+
+_MARKS = ('ETag', 'LastModified', 'created', 'mtime')
+"""By which whatever fsspec reaches shows that a file is another one."""
+
+
+def fingerprint(source: str) -> dict[str, str]:
+    """The input's path, and a digest of the names, sizes and times of its files.
+
+    Raises:
+        RecordingError: fsspec is missing, or nothing can be read from there.
+    """
+    digest, total = hashlib.sha256(), 0
+    if is_url(source):
+        with reached(source, 'read') as (system, place):
+            for name in sorted(system.find(place)):
+                status = system.info(name)
+                total += status['size'] or 0
+                marks = [str(status.get(key)) for key in _MARKS]
+                digest.update('\0'.join([name, str(status['size']), *marks]).encode())
+    else:
+        path = Path(source).expanduser()
+        files = [path]
+        if not path.is_file():
+            files = [*path.iterdir()] if path.is_dir() else matching(path)
+        for file in sorted(file for file in files if file.is_file()):
+            local = file.stat()
+            total += local.st_size
+            digest.update(
+                b'%s\0%d\0%d\n' % (os.fsencode(file.name), local.st_size, local.st_mtime_ns)
+            )
+        source = os.fsencode(path.resolve()).decode('utf-8', 'replace')
+    return {'input': source, 'input_bytes': str(total), 'input_files': digest.hexdigest()}
+
+
+def matching(pattern: Path) -> list[Path]:
+    """What a glob names; a folder that exists is no pattern, whatever signs its name has."""
+    folder = next(parent for parent in pattern.parents if parent.is_dir())
+    names = glob(str(pattern.relative_to(folder)), root_dir=folder)  # noqa: PTH207
+    return [folder / name for name in names]
 
 
 def flight_name(source: str) -> str:

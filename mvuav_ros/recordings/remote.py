@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from glob import glob
 from pathlib import Path, PurePosixPath
 from secrets import token_hex
 from tempfile import TemporaryDirectory
@@ -15,7 +12,6 @@ from typing import Any
 
 from mvuav_ros.recordings.account import RecordingError
 
-_MARKS = ('ETag', 'LastModified', 'created', 'mtime')
 _URL = re.compile(r'[a-z][a-z0-9+.-]+://', re.IGNORECASE)
 _READ_ONLY = ('http', 'https')
 
@@ -59,7 +55,7 @@ def fetch(url: str, folder: Path) -> Path:
         RecordingError: fsspec is missing, or nothing can be read from there.
     """
     target = folder / (_name(url) or 'recording')
-    with _reached(url, 'read') as (system, path):
+    with reached(url, 'read') as (system, path):
         is_folder = system.isdir(path) and not system.isfile(path)
         source = f'{path.rstrip("/")}/' if is_folder else path
         system.get(source, str(target), recursive=is_folder)
@@ -82,7 +78,7 @@ def local_output(text: str) -> Iterator[Path]:
     with TemporaryDirectory(prefix='mvuav_') as folder:
         path = Path(folder) / (_name(text) or 'output')
         yield path
-        with _reached(text, 'written') as (system, target):
+        with reached(text, 'written') as (system, target):
             if path.is_dir():
                 target = target.rstrip('/')
                 # Of a folder that is replaced, parts that this one does not have.
@@ -102,7 +98,7 @@ def size_at(text: str) -> int | None:
     """
     if is_url(text):
         _refuse_read_only(text)
-        with _reached(text, 'read') as (system, path):
+        with reached(text, 'read') as (system, path):
             system.invalidate_cache()
             return int(system.du(path)) if system.exists(path) else None
     here = Path(text)
@@ -122,7 +118,7 @@ def read_text(text: str) -> str:
     if size_at(text) is None:
         return ''
     if is_url(text):
-        with _reached(text, 'read') as (system, path):
+        with reached(text, 'read') as (system, path):
             return str(system.cat_file(path).decode())
     return Path(text).read_text('utf-8')
 
@@ -134,46 +130,10 @@ def write_text(text: str, content: str) -> None:
         RecordingError: it cannot be written.
     """
     if is_url(text):
-        with _reached(text, 'written') as (system, path):
+        with reached(text, 'written') as (system, path):
             system.pipe_file(path, content.encode())
         return
     write_whole(Path(text), content)
-
-
-def fingerprint(source: str) -> dict[str, str]:
-    """The input's path, and a digest of the names, sizes and times of its files.
-
-    Raises:
-        RecordingError: fsspec is missing, or nothing can be read from there.
-    """
-    digest, total = hashlib.sha256(), 0
-    if is_url(source):
-        with _reached(source, 'read') as (system, place):
-            for name in sorted(system.find(place)):
-                status = system.info(name)
-                total += status['size'] or 0
-                marks = [str(status.get(key)) for key in _MARKS]
-                digest.update('\0'.join([name, str(status['size']), *marks]).encode())
-    else:
-        path = Path(source).expanduser()
-        files = [path]
-        if not path.is_file():
-            files = [*path.iterdir()] if path.is_dir() else matching(path)
-        for file in sorted(file for file in files if file.is_file()):
-            local = file.stat()
-            total += local.st_size
-            digest.update(
-                b'%s\0%d\0%d\n' % (os.fsencode(file.name), local.st_size, local.st_mtime_ns)
-            )
-        source = os.fsencode(path.resolve()).decode('utf-8', 'replace')
-    return {'input': source, 'input_bytes': str(total), 'input_files': digest.hexdigest()}
-
-
-def matching(pattern: Path) -> list[Path]:
-    """What a glob names; a folder that exists is no pattern, whatever signs its name has."""
-    folder = next(parent for parent in pattern.parents if parent.is_dir())
-    names = glob(str(pattern.relative_to(folder)), root_dir=folder)  # noqa: PTH207
-    return [folder / name for name in names]
 
 
 def _name(url: str) -> str:
@@ -186,7 +146,7 @@ def _refuse_read_only(url: str) -> None:
 
 
 @contextmanager
-def _reached(url: str, done: str) -> Iterator[tuple[Any, str]]:
+def reached(url: str, done: str) -> Iterator[tuple[Any, str]]:
     """The file system of an URL, and the path in it; whatever goes wrong is a RecordingError."""
     try:
         import fsspec

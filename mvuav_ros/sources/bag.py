@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Collection, Generator, Iterable, Iterator
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -18,10 +18,10 @@ from mvuav_ros.messages.images import (
     CodedImage,
     Frame,
     ImageDecoder,
+    StampReader,
     VideoDecoder,
     codec_of,
     is_image_type,
-    stamp_ns_in,
     view_coded_image,
 )
 from mvuav_ros.messages.poses import TF, TF_STATIC_TOPIC, TransformTree
@@ -63,7 +63,7 @@ class EncodedFrame:
     """A frame whose image is still the message that was recorded, for whoever decodes it."""
 
     recorded: RecordedMessage  # the message
-    stamp_ns: int  # the image's own, or the recording's where the driver set none
+    stamp_ns: int  # see `StampReader`
     camera: CameraModel | None = None  # as in `Frame`
     attitude: Attitude | None = None  # as in `Frame`
     static_transforms: TransformTree | None = None  # as in `Frame`
@@ -78,14 +78,6 @@ class EncodedFrame:
             return BadFrame(self.stamp_ns, str(error))
         beside = self.camera, self.attitude, self.static_transforms
         return Frame(self.stamp_ns, frame.frame_id, frame.image, *beside)
-
-
-def stamp_ns_of_image(recorded: RecordedMessage) -> int:
-    """What the message's header says; when it was recorded, if the header is 0 or damaged."""
-    try:
-        return stamp_ns_in(recorded.data) or recorded.stamp_ns
-    except ImageError:
-        return recorded.stamp_ns
 
 
 def choose_image_topic(
@@ -116,7 +108,7 @@ def choose_image_topic(
         )
     filled = [topic for topic in images if topic.message_count != 0] or images
     for topic in filled if or_first else images:
-        if wanted is not None and topic.name.lstrip('/') == wanted.lstrip('/'):
+        if wanted is not None and topic.name.lstrip('/') == str(wanted).lstrip('/'):
             return topic
     if or_first or (wanted is None and len(filled) == 1):
         return filled[0]
@@ -136,11 +128,21 @@ class BagImages(FrameSource):
 
     rate: float | None = None
 
-    def __init__(self, path: Path, topic: str | None = None, *, or_first: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        topic: str | None = None,
+        imu_topic: str | None = None,
+        *,
+        or_first: bool = False,
+    ) -> None:
         """Open a bag; ``topic`` is as in `choose_image_topic`, and ``or_first`` too.
 
+        ``imu_topic`` names that of the attitude; if None, ``imu`` beside the images has it, else
+        ``/imu``, and so it is with ``or_first`` where there is none of that name.
+
         Raises:
-            RecordingError: it is not a bag, or the topic cannot be chosen.
+            RecordingError: it is not a bag, or a topic cannot be chosen.
         """
         self._recording = open_recording(path)
         try:
@@ -160,23 +162,21 @@ class BagImages(FrameSource):
         self.image_topics = tuple({t.name: 0 for t in self._filled if is_image_type(t.type)})
         # None where there is none, as of the body's attitude.
         self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
-        self.imu_topics = [each.name for each in self._filled if each.type == IMU]
-        places = [topic_beside(self.topic, 'imu'), '/imu']
+        self.imu_topics = tuple(each.name for each in self._filled if each.type == IMU)
+        wanted = f'/{str(imu_topic).lstrip("/")}' if imu_topic else None
+        places = [wanted, topic_beside(self.topic, 'imu'), '/imu']
         self.imu_topic = next((name for name in places if name in self.imu_topics), None)
         self._message_count = chosen.message_count
         # Of the images read by the newest pass; an estimate until it ends.
         self.count: int | None = chosen.message_count
         self.name = f'bag {words(path.name)} {words(self.topic)}'
+        if wanted not in (None, self.imu_topic) and not or_first:
+            self.close()
+            there = _listed(self.imu_topics) or 'none'
+            raise RecordingError(f'{self.name} has no imu topic {imu_topic}; there is {there}')
 
     def _named(self, kind: str, name: str) -> str | None:
         return name if (name, kind) in {(t.name, t.type) for t in self._filled} else None
-
-    def take_attitude_of(self, topic: str) -> None:
-        """Give frames the attitude of another topic; a `RecordingError` where there is none."""
-        self.imu_topic = f'/{topic.lstrip("/")}'
-        if self.imu_topic not in self.imu_topics:
-            there = _listed(self.imu_topics) or 'none'
-            raise RecordingError(f'{self.name} has no imu topic {topic}; there is {there}')
 
     @cached_property
     def origin_ns(self) -> int:
@@ -199,7 +199,7 @@ class BagImages(FrameSource):
         self,
         selection: Selection = EVERYTHING,
         *,
-        others: bool = False,
+        others: Collection[str] | None = (),
         camera: bool = False,
         attitude: bool = False,
     ) -> Generator[EncodedFrame | Frame | BadFrame | RecordedMessage, None, None]:
@@ -207,7 +207,8 @@ class BagImages(FrameSource):
 
         Args:
             selection: the part, by the times of recording.
-            others: also give every message as it is, an image's own before its frame.
+            others: topics whose messages are given as they are, too, an image's own before its
+                frame; None: every topic's.
             camera: give each frame its calibration of `camera_topic` (see `StampPairing`).
             attitude: give each frame the attitude of `imu_topic` (see `AttitudePairing`).
 
@@ -223,21 +224,25 @@ class BagImages(FrameSource):
         is_part = selection.is_part
         origin_ns = self.origin_ns if is_part else 0
         images = 0
-        video = VideoDecoder()
+        video, stamps = VideoDecoder(), StampReader()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
         if is_part:
             paired.look_ahead(recording, window[0] or origin_ns)
         if window[0] is not None:
             self._lead_in(video, window[0])
-        topics = None if others else {self.topic, *paired.topics}
+        topics = None if others is None else {self.topic, *paired.topics, *others}
         for message in recording.messages(topics, *window):
-            if others:
+            if others is None or message.topic in others:
                 yield message
             paired.take(message)
             found: Iterable[AnyFrame | BadFrame] = ()
             if message.topic == self.topic and is_image_type(message.type):
-                found = _frames(message, video, images % selection.every == 0)
+                stamp_ns = stamps.read(message.data, message.stamp_ns)
+                found = _frames(message, stamp_ns, video, images % selection.every == 0)
+                if stamps.missing:
+                    said = f'{counted(stamps.missing, "image")} {StampReader.WHY}: '
+                    self.account.note('stamps', f'{said}the time of recording counts')
                 images += 1
                 if is_part:
                     elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
@@ -282,7 +287,7 @@ class BagImages(FrameSource):
 
 
 def _frames(
-    recorded: RecordedMessage, video: VideoDecoder, wanted: bool
+    recorded: RecordedMessage, stamp_ns: int, video: VideoDecoder, wanted: bool
 ) -> Iterator[EncodedFrame | Frame | BadFrame]:
     """What becomes of an image's message, or of a packet of a video."""
     try:
@@ -291,9 +296,10 @@ def _frames(
         yield BadFrame(recorded.stamp_ns, str(error))
         return
     if packet is not None:
+        packet.stamp_ns = stamp_ns
         yield from video.frames(packet, wanted)
     elif wanted:
-        yield EncodedFrame(recorded, stamp_ns_of_image(recorded))
+        yield EncodedFrame(recorded, stamp_ns)
 
 
 def _video_packet(recorded: RecordedMessage) -> CodedImage | None:
@@ -301,7 +307,6 @@ def _video_packet(recorded: RecordedMessage) -> CodedImage | None:
     if normalised_type(recorded.type) == IMAGE:
         return None
     coded = view_coded_image(recorded.type, recorded.data)
-    coded.stamp_ns = coded.stamp_ns or recorded.stamp_ns
     return coded if coded.is_video else None
 
 

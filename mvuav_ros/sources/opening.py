@@ -14,8 +14,8 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.parameters.yaml_text import read_yaml
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file
-from mvuav_ros.recordings.remote import fetch, is_url, matching
+from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file, matching
+from mvuav_ros.recordings.remote import fetch, is_url
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
@@ -28,6 +28,7 @@ def open_source(
     text: str | Path | int,
     *,
     topic: str | None = None,
+    imu_topic: str | None = None,
     rate: float | None = None,
     cameras: bool = True,
     camera: VideoSourceParameters | None = None,
@@ -38,6 +39,7 @@ def open_source(
         text: a camera index or device, a video file, a folder or glob of images, a bag, an URL
             of one of them, or a synthetic flight (``sim:tanker``, ``sim:runway``).
         topic: the image topic of a bag.
+        imu_topic: its attitude topic; None: ``imu`` beside the images, else ``/imu``.
         rate: frames per second of images without stamps, Hz.
         cameras: whether a camera will do.
         camera: what a camera is asked for.
@@ -62,17 +64,26 @@ def open_source(
         raise SourceError(f'{text}: rate must be above 0 Hz, not {rate}')
     if text.startswith(SIMULATED):
         return SimulatedFlight(text, rate)
-    if is_url(text):
-        return _remote(text, topic, rate)
     if cameras and (text.isdecimal() or text.startswith('/dev/')):
         return Camera(int(text) if text.isdecimal() else text, camera)
+    return _stored(text, (topic, imu_topic), rate)
+
+
+_Topics = tuple[str | None, str | None]
+"""Of a bag's images and attitude."""
+
+
+def _stored(text: str, topics: _Topics, rate: float | None) -> FrameSource:
+    """What lies in files, here or elsewhere."""
+    if is_url(text):
+        return _remote(text, topics, rate)
     path = Path(text).expanduser()
     if any(sign in text for sign in '*?[') and not path.exists():
         return ImageFolder(text, matching(path), rate)
     if not path.exists():
         raise SourceError(f'{text}: there is no such file or folder')
     if looks_like_bag(path):
-        return _bag(path, topic)
+        return _bag(path, topics)
     if path.is_dir():
         return ImageFolder(text, _visible(path), rate)
     if not path.is_file():
@@ -84,12 +95,11 @@ def open_source(
     return VideoFile(path, rate)
 
 
-def _remote(url: str, topic: str | None, rate: float | None) -> FrameSource:
+def _remote(url: str, topics: _Topics, rate: float | None) -> FrameSource:
     """A copy of what lies elsewhere, for as long as the source is used."""
     folder = TemporaryDirectory(prefix='mvuav_')
     try:
-        path = fetch(url, Path(folder.name))
-        source = open_source(str(path), topic=topic, rate=rate, cameras=False)
+        source = _stored(str(fetch(url, Path(folder.name))), topics, rate)
     except SourceError:
         folder.cleanup()
         raise
@@ -121,7 +131,7 @@ def _visible(folder: Path) -> list[Path]:
     return [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
 
 
-def _bag(path: Path, topic: str | None) -> FrameSource:
+def _bag(path: Path, topics: _Topics) -> FrameSource:
     # The bag libraries come from PyPI; cameras and videos work on a robot that lacks them.
     try:
         from mvuav_ros.sources.bag import BagImages
@@ -129,7 +139,7 @@ def _bag(path: Path, topic: str | None) -> FrameSource:
         raise SourceError(
             f'{path}: reading bags needs rosbags and mcap (pip install rosbags mcap): {error}'
         ) from error
-    return BagImages(path, topic)
+    return BagImages(path, *topics)
 
 
 class SimulatedFlight(FrameSource):
@@ -146,7 +156,8 @@ class SimulatedFlight(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Fly it from the start."""
         for frame in self._flight:
-            yield Frame(frame.stamp_ns, OPTICAL_FRAME, frame.image, self._flight.camera)
+            image, camera = frame.image, self._flight.camera
+            yield Frame(frame.stamp_ns, OPTICAL_FRAME, image, camera, truth=frame.truth)
 
 
 def planned_flight(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -100,8 +101,8 @@ class CameraModel:
     ) -> None:
         # A dataclass's own would take nothing but the tuples that it holds.
         vars(self).update(
-            width=width,
-            height=height,
+            width=operator.index(width),
+            height=operator.index(height),
             k=_numbers(k, 'camera matrix', '3 x 3', (9,)),
             d=_numbers(d, 'distortion'),
             distortion_model=distortion_model,
@@ -109,6 +110,14 @@ class CameraModel:
             p=_numbers(p, 'projection matrix', '3 x 4', (0, 12)),
             is_rectified=is_rectified,
         )
+
+    @staticmethod
+    def given(camera: CameraModel) -> CameraModel:
+        """What a program gives; a `TypeError` where it is none."""
+        if not isinstance(camera, CameraModel):
+            kind = type(camera).__name__
+            raise TypeError(f'camera must be a CameraModel (see load_calibration), not {kind}')
+        return camera
 
     @cached_property
     def matrix(self) -> Array:

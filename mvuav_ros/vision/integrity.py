@@ -12,6 +12,7 @@ from enum import IntEnum
 from functools import lru_cache
 from itertools import combinations
 from statistics import NormalDist
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,9 +89,34 @@ class IntegrityBudget:
             raise ValueError('errors are standard deviations: positive numbers')
 
 
+class Levels:
+    """Bounds of errors, which are its fields; NaN where there are none, with the ``reason``."""
+
+    __slots__ = ()
+    subject: ClassVar[str]  # whose errors they are
+    limited: ClassVar[tuple[str, ...]]  # those that have an alert limit, m
+    others: ClassVar[tuple[str, ...]] = ()  # m, which follow from these
+    angles: ClassVar[tuple[str, ...]]  # rad
+    reason: str  # why there are no levels; empty if there are
+
+    @property
+    def named(self) -> dict[str, float]:
+        """All of them by their names, m; in degrees where the name says so."""
+        metres = {name: getattr(self, name) for name in (*self.limited, *self.others)}
+        return metres | {f'{name}_deg': math.degrees(getattr(self, name)) for name in self.angles}
+
+    def beyond(self, alert_limits: Sequence[float]) -> list[str]:
+        """Which are beyond the limits (m) of ``limited``; a limit of zero is none."""
+        levels, limits = self.named, zip(self.limited, alert_limits, strict=True)
+        return [axis for axis, limit in limits if limit and levels[axis] > limit]
+
+
 @dataclass(frozen=True, slots=True)
-class ProtectionLevels:
-    """Bounds of one pose's errors, of the rig's dock; NaN where there are none, with the reason."""
+class ProtectionLevels(Levels):
+    """Bounds of one pose's errors, of the rig's dock."""
+
+    subject, limited = 'pose', ('along', 'across', 'up')
+    others, angles = ('horizontal', 'vertical'), ('roll', 'pitch', 'yaw')
 
     along: float = math.nan  # along the line of sight (optical z), m
     across: float = math.nan  # to the right or left (optical x), m
@@ -98,7 +124,7 @@ class ProtectionLevels:
     roll: float = math.nan  # about the line of sight, rad; NaN where a turn could be large
     pitch: float = math.nan  # about optical x, rad
     yaw: float = math.nan  # about optical y, rad
-    reason: str = ''  # why there are no levels; empty if there are
+    reason: str = ''
 
     @property
     def horizontal(self) -> float:
@@ -110,33 +136,20 @@ class ProtectionLevels:
         """Perpendicular to that plane, m."""
         return self.up
 
-    def beyond(self, alert_limits: Sequence[float]) -> list[str]:
-        """Which of along, across and up are beyond their limits (m); a limit of zero is none."""
-        return _beyond(self, ('along', 'across', 'up'), alert_limits)
-
 
 @dataclass(frozen=True, slots=True)
-class RunwayLevels:
-    """Bounds of the errors of a runway's guidance; NaN where there are none, with the reason."""
+class RunwayLevels(Levels):
+    """Bounds of the errors of a runway's guidance."""
+
+    subject, limited, angles = 'runway', ('offset', 'height'), ('heading',)
 
     offset: float = math.nan  # lateral, m
     height: float = math.nan  # m
     heading: float = math.nan  # rad
-    reason: str = ''  # why there are no levels; empty if there are
-
-    def beyond(self, alert_limits: Sequence[float]) -> list[str]:
-        """Which of offset and height are beyond their limits (m); a limit of zero is none."""
-        return _beyond(self, ('offset', 'height'), alert_limits)
+    reason: str = ''
 
 
-def _beyond(levels: object, axes: Sequence[str], alert_limits: Sequence[float]) -> list[str]:
-    limited = zip(axes, alert_limits, strict=True)
-    return [axis for axis, limit in limited if limit and getattr(levels, axis) > limit]
-
-
-def integrity_state(
-    levels: ProtectionLevels | RunwayLevels, alert_limits: Sequence[float]
-) -> IntegrityState:
+def integrity_state(levels: Levels, alert_limits: Sequence[float]) -> IntegrityState:
     """Whether what the levels bound may be used, as alert limits (m; zero: none) ask for."""
     if levels.reason:
         return IntegrityState.NOT_AVAILABLE

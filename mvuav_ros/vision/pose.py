@@ -165,8 +165,10 @@ class PoseEstimator:
             enough; `reason` says which.
 
         Raises:
+            TypeError: the camera is no `CameraModel`, or the stamp no whole number.
             ValueError: the rig has no such label, or there are more or fewer places than labels.
         """
+        CameraModel.given(camera)
         if np.size(pixels) != 2 * len(labels):
             raise ValueError(f'{len(labels)} labels need as many places, not {np.shape(pixels)}')
         if not all(0 <= label < len(self._points) for label in labels):

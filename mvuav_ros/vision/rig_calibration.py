@@ -55,7 +55,7 @@ class RigCalibrationError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class LightSightings:
+class MarkerDetections:
     """Named lights in the images of a flight, one row for each."""
 
     frames: Indices  # (m,), number of the image
@@ -73,7 +73,7 @@ class RigCalibration:
     covariance: Array
     scale_deviation: float  # standard deviation of the scale, as a part of it; 0 with a distance
     residuals: Array  # (m, 2), seen minus projected, px; NaN where an image has no pose
-    used: NDArray[np.bool_]  # (m,), sightings that made the rig: no outliers, of no image left out
+    used: NDArray[np.bool_]  # (m,), detections that made the rig: no outliers, of no image left out
     frames: int  # number of images used
     noise: float  # of a light's place per axis, from the residuals, px
 
@@ -86,24 +86,24 @@ class RigCalibration:
 def calibrate_rig(
     rough: Array,
     camera: CameraModel,
-    sightings: LightSightings,
+    detections: MarkerDetections,
     distance: tuple[int, int, float] | None = None,
     names: Sequence[str] = (),
 ) -> RigCalibration:
     """Find the positions of a rig's lights that explain the images of a flight best.
 
-    Sightings that the others contradict (another light, a wrong name) are left out.
+    Detections that the others contradict (another light, a wrong name) are left out.
 
     Args:
         rough: (n, 3), positions that are about right, m.
         camera: calibrated.
-        sightings: four lights and more in each image that counts.
+        detections: four lights and more in each image that counts.
         distance: two lights and their distance, m, taken as exact; without, the rig keeps the
             rough one's scale.
         names: of the lights, for messages.
 
     Raises:
-        RigCalibrationError: the sightings are too few or too much alike to determine the rig.
+        RigCalibrationError: the detections are too few or too much alike to determine the rig.
     """
     names = names or [f'light {number}' for number in range(len(rough))]
     if len(rough) < MIN_LIGHTS:
@@ -111,7 +111,7 @@ def calibrate_rig(
             f'{len(rough)} lights are too few: each image needs {MIN_LIGHTS} to determine more '
             'than its own pose'
         )
-    bundle = _Bundle(camera, np.array(rough, np.float64), sightings)
+    bundle = _Bundle(camera, np.array(rough, np.float64), detections)
     bundle.locate()
     bundle.choose_frames()
     bound = math.inf
@@ -138,7 +138,7 @@ def calibrate_rig(
         scale_deviation,
         bundle.residuals(),
         bundle.used,
-        len(np.unique(sightings.frames[bundle.used])),
+        len(np.unique(detections.frames[bundle.used])),
         bundle.noise(),
     )
 
@@ -146,16 +146,16 @@ def calibrate_rig(
 class _Bundle:
     """The adjustment on its way."""
 
-    def __init__(self, camera: CameraModel, points: Array, sightings: LightSightings) -> None:
+    def __init__(self, camera: CameraModel, points: Array, detections: MarkerDetections) -> None:
         self._camera = camera
         self.points = points  # (n, 3), the positions, m, in any frame and scale
-        self._all = sightings
-        self.used = np.zeros(len(sightings.frames), np.bool_)  # (m,), the sightings that count
-        order = np.argsort(sightings.frames, kind='stable')
-        frames, starts = np.unique(sightings.frames[order], return_index=True)
+        self._all = detections
+        self.used = np.zeros(len(detections.frames), np.bool_)  # (m,), the detections that count
+        order = np.argsort(detections.frames, kind='stable')
+        frames, starts = np.unique(detections.frames[order], return_index=True)
         # Nothing is split into one part, which has no frame.
         rows = zip(frames.tolist(), np.split(order, starts[1:]), strict=False)
-        # Of each image the rows of its sightings.
+        # Of each image the rows of its detections.
         self._rows = {frame: seen for frame, seen in rows if len(seen) >= MIN_LIGHTS}
         self._poses: dict[int, Array] = {}
 
@@ -231,7 +231,7 @@ class _Bundle:
         self._poses = dict(zip(frames, poses, strict=True))
 
     def _view(self, frame: int, points: Array, pose: Array) -> Equations:
-        """Of the sightings that count, with the points (3n,) as what images share."""
+        """Of the detections that count, with the points (3n,) as what images share."""
         rows = self._rows[frame]
         rows = rows[self.used[rows]]
         markers = self._all.markers[rows]
@@ -262,7 +262,7 @@ class _Bundle:
         return max(math.sqrt(squares / rest), TUNING.least_noise)
 
     def residuals(self) -> Array:
-        """(m, 2) of all sightings, px; NaN without a pose."""
+        """(m, 2) of all detections, px; NaN without a pose."""
         found = np.full((len(self._all.frames), 2), np.nan)
         for frame, pose in self._poses.items():
             rows = self._rows[frame]

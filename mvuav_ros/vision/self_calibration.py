@@ -38,7 +38,7 @@ class CalibrationTuning:
     min_contradiction: float = 0.04  # part of it, from which on the lights contradict it
     # Of the squared residuals over their variances, per degree of freedom: with more, the names
     # are wrong or the camera is another one altogether.
-    max_misfit: float = 6.0
+    max_reduced_chi2: float = 6.0
     frames: int = 12  # that are kept
     # Frames by which rig and camera are known well enough to see that a further one does not fit
     # them: its squared residuals are above `max_odd` and by a factor above those before.
@@ -95,12 +95,12 @@ class Estimate:
     shift: float  # logarithm of the focal length over that of the calibration
     deviation: float  # of it (1 sigma)
     offsets: Array  # (n, 3), of the markers from where the rig's file puts them, m
-    misfit: float  # squared residuals over their variances per degree of freedom: about 1
+    reduced_chi2: float  # squared residuals over their variances per degree of freedom: about 1
 
     @property
     def fits(self) -> bool:
         """Whether some focal length explains the lights."""
-        return self.misfit <= TUNING.max_misfit
+        return self.reduced_chi2 <= TUNING.max_reduced_chi2
 
     @property
     def contradicts(self) -> bool:
@@ -186,7 +186,7 @@ class SelfCalibration:
         self._estimate = None
         return True
 
-    def misfits(self, shift: float, offsets: Array) -> Array:
+    def reduced_chi2s(self, shift: float, offsets: Array) -> Array:
         """Each frame's squared residuals over their variances per degree of freedom, (frames,).
 
         The shift and the offsets (n, 3), m, are those of an `Estimate`.
@@ -213,8 +213,8 @@ class SelfCalibration:
         # What no pose explains, over what camera and rig may still turn out to be.
         spread = np.eye(len(left)) + rest @ self._covariance @ rest.T
         freedom = max(2 * len(frame.labels) - 6, 1)
-        misfit = float(left @ np.linalg.solve(spread, left)) / freedom
-        return misfit > max(TUNING.max_odd, TUNING.odd * estimated.misfit)
+        reduced_chi2 = float(left @ np.linalg.solve(spread, left)) / freedom
+        return reduced_chi2 > max(TUNING.max_odd, TUNING.odd * estimated.reduced_chi2)
 
     def estimate(self) -> Estimate | None:
         """What the frames say; None where there are none, or nothing follows from them."""
@@ -256,10 +256,10 @@ class SelfCalibration:
         if not covariance[0, 0] > 0:
             raise np.linalg.LinAlgError('nothing follows for the focal length')
         freedom = sum(2 * len(frame.labels) - 6 for frame in frames) - 1
-        misfit = squares / max(freedom, 1)
-        deviation = math.sqrt(float(covariance[0, 0])) * max(1.0, math.sqrt(misfit))
+        reduced_chi2 = squares / max(freedom, 1)
+        deviation = math.sqrt(float(covariance[0, 0])) * max(1.0, math.sqrt(reduced_chi2))
         offsets = value[1:].reshape(-1, 3)
-        estimated = Estimate(float(value[0]), deviation, offsets, misfit)
+        estimated = Estimate(float(value[0]), deviation, offsets, reduced_chi2)
         if estimated.fits:
             # The next frames begin here.
             self._value, self._covariance, self._frames = value, covariance, frames

@@ -11,7 +11,7 @@ from support.coded_videos import (
     packets,
 )
 
-from mvuav_ros.messages.images import BadFrame, Frame
+from mvuav_ros.messages.images import BadFrame, Frame, StampReader
 from mvuav_ros.nodes.image_input import ReceivedImage
 from mvuav_ros.nodes.publishing import FrameDecoder
 from mvuav_ros.vision.frames import Attitude
@@ -28,7 +28,9 @@ def received(
     data: bytes, number: int = 0, *, skipped: bool = False, lost: bool = False
 ) -> ReceivedImage:
     attitude = LEVEL if number % 2 else None
-    return ReceivedImage(data, 0.0, 0.0, attitude=attitude, is_skipped=skipped, follows_loss=lost)
+    stamp_ns = StampReader().read(data, START_NS)
+    times = stamp_ns, 0.0, 0.0
+    return ReceivedImage(data, *times, attitude=attitude, is_skipped=skipped, follows_loss=lost)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,13 @@ from support.graph import Graph
 
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.sensors import encode_imu, make_header
-from mvuav_ros.nodes.image_input import ReceivedImage, SynchronizedTopic, image_topic, subscribe
+from mvuav_ros.nodes.image_input import (
+    ImageInput,
+    ReceivedImage,
+    SynchronizedTopic,
+    image_topic,
+    subscribe,
+)
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.vision.image import Image as ImagePixels
 
@@ -94,7 +100,7 @@ def test_an_image_finds_what_came_while_the_one_before_was_answered(graph: Graph
     node, topic, publisher = imu_topic(graph)
     black = ImagePixels(np.zeros((2, 2), np.uint8), 'mono8')
     long_ago = time.perf_counter() - 10.0
-    images = [ReceivedImage(Frame(each, '', black), math.nan, long_ago) for each in (1, 2)]
+    images = [ReceivedImage(Frame(each, '', black), each, math.nan, long_ago) for each in (1, 2)]
 
     def publish(stamp_ns: int, roll: float) -> None:
         attitude = math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2)
@@ -120,3 +126,21 @@ def wait_until_ready(subscription: Any, node: Any) -> None:
         wait_set.add_subscription(subscription.handle)
         wait_set.wait(60_000_000_000)
         assert wait_set.get_ready_entities('subscription')
+
+
+def test_images_without_a_stamp_count_from_their_sending(graph: Graph) -> None:
+    """As in a replay from their recording; all but the first were refused."""
+    received: list[ReceivedImage] = []
+    node = graph.add_node('other')
+    images = ImageInput(node, 'image_raw', Image, received.append, [])
+    images.start()
+    publisher = graph.probe.create_publisher(Image, 'image_raw', 10)
+    graph.until(lambda: publisher.get_subscription_count() == 1, 'the subscription')
+    before_ns = time.time_ns()
+    for _ in range(3):
+        publisher.publish(Image())
+    graph.until(lambda: len(received) == 3, 'three images')
+    assert images.poll().events.unstamped == 3
+    images.close()
+    times_ns = [before_ns, *(each.stamp_ns for each in received), time.time_ns()]
+    assert times_ns == sorted(times_ns)

@@ -6,7 +6,9 @@ import pytest
 from sensor_msgs.msg import PointCloud2
 from support.graph import Graph
 
-from mvuav_ros.panel.live_nodes import LiveNode, LiveSystem, find_nodes
+from mvuav_ros.panel.live_nodes import FoundNode, LiveNode, LiveSystem, find_nodes
+
+KIND = 'marker_tracker'
 
 
 @pytest.fixture
@@ -46,3 +48,25 @@ def test_a_process_in_the_place_of_one_that_died_is_asked_for_its_parameters(gra
 
     asyncio.run(scan())
     assert read == [before, after]
+
+
+def test_of_many_nodes_that_are_gone_the_last_few_are_kept(monkeypatch):
+    """A node with another name at every start filled page and memory until the page was left."""
+    monkeypatch.setattr(LiveSystem, '_read', lambda *_: asyncio.sleep(0))
+    monkeypatch.setattr(LiveNode, 'connect', lambda *_: None)
+    monkeypatch.setattr(LiveNode, 'disconnect', lambda *_: None)
+
+    async def scan():
+        system, told = LiveSystem(None), []
+        system._listeners.add(lambda what, node: told.append((what, node.name)))
+        for number in range(10):
+            name = f'/tracker_{number}'
+            system._take({'/stays': FoundNode('/stays', KIND), name: FoundNode(name, KIND)})
+        assert [*system.nodes] == ['/stays', *(f'/tracker_{number}' for number in range(4, 10))]
+        # The page hears that each came, and that it went: it drops what it has of it.
+        told_of = [told.count(('nodes', f'/tracker_{number}')) for number in range(10)]
+        assert told_of == [2] * 4 + [1] * 6
+        system._take({})
+        assert [*system.nodes] == [f'/tracker_{number}' for number in range(5, 10)]
+
+    asyncio.run(scan())

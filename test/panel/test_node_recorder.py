@@ -3,11 +3,13 @@
 import asyncio
 
 import pytest
-from rclpy.qos import qos_profile_sensor_data
+from geometry_msgs.msg import PointStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Imu
 from sensor_msgs.msg import Image as RosImage
 from support.graph import Graph
 
+from mvuav_ros.messages import poses
 from mvuav_ros.panel.live_nodes import FoundNode, LiveNode
 from mvuav_ros.panel.node_recorder import NodeRecorder
 from mvuav_ros.panel.ros_thread import RosThread
@@ -59,3 +61,24 @@ def test_all_that_the_node_hears_is_kept_though_the_panel_is_busy(ros, tmp_path)
     assert ended == [1] and recorder.over == f'Recorded {FRAMES * len(TOPICS)} messages'
     with open_recording(recorder.path) as recording:
         assert {t.name: t.message_count for t in recording.topics} == dict.fromkeys(TOPICS, FRAMES)
+
+
+def test_the_mount_that_was_published_before_is_kept(ros, tmp_path, monkeypatch):
+    """A run over the recording had no camera's mount, as the panel did not listen to it."""
+    # Any message does; that of tf2 need not be installed.
+    monkeypatch.setattr(poses, 'TF_TYPE', PointStamped)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    ros.node.create_publisher(PointStamped, '/tf_static', latched).publish(PointStamped())
+    node = LiveNode(ros, FoundNode('/tracker', 'marker_tracker'))
+
+    async def record():
+        recorder = NodeRecorder(ros, node, tmp_path / 'flight.mcap', lambda: None)
+        ros.start()
+        async with asyncio.timeout(60.0):
+            while not recorder.messages:
+                await asyncio.sleep(0.02)
+        recorder.stop()
+
+    asyncio.run(record())
+    with open_recording(tmp_path / 'flight.mcap') as recording:
+        assert [each.topic for each in recording.messages()] == ['/tf_static']

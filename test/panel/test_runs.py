@@ -9,6 +9,7 @@ import re
 import shutil
 import threading
 from dataclasses import replace
+from itertools import islice
 
 import pytest
 from support.graph import ROOT
@@ -17,8 +18,11 @@ pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
+from mvuav_ros.offline.replay.job import ReplaySettings
 from mvuav_ros.offline.report import csv_text
+from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel.page.run_list import chart_options
+from mvuav_ros.panel.reel import Reel, Wanted
 from mvuav_ros.panel.runs import (
     RESULTS,
     Run,
@@ -31,6 +35,7 @@ from mvuav_ros.panel.runs import (
 from mvuav_ros.panel.sanitized import NameRefusedError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.writing import RecordingWriter
 
 BAG = ROOT / 'bags' / 'runway.mcap'
 KIND = 'runway_detector'
@@ -71,9 +76,37 @@ def test_a_run_keeps_parameters_results_input_and_version(made):
 
 def test_its_numbers_are_those_of_a_sweep(made):
     numbers = {m.name: m.value for m in made[1].metrics}
-    expected = {m.name: m.value for m in metrics_of(replay(str(BAG), {KIND: VALUES}))}
+    settings = ReplaySettings({KIND: VALUES})
+    expected = {m.name: m.value for m in metrics_of(replay(str(BAG), settings))}
     del expected['time per frame']
     assert numbers == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_run_has_the_attitude_of_the_topic_that_is_chosen(tmp_path):
+    """As `mvuav replay --imu-topic`; of a name of its own it was never used."""
+    bag, own, values = tmp_path / 'flight.mcap', '/mavros/imu/data', {**VALUES, 'mode': 'approach'}
+    with open_recording(BAG) as recording, RecordingWriter(bag) as writer:
+        for message in islice(recording.messages(), 60):
+            topic = message.topic.replace('/imu', own)
+            writer.write(topic, message.type, message.stamp_ns, message.data)
+    store, asked = RunStore(tmp_path / 'runs'), Run('', KIND, str(bag), values)
+    found = []
+    for number, topic in enumerate((own, '/elsewhere')):
+        runner = Runner(store, lambda: None)
+        run = replace(asked, name=f'run {number}', imu_topic=topic)
+        assert asyncio.run(runner.replay(run, store.new_folder(run.name)))
+        with open_recording(store.folder / run.name / RESULTS) as recording:
+            found.append([m.data for m in recording.messages({f'/{KIND}/line_params'})])
+    assert [run.imu_topic for run in store.all()] == [own, '']
+    assert found[0] != found[1]
+    reel = Reel()
+    shown = [
+        reel(Wanted(str(bag), 0.0, KIND, 9, (values,), '', topic), lambda _: None, Stop())
+        for topic in ('/elsewhere', own)
+    ]
+    assert [each.imu_topic for each in shown] == ['', own]
+    assert shown[0].imu_topics == shown[1].imu_topics == (own,)
+    assert shown[0].results[0].jpeg != shown[1].results[0].jpeg
 
 
 def test_a_run_that_fails_says_why_and_is_not_listed(made, tmp_path):

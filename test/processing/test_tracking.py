@@ -319,3 +319,25 @@ def test_a_rig_may_be_named_by_its_file(made: Any, rig_file: Path, tmp_path: Pat
         made(tmp_path / 'no_rig.yaml')
     with pytest.raises(TypeError, match='rig must be a MarkerRig or its file, not dict'):
         made({'left': [0, 1, 0]})
+
+
+@pytest.mark.parametrize('wrong', [3, 'camera.yaml', {}, np.zeros((3, 3))])
+def test_what_is_no_calibration_attitude_or_result_is_refused_at_once(wrong: Any) -> None:
+    """Not by an AttributeError some frames later."""
+    estimator, seen = PoseEstimator(TANKER_747), (range(5), np.zeros((5, 2)), 0)
+    for take in (MarkerTracker().set_camera, ApproachDetector().set_camera):
+        with pytest.raises(TypeError, match='camera must be a CameraModel'):
+            take(wrong)
+    with pytest.raises(TypeError, match='camera must be a CameraModel'):
+        estimator.estimate(wrong, *seen)
+    if not isinstance(wrong, str):
+        with pytest.raises(TypeError, match='camera must be a CameraModel'):
+            track('sim:tanker', camera=wrong)
+    with pytest.raises(TypeError, match='attitude must be an Attitude or a HorizonLine'):
+        ApproachDetector().process(GRAY, 0, wrong)
+    with pytest.raises(TypeError, match='found must be what track or a detector gives'):
+        draw(wrong, GRAY)
+    with pytest.raises(TypeError, match='integer'):
+        CameraModel(640.5 if isinstance(wrong, int) else wrong, 480, k=np.eye(3))
+    with pytest.raises(SourceError, match='no image topic'):
+        open_source(ROOT / 'bags' / 'tanker.mcap', topic=wrong)

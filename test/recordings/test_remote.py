@@ -14,10 +14,10 @@ from support.recording_samples import image_samples, write_mcap, write_rosbag2
 from support.s3_server import fsspec, s3_bucket
 
 from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.layout import fingerprint
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.remote import (
     fetch,
-    fingerprint,
     is_url,
     local_copy,
     local_output,

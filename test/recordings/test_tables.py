@@ -22,7 +22,7 @@ from support.recording_samples import STORE, Sample, cdr, mcap_ends, write_mcap
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, view_points
 from mvuav_ros.messages.marker_messages import encode_markers, encode_rpy
 from mvuav_ros.messages.untrusted import MalformedMessageError
-from mvuav_ros.recordings import tables
+from mvuav_ros.recordings import result_rows, tables
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.tables import Csv
 from mvuav_ros.recordings.tables import export as export_flights
@@ -59,7 +59,7 @@ POSE_DATA = pose(0.1)
 
 
 def interrupted_after(count: int) -> Callable[[Any], Any]:
-    rows, calls = tables.ResultRows.of, itertools.count(1)
+    rows, calls = result_rows.ResultRows.of, itertools.count(1)
 
     def read(self: Any, message: Any) -> Any:
         if next(calls) > count:
@@ -209,7 +209,7 @@ def test_a_run_that_fails_leaves_nothing_in_the_way(
 ) -> None:
     if form == 'parquet':
         pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(tables.ResultRows, 'of', interrupted_after(1))
+    monkeypatch.setattr(result_rows.ResultRows, 'of', interrupted_after(1))
     with pytest.raises(KeyboardInterrupt):
         export(results, tmp_path / 'out', form)
     assert list((tmp_path / 'out').iterdir()) == []
@@ -220,7 +220,7 @@ def test_a_parquet_export_that_fails_says_nothing_more(
 ) -> None:
     pytest.importorskip('pyarrow.parquet')
     said: list[Any] = []
-    monkeypatch.setattr(tables.ResultRows, 'of', interrupted_after(1))
+    monkeypatch.setattr(result_rows.ResultRows, 'of', interrupted_after(1))
     monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 1)
     monkeypatch.setattr(sys, 'unraisablehook', said.append)
     with pytest.raises(KeyboardInterrupt):

@@ -23,6 +23,7 @@ from support.recording_samples import (
     write_mcap,
 )
 
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.image_files import compressed_size
 from mvuav_ros.messages.images import (
@@ -31,6 +32,7 @@ from mvuav_ros.messages.images import (
     FFMPEG_PACKET,
     Frame,
     is_image_type,
+    serialize_image,
 )
 from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, topic_beside
 from mvuav_ros.messages.untrusted import MalformedMessageError
@@ -38,6 +40,8 @@ from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.bag import BagImages, choose_image_topic
+from mvuav_ros.sources.opening import open_source
+from mvuav_ros.vision.image import Image
 
 
 def compressed(number: int, extension: str = '.jpg') -> bytes:
@@ -179,11 +183,24 @@ def test_the_attitude_of_another_topic_is_taken_where_it_is_named(tmp_path: Path
         for topic in ('/imu', '/mavros/imu/data'):
             writer.write(topic, IMU, START_NS, b'')
         writer.write('/nose/image_raw', IMAGE, START_NS, cdr(image(1)))
-    source = BagImages(bag)
-    assert source.imu_topic == '/imu'
-    source.take_attitude_of('mavros/imu/data')
-    assert source.imu_topic == '/mavros/imu/data'
+    assert BagImages(bag).imu_topic == '/imu'
+    assert BagImages(bag, None, 'mavros/imu/data').imu_topic == '/mavros/imu/data'
     with pytest.raises(
         RecordingError, match='imu topic /imu/data; there is /imu, /mavros/imu/data'
     ):
-        source.take_attitude_of('/imu/data')
+        open_source(bag, imu_topic='/imu/data')
+    assert BagImages(bag, imu_topic='/imu/data', or_first=True).imu_topic == '/imu'
+
+
+def test_images_without_a_stamp_count_from_their_recording(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag.mcap'
+    stamps = [0, 0, 0, START_NS, 0, START_NS + 9]
+    with RecordingWriter(bag) as writer:
+        for number, stamp_ns in enumerate(stamps):
+            header, pixels = cdr_header(stamp_ns, 'nose'), np.zeros((4, 4), np.uint8)
+            data = serialize_image(Image(pixels, 'mono8'), header)
+            writer.write('/image_raw', IMAGE, 1 + number, data)
+    source = BagImages(bag)
+    assert [frame.stamp_ns for frame in source.frames()] == [1, 2, 3, START_NS, 5, START_NS + 9]
+    (said,) = source.account.warnings
+    assert said.startswith('4 images have no stamp') and said.endswith('time of recording counts')

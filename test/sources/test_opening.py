@@ -18,7 +18,7 @@ from support.recording_samples import (
 )
 
 from mvuav_ros.messages.images import BadFrame, Frame
-from mvuav_ros.recordings.remote import fingerprint
+from mvuav_ros.recordings.layout import fingerprint
 from mvuav_ros.sources.files import ImageFolder, VideoFile
 from mvuav_ros.sources.opening import looks_like_bag, open_source, planned_flight
 from mvuav_ros.sources.source import SourceError

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.rig_calibration import (
-    LightSightings,
+    MarkerDetections,
     RigCalibrationError,
     calibrate_rig,
 )
@@ -50,7 +50,7 @@ class Case:
             rows += [(frame, name, *pixels[light]) for name, light in zip(names, seen, strict=True)]
         table = np.array(rows)
         frames, names = table[:, 0].astype(int), table[:, 1].astype(int)
-        self.sightings = LightSightings(frames, names, table[:, 2:])
+        self.detections = MarkerDetections(frames, names, table[:, 2:])
         self.rough = self.true + rng.normal(0, rough, self.true.shape)
 
     def distance(self):
@@ -58,7 +58,7 @@ class Case:
 
     def calibrate(self, measured=True):
         distance = self.distance() if measured else None
-        return calibrate_rig(self.rough, self.camera, self.sightings, distance)
+        return calibrate_rig(self.rough, self.camera, self.detections, distance)
 
     def error(self, found):
         """(n, 3), m, in the best common frame; and its chi-square over the 99 % bound."""
@@ -149,23 +149,25 @@ def test_too_few_lights_or_images_are_refused():
     with pytest.raises(RigCalibrationError, match='10 are needed, and 100 are good'):
         Case(1, 5, frames=8).calibrate()
     unseen = Case(1, 5)
-    unseen.sightings = LightSightings(*(each[:0] for each in vars(unseen.sightings).values()))
+    unseen.detections = MarkerDetections(*(each[:0] for each in vars(unseen.detections).values()))
     with pytest.raises(RigCalibrationError, match='no pose fits the lights in any image'):
         unseen.calibrate()
 
 
 def test_a_light_that_is_never_seen_is_named():
     case = Case(2, 6)
-    all_of = case.sightings
+    all_of = case.detections
     seen = all_of.markers != 2
-    case.sightings = LightSightings(all_of.frames[seen], all_of.markers[seen], all_of.pixels[seen])
+    case.detections = MarkerDetections(
+        all_of.frames[seen], all_of.markers[seen], all_of.pixels[seen]
+    )
     with pytest.raises(RigCalibrationError, match='light 2 is seen in 0 images'):
         case.calibrate()
 
 
 def test_names_that_are_exchanged_in_all_images_are_refused():
     case = Case(7, 6)
-    exchanged = np.array([1, 0, 2, 3, 4, 5])[case.sightings.markers]
-    case.sightings = LightSightings(case.sightings.frames, exchanged, case.sightings.pixels)
+    exchanged = np.array([1, 0, 2, 3, 4, 5])[case.detections.markers]
+    case.detections = MarkerDetections(case.detections.frames, exchanged, case.detections.pixels)
     with pytest.raises(RigCalibrationError, match='names are exchanged'):
         case.calibrate()

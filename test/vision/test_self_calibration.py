@@ -80,7 +80,7 @@ def test_a_rig_measured_badly_is_learnt_and_seldom_taken_for_a_wrong_calibration
             estimate.of_rig(rig).positions, estimate.of_camera(camera_of(flight))
         )
         again.add(range(5), flight.truth(90).pixels)
-        assert again.estimate().misfit < 2.0
+        assert again.estimate().reduced_chi2 < 2.0
     assert taken <= 2
 
 

@@ -80,6 +80,11 @@ MESSAGES = (
         '`rejected_…`, `last_rejection`',
     ),
     (
+        'n images have no stamp, …: the time of their sending counts',
+        'let the camera driver set stamps; a simulation has to publish `/clock`',
+        '',
+    ),
+    (
         'n publishers on …: their images are mixed',
         'two cameras publish one topic',
         '`image_publishers`',

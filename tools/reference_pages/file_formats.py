@@ -16,7 +16,7 @@ from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
 from mvuav_ros.offline.simulated_messages import simulated_messages
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.tables import ANGLE_COLUMNS, POSE_COLUMNS
+from mvuav_ros.recordings.result_rows import ANGLE_COLUMNS, POSE_COLUMNS
 from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.vision.integrity import ProtectionLevels, RunwayLevels
 

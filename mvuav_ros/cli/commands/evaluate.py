@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
@@ -13,10 +14,11 @@ from typer.core import TyperGroup
 
 from mvuav_ros.cli.options import (
     Force,
-    ImageTopic,
     Json,
     Param,
     ParamsFile,
+    RunOptions,
+    describes_run,
     refuse_to_overwrite,
     take_folder,
 )
@@ -218,6 +220,7 @@ def integrity(
 
 
 @evaluate.command()
+@describes_run
 def bag(
     source: Annotated[
         str,
@@ -230,13 +233,12 @@ def bag(
         bool,
         typer.Option(
             '--replay',
-            help='Run the nodes even if the bag holds their results; parameters imply it.',
+            help='Run the nodes even if the bag holds their results; what says how implies it.',
         ),
     ] = False,
-    params_file: ParamsFile = None,
     param: Param = None,
-    image_topic: ImageTopic = None,
     force: Force = False,
+    **described: Any,
 ) -> None:
     """Compare the nodes' results in a bag with the bag's truth.
 
@@ -251,20 +253,19 @@ def bag(
     if not (is_simulated or is_url(source) or Path(source).expanduser().exists()):
         raise RecordingError(f'{source} does not exist')
     take_folder(output, force)
-    run, parameters = None, {}
+    run, how, options = None, {'results': "the bag's own"}, RunOptions(**described)
     # One copy of what lies elsewhere, however often it is read.
     with local_copy(source) as path:
-        if not (is_simulated or replayed or param or params_file):
+        if not (is_simulated or replayed or param or options != RunOptions()):
             run = running.read_bag(path)
             _require_truth(run, source)
         if run is None or not run.results.stamps:
-            parameters = _parameters(str(path), param or [], params_file)
-            run = running.replay(str(path), parameters, image_topic)
+            settings = options.settings(_nodes(str(path), param or ()), param or ())
+            how = {'results': 'replayed by this version', **settings.described()}
+            run = running.replay(str(path), settings)
             _require_truth(run, source)
     run.name = source
-    how = 'replayed by this version' if parameters else "the bag's own"
-    described = {node: str(given or 'defaults') for node, given in parameters.items()}
-    report = bag_report(run, {'results': how, **described})
+    report = bag_report(run, how)
     for table in report.tables():
         if table.key == 'metrics':
             for row in range(len(table.rows)):
@@ -272,15 +273,13 @@ def bag(
     say(write_report(report, output))
 
 
-def _parameters(
-    source: str, assignments: list[str], params_file: Path | None
-) -> dict[str, dict[str, Any]]:
+def _nodes(source: str, assignments: Iterable[str]) -> list[str]:
+    """Those that the truth can judge, and those whose parameters are given."""
     from mvuav_ros.offline.evaluation.evaluation_run import nodes_for
-    from mvuav_ros.parameters.parameter_file import node_names, parse_assignment, resolve_parameters
+    from mvuav_ros.parameters.parameter_file import node_names, parse_assignment
 
     asked = [parse_assignment(assignment)[0] for assignment in assignments]
-    nodes = node_names(','.join([*nodes_for(source), *asked]))
-    return resolve_parameters(nodes, params_file, assignments)
+    return node_names(','.join([*nodes_for(source), *asked]))
 
 
 def _require_truth(run: EvaluationRun, source: str) -> None:

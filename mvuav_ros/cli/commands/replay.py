@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Sequence
 from contextlib import closing
@@ -10,18 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from mvuav_ros.cli.options import (
-    CameraInfo,
     CommandFailedError,
     Dask,
     Force,
     Format,
-    ImageTopic,
-    ImuTopic,
     Param,
-    ParamsFile,
+    RunOptions,
     SplitMb,
     Storage,
     Strict,
+    describes_run,
 )
 from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage, say
 from mvuav_ros.detectors import DETECTORS
@@ -130,6 +129,7 @@ def _report(outcome: ReplayOutcome) -> None:
         say(f'mvuav: {outcome.failure}', err=True)
 
 
+@describes_run
 def replay(
     sources: Annotated[
         list[str],
@@ -150,35 +150,7 @@ def replay(
     nodes: Annotated[str, typer.Option(help='Nodes to run, separated by commas.')] = ','.join(
         DETECTORS
     ),
-    image_topic: ImageTopic = None,
-    imu_topic: ImuTopic = None,
-    params_file: ParamsFile = None,
     param: Param = None,
-    fps: Annotated[
-        Optional[float],
-        typer.Option(
-            help='Frame rate of images without stamps (folder: 30, video: its own).',
-            min=0.001,
-            max=1e6,
-        ),
-    ] = None,
-    start: Annotated[
-        float, typer.Option(help='Start at this time of the recording, s.', min=0.0, max=1e9)
-    ] = 0.0,
-    duration: Annotated[
-        Optional[float], typer.Option(help='Length of the part to process, s.', min=0.0, max=1e9)
-    ] = None,
-    every: Annotated[
-        int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)
-    ] = 1,
-    camera_info: CameraInfo = None,
-    image_is_rectified: Annotated[
-        bool,
-        typer.Option(
-            '--image-is-rectified',
-            help='The images are rectified: P of the calibration holds, without distortion.',
-        ),
-    ] = False,
     keep_inputs: Annotated[
         bool,
         typer.Option(
@@ -190,15 +162,6 @@ def replay(
     debug_images: Annotated[
         bool, typer.Option('--debug-images', help='Also write the debug images.')
     ] = False,
-    gamma: Annotated[
-        float,
-        typer.Option(
-            help='out = in ** gamma on every image (eq. 3.2), as video_source does: above 1 '
-            'darkens, below 1 brightens; 1: off.',
-            min=0.01,
-            max=100.0,
-        ),
-    ] = 1.0,
     storage: Format = Storage.MCAP,
     split_mb: SplitMb = 0,
     jobs: Annotated[
@@ -208,6 +171,7 @@ def replay(
     dask: Dask = None,
     strict: Strict = False,
     force: Force = False,
+    **run: Any,
 ) -> dict[str, Any]:
     """Run the nodes' own code over recordings and write their topics as mcap bags.
 
@@ -217,25 +181,14 @@ def replay(
     recordings are skipped.
     """
     from mvuav_ros.offline.replay.batch import plan
-    from mvuav_ros.offline.replay.job import ReplaySettings
-    from mvuav_ros.parameters.parameter_file import complete, node_names, resolve_parameters
-    from mvuav_ros.sources.calibration import load_calibration
-    from mvuav_ros.sources.source import Selection
+    from mvuav_ros.parameters.parameter_file import complete, node_names
 
-    chosen = node_names(nodes)
-    assignments = list(param or [])
-    if image_is_rectified:
-        assignments += [f'{node}:image_is_rectified:=true' for node in chosen]
-    settings = ReplaySettings(
-        parameters=complete(resolve_parameters(chosen, params_file, assignments)),
-        image_topic=image_topic,
-        imu_topic=imu_topic,
-        fps=fps,
-        selection=Selection(start, duration, every),
+    settings = RunOptions(**run).settings(node_names(nodes), param or ())
+    settings = dataclasses.replace(
+        settings,
+        parameters=complete(settings.parameters),
         keep_inputs=keep_inputs,
         debug_images=debug_images,
-        gamma=gamma,
-        camera=load_calibration(camera_info) if camera_info else None,
         split_bytes=storage.split_bytes(split_mb),
     )
     planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -45,8 +44,7 @@ def _command(kind: str, settings: type[ParameterSet]) -> Callable[..., None]:
         words = spec.description + (f' [{limits}]' if limits else '')
         options[spec.name] = Annotated[spec.type, typer.Option(help=words)], spec.default
     run.__doc__ = settings.__doc__
-    *own, _given = inspect.signature(run, eval_str=True).parameters.values()
-    take_options(run, own, options)
+    take_options(run, options)
     return run
 
 

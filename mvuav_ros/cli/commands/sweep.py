@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from mvuav_ros.cli.options import Dask, Force, ImageTopic, ParamsFile, take_folder
+from mvuav_ros.cli.options import Dask, Force, RunOptions, describes_run, take_folder
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.offline.stopping import Interrupted
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 CSV = 'sweep.csv'
 
 
+@describes_run
 def sweep(
     sources: Annotated[
         list[str],
@@ -36,11 +37,10 @@ def sweep(
     nodes: Annotated[
         Optional[str], typer.Option(help='Nodes to run; default: those of --param.')
     ] = None,
-    params_file: ParamsFile = None,
-    image_topic: ImageTopic = None,
     jobs: Annotated[int, typer.Option(help='Number of runs in parallel.', min=1)] = 1,
     dask: Dask = None,
     force: Force = False,
+    **run: Any,
 ) -> None:
     """Run every combination of parameters on every INPUT; keep the numbers and draw trends.
 
@@ -58,14 +58,14 @@ def sweep(
     )
     from mvuav_ros.offline.parameter_sweep import sweep as run_sweep
     from mvuav_ros.offline.report import csv_text, write_report
-    from mvuav_ros.parameters.parameter_file import node_names, resolve_parameters
+    from mvuav_ros.parameters.parameter_file import node_names
     from mvuav_ros.recordings.remote import write_whole
 
     axes = [parse_axis(text) for text in param or []]
     swept = list(dict.fromkeys(axis.node for axis in axes))
     chosen = node_names(nodes, swept or DETECTORS)
-    base = resolve_parameters(chosen, params_file)
-    runs = plan_runs(sources, axes, base, image_topic)
+    settings = RunOptions(**run).settings(chosen)
+    runs = plan_runs(sources, axes, settings)
     take_folder(output, force, CSV)
     finished: list[RunResult] = []
     interruption = None
@@ -84,15 +84,15 @@ def sweep(
         'parameters swept': ', '.join(
             f'{axis.title} = {", ".join(map(str, axis.values))}' for axis in axes
         ),
-        'other parameters': ', '.join(f'{n}: {g or "defaults"}' for n, g in base.items()),
+        **settings.described(),
         'jobs': dask or jobs,
     }
     write_whole(output / CSV, csv_text(sweep_table(results, axes)))
     page = write_report(sweep_report(results, axes, described), output)
     failed = [result for result in results if result.error]
     for result in failed:
-        run = f'run {result.run.number} ({result.run.source})'
-        say(f'warning: {run} failed: {result.error}', err=True)
+        which = f'run {result.run.number} ({result.run.source})'
+        say(f'warning: {which} failed: {result.error}', err=True)
     say(f'{page}: {len(results) - len(failed)} of {len(runs)} runs')
     if interruption is not None:
         raise interruption

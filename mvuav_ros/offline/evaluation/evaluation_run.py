@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.offline.replay import pipeline
-from mvuav_ros.offline.simulated_messages import truth_messages
+from mvuav_ros.offline.replay.job import ReplayInput, ReplayOutcome, ReplaySettings
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.account import counted
+from mvuav_ros.recordings.account import Account, counted
 from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.remote import is_url, local_copy
-from mvuav_ros.recordings.tables import marker_names
-from mvuav_ros.sources.opening import looks_like_bag, open_source, planned_flight
+from mvuav_ros.recordings.result_rows import marker_names
+from mvuav_ros.recordings.stored_file import RecordedMessage
+from mvuav_ros.sources.opening import looks_like_bag
 from mvuav_ros.sources.source import SourceError
 
 MARKERS, RPY, LINES, POSE, TRUE_POSE = 'markers', 'rpy', 'lines', 'pose', 'true pose'
@@ -108,6 +106,7 @@ class EvaluationRun:
     rejected: int | None = None  # without a result; None for results read from a bag
     milliseconds: float = float('nan')  # of all nodes for a frame, median; NaN without a replay
     errors: list[str] = field(default_factory=list)  # what could not be read, in words
+    unreadable: Counter[str] = field(default_factory=Counter)  # messages, by why they are
 
     @property
     def mismatch(self) -> str:
@@ -115,6 +114,22 @@ class EvaluationRun:
         theirs, ours = self.truth.stamps, self.results.stamps
         apart = theirs and ours and not theirs & ours
         return 'no result has the stamp of any truth, by which they are matched' if apart else ''
+
+    def take(self, topic: str, data: bytes | memoryview) -> None:
+        """Take in a message; it is left where it is neither a result nor truth."""
+        try:
+            if topic in TRUTH_TOPICS:
+                self.truth.add(TRUTH_TOPICS[topic], data)
+            elif topic in RESULT_TOPICS:
+                self.results.add(RESULT_TOPICS[topic], data)
+        except (AttributeError, KeyError, ValueError, OverflowError) as error:
+            self.unreadable[f'{topic} not used: {error}'] += 1
+
+    def end(self, account: Account) -> None:
+        """After the last message: say what could not be read."""
+        for why, count in self.unreadable.items():
+            account.lose('', why, f'{counted(count, "message")} of {why}', count)
+        self.errors += account.errors
 
 
 def read_bag(path: Path) -> EvaluationRun:
@@ -128,84 +143,43 @@ def read_bag(path: Path) -> EvaluationRun:
         for label, name in marker_names(recording, '/marker_tracker').items():
             # A dollar sign would begin a formula in a figure.
             run.names[label] = words(name).replace('$', '')
-        unreadable: Counter[str] = Counter()
         for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS}):
-            topic, data = message.topic, message.data
-            try:
-                if topic in TRUTH_TOPICS:
-                    run.truth.add(TRUTH_TOPICS[topic], data)
-                else:
-                    run.results.add(RESULT_TOPICS[topic], data)
-            except (AttributeError, KeyError, ValueError, OverflowError) as error:
-                unreadable[f'{topic} not used: {error}'] += 1
-        for why, count in unreadable.items():
-            recording.account.lose('', why, f'{counted(count, "message")} of {why}', count)
-        run.errors = recording.account.errors
+            run.take(message.topic, message.data)
+        run.end(recording.account)
     run.frames = len(run.results.stamps)
     return run
 
 
-def replay(
-    text: str, parameters: Mapping[str, Mapping[str, Any]], topic: str | None = None
-) -> EvaluationRun:
-    """Run nodes over an input; its truth comes from the bag or from the synthetic flight.
-
-    The input is a bag (``topic`` names its images if it has several), a video, images, or a
-    synthetic flight; the parameters are of each node to run, by its name.
+def replay(text: str, settings: ReplaySettings) -> EvaluationRun:
+    """Run nodes over an input as `run_job` does; its truth comes from it as well.
 
     Raises:
         SourceError: the input cannot be read, or none of its frames be used.
         RecordingError: the bag cannot be read.
         ParameterError: a parameter is not valid.
     """
-    processors = pipeline.make_processors(parameters)
+    processors = pipeline.make_processors(settings.parameters)
     run = EvaluationRun(text, names=names_of(processors))
-    run.rejected = answers = 0
-    reasons: Counter[str] = Counter()
-    seconds: list[float] = []
-    for step in pipeline.replay(_frames(text, topic, run), processors):
-        if isinstance(step, pipeline.FrameResults) and step.is_frame:
-            run.frames += 1
-            run.rejected += bool(step.reasons)
-            reasons.update(step.reasons)
-            seconds += [step.seconds] if step.seconds else []
-            answers += len(step.messages)
-            for name, _, data in step.messages:
-                if name in RESULT_TOPICS:
-                    run.results.add(RESULT_TOPICS[name], data)
-    if not answers:
+    outcome, seconds = ReplayOutcome(text, ''), list[float]()
+    with closing(ReplayInput(text, settings)) as source:
+        items = source.items(processors, keep=TRUTH_TOPICS)
+        for step in pipeline.replay(items, processors, gamma=settings.gamma):
+            if isinstance(step, RecordedMessage):
+                run.take(step.topic, step.data)
+            elif step.is_frame:
+                outcome.count(step)
+                seconds += [step.seconds] if step.seconds else []
+                for name, _, data in step.messages:
+                    run.take(name, data)
+        run.end(source.account)
+    run.frames, run.rejected = outcome.frames, outcome.frames - outcome.processed
+    if not outcome.processed:
         raise SourceError(f'{text}: not a single frame could be used')
-    defects = ((why, count) for why, count in reasons.items() if why.startswith(pipeline.DEFECT))
-    run.errors += [f'{count} frames: {why}' for why, count in defects]
+    said = outcome.rejected.items()
+    run.errors += [f'{n} frames: {why}' for why, n in said if why.startswith(pipeline.DEFECT)]
     run.errors += [run.mismatch] if run.mismatch else []
     run.milliseconds = float(np.median(seconds)) * 1e3
     return run
-
-
-def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame | BadFrame]:
-    if text.startswith(SIMULATED):
-        flight = planned_flight(text)
-        for flown in flight:
-            for name, _, data in truth_messages(flown):
-                if name in TRUTH_TOPICS:
-                    run.truth.add(TRUTH_TOPICS[name], data)
-            yield Frame(flown.stamp_ns, OPTICAL_FRAME, flown.image, flight.camera)
-        return
-    if is_url(text):
-        with local_copy(text) as copied:
-            yield from _frames(str(copied), topic, run)
-        return
-    if path := _bag(text):
-        stored = read_bag(path)
-        run.truth, run.errors = stored.truth, stored.errors
-    with closing(open_source(text, topic=topic, cameras=False)) as source:
-        yield from source.frames()
-        run.errors = list(dict.fromkeys([*run.errors, *source.account.errors]))
-
-
-def _bag(text: str) -> Path | None:
-    path = Path(text).expanduser()
-    return path if path.exists() and looks_like_bag(path) else None
 
 
 def nodes_for(text: str) -> list[str]:
@@ -217,7 +191,8 @@ def nodes_for(text: str) -> list[str]:
     if text.startswith(SIMULATED):
         tanker = text.removeprefix(SIMULATED).startswith('tanker')
         return ['marker_tracker'] if tanker else ['runway_detector']
-    if not (path := _bag(text)):
+    path = Path(text).expanduser()
+    if not (path.exists() and looks_like_bag(path)):
         return list(PROCESSORS)
     with open_recording(path) as recording:
         kinds = {TRUTH_TOPICS[t.name] for t in recording.topics if t.name in TRUTH_TOPICS}

@@ -61,6 +61,7 @@ def plan(
     """
     if absolute:
         output, *sources = map(absolute_place, (output, *sources))
+        settings = settings.absolute()
     sources = [each for source in sources for each in recordings_in(source)]
     is_folder = settings.split_bytes is not None
     if len(sources) == 1 and (is_folder or output.endswith('.mcap')):

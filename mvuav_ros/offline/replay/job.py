@@ -7,9 +7,9 @@ import hashlib
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,9 +26,11 @@ from mvuav_ros.messages.sensors import (
 from mvuav_ros.offline.replay.pipeline import FrameResults, Item, make_processors, replay
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS
+from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.layout import SIMULATED
-from mvuav_ros.recordings.remote import fingerprint, is_url, local_output, size_at
+from mvuav_ros.recordings.layout import SIMULATED, absolute_place, fingerprint
+from mvuav_ros.recordings.remote import is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
@@ -51,8 +53,7 @@ def description(source: str, settings: ReplaySettings) -> dict[str, str]:
         RecordingError: the input cannot be reached.
         OSError: likewise.
     """
-    values = (value for given in settings.parameters.values() for value in given.values())
-    files = [Path(value).expanduser() for value in values if isinstance(value, str)]
+    files = [Path(place) for _, _, place in settings.files()]
     content = b''.join(file.read_bytes() for file in files if file.is_file())
     return {
         'version': mvuav_ros.__version__,
@@ -84,6 +85,27 @@ class ReplaySettings:
     gamma: float = 1.0  # eq. 3.2 on every image before the nodes see it; 1: off
     camera: CameraModel | None = None  # the calibration of all images; None: what comes with them
     split_bytes: int | None = None
+
+    def files(self) -> Iterator[tuple[str, str, str]]:
+        """The files that parameters name: node, parameter, absolute path."""
+        for node, given in self.parameters.items():
+            for spec in NODE_PARAMETERS[node].specs():
+                if spec.is_file and (place := given.get(spec.name)):
+                    yield node, spec.name, absolute_place(str(place))
+
+    def absolute(self) -> ReplaySettings:
+        """The same for a process in another folder."""
+        parameters = {node: dict(given) for node, given in self.parameters.items()}
+        for node, name, place in self.files():
+            parameters[node][name] = place
+        return replace(self, parameters=parameters)
+
+    def described(self) -> dict[str, str]:
+        """What is not at its default, for reports: by node, and by what else there is to say."""
+        nodes = {node: str(given or 'defaults') for node, given in self.parameters.items()}
+        others = {each.name: getattr(self, each.name) for each in fields(self)[1:]}
+        usual = vars(ReplaySettings({}))
+        return nodes | {name: str(own) for name, own in others.items() if own != usual[name]}
 
 
 @dataclass(frozen=True)
@@ -156,11 +178,10 @@ class ReplayInput:
             SourceError: there is no such thing, nothing in it can be read, or the calibration is
                 not one of its images.
         """
-        source = open_source(text, topic=given.image_topic, rate=given.fps, cameras=False)
+        topics: dict[str, Any] = {'topic': given.image_topic, 'imu_topic': given.imu_topic}
+        source = open_source(text, **topics, rate=given.fps, cameras=False)
         self._source, self._selection, self._camera = source, given.selection, given.camera
         self.name, self.account, self.close = source.name, source.account, source.close
-        if given.imu_topic is not None and isinstance(source, BagImages):
-            source.take_attitude_of(given.imu_topic)
         if self._camera is not None:
             if source.is_rectified:
                 self._camera = self._camera.rectified()
@@ -178,16 +199,20 @@ class ReplayInput:
             return self._source.count
         return self._selection.count(self._source.count, self._source.rate)
 
-    def items(self, *, keep: bool, camera: bool, attitude: bool) -> Generator[Item, None, None]:
-        """Frames, and the messages to be copied (``keep``).
+    def items(
+        self, processors: Sequence[Processor], keep: Collection[str] | None = ()
+    ) -> Generator[Item, None, None]:
+        """Frames for these nodes, and the messages of topics to ``keep``; None: of all.
 
-        Those of a bag have their calibrations and the body's attitude, if asked for. A calibration
-        that was given is copied in place of those.
+        Those of a bag have their calibrations and the body's attitude, if a node uses them. A
+        calibration that was given is copied in place of those.
         """
         source, given = self._source, self._camera
         if not isinstance(source, BagImages):
             yield from self._images(keep)
             return
+        camera = any(processor.uses_camera_info for processor in processors)
+        attitude = any(processor.awaits_attitude for processor in processors)
         if attitude and source.imu_topic is None and (there := ', '.join(source.imu_topics)):
             self.account.note('imu', f'no attitude is used; --imu-topic names its topic: {there}')
         beside = topic_beside(source.topic, 'camera_info')
@@ -202,21 +227,33 @@ class ReplayInput:
                     yield from _calibration(item, given, beside)
                 yield item
 
-    def _images(self, keep: bool) -> Iterator[Item]:
+    def _images(self, keep: Collection[str] | None) -> Iterator[Item]:
         """Those of no bag, which have no messages: a frame's are made of it."""
         for index, frame in enumerate(self._selection.stretch(self._source.frames())):
             if isinstance(frame, Frame):
                 if self._camera is not None:
                     frame = replace(frame, camera=self._camera)
-                if keep:
-                    stamp_ns = frame.stamp_ns
-                    data = serialize_image(frame.image, cdr_header(stamp_ns, frame.frame_id))
-                    image = RecordedMessage(IMAGE_TOPIC, IMAGE, stamp_ns, data, None, RELIABLE_QOS)
-                    if frame.camera is not None:
-                        yield from _calibration(image, frame.camera, CAMERA_TOPIC)
-                    yield image
+                yield from _made_of(frame, keep)
             if index % self._selection.every == 0:
                 yield frame
+
+
+def _made_of(frame: Frame, keep: Collection[str] | None) -> Iterator[RecordedMessage]:
+    """The messages to keep that a bag would hold of a frame which comes from none."""
+    from mvuav_ros.offline.simulated_messages import truth_messages
+
+    made: list[tuple[str, str, bytes]] = []
+    if keep is None:
+        header = cdr_header(frame.stamp_ns, frame.frame_id)
+        made += [(IMAGE_TOPIC, IMAGE, serialize_image(frame.image, header))]
+    if frame.truth is not None:
+        made += truth_messages(frame.stamp_ns, frame.truth)
+    for topic, kind, data in made:
+        message = RecordedMessage(topic, kind, frame.stamp_ns, data, None, RELIABLE_QOS)
+        if topic == IMAGE_TOPIC and frame.camera is not None:
+            yield from _calibration(message, frame.camera, CAMERA_TOPIC)
+        if keep is None or topic in keep:
+            yield message
 
 
 def _calibration(
@@ -256,11 +293,7 @@ def run_job(
     if source is None:
         outcome.interrupted = True
         return
-    items = source.items(
-        keep=settings.keep_inputs,
-        camera=any(processor.uses_camera_info for processor in processors),
-        attitude=any(processor.awaits_attitude for processor in processors),
-    )
+    items = source.items(processors, keep=None if settings.keep_inputs else ())
     steps = replay(
         items, processors, threads=threads, debug=settings.debug_images, gamma=settings.gamma
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ _LIVE = 'live values'
 class Frames:
     """The frame on the screen follows the sliders; ``recording`` gives the one chosen, if any.
 
-    ``topic`` is that of the images on the screen; empty where there are none.
+    ``images`` and ``attitude`` are the topics by which it is read.
     """
 
     def __init__(self, page: Page, recording: Callable[[], Path | None]) -> None:
@@ -33,7 +33,6 @@ class Frames:
         self._process = ReelProcess()
         self._visible = self._busy = self._due = False
         self._index, self._count = 0, 1
-        self._wanted = self.topic = ''
         with el.box('form'):
             with el.box('line wrap'):
                 el.icon_button('skip_previous', 'One frame back', lambda: self.step(-1))
@@ -42,8 +41,9 @@ class Frames:
                 self._slider = el.slider('Frame', self._go).props('max=0').classes('grow')
                 self._words = el.text('', 'small soft number').props('role=status')
             with el.box('line wrap'):
-                self._images = el.choice({}, 'Images', on_change=self._choose_images)
-                self._images.classes('grow').style('min-width: 160px').set_visibility(False)
+                self.images, self.attitude = (
+                    _Topics(label, self.show) for label in ('Images', 'Attitude')
+                )
                 self._from = ui.number('From [s]', value=0.0, min=0.0, on_change=self._begin)
                 self._from.props('outlined dense debounce=500').style('width: 110px')
                 self._set = el.choice({'': 'nothing'}, 'Compare with', '', on_change=self.show)
@@ -57,7 +57,7 @@ class Frames:
 
     def follow_node(self) -> None:
         """After another node was selected: its sets, and the images that it listens to."""
-        self._wanted = ''
+        self.images.wanted = self.attitude.wanted = ''
         self.reload_sets()
 
     def reload_sets(self) -> None:
@@ -76,7 +76,8 @@ class Frames:
 
     def rewind(self) -> None:
         """After another recording was chosen."""
-        self._wanted = self.topic = ''
+        self.images.forget()
+        self.attitude.forget()
         self._from.value = 0.0
         self._begin()
 
@@ -110,11 +111,6 @@ class Frames:
         if not self._busy:
             self._go((self._index + 1) % self._count)
 
-    def _choose_images(self, event: Any) -> None:
-        if event.value != self.topic:
-            self._wanted = event.value
-            self.show()
-
     def _go(self, index: int) -> None:
         self._index = max(index, 0)
         self.show()
@@ -144,7 +140,11 @@ class Frames:
                 name, reason = '', str(error)
         values = tuple(settable(node.kind, each) for each in sets)
         stretch = str(path), max(self._from.value or 0.0, 0.0), node.kind, self._index
-        wanted = Wanted(*stretch, values, self._wanted or node.image_topic)
+        topics = (
+            self.images.wanted or node.image_topic,
+            self.attitude.wanted or node.found.imu_topic,
+        )
+        wanted = Wanted(*stretch, values, *topics)
         if self._count == 1:
             self._words.set_text('opening …')
         shown, failure = None, ''
@@ -175,10 +175,8 @@ class Frames:
     def _fill(self, shown: Shown, name: str) -> None:
         self._count = shown.count
         self._index = min(self._index, shown.count - 1)
-        if self.topic != shown.topic:
-            self.topic, topics = shown.topic, {t: sanitized.words(t) for t in shown.topics}
-            self._images.set_options(topics, value=shown.topic)
-            self._images.set_visibility(len(topics) > 1)
+        self.images.fill(shown.topic, shown.topics)
+        self.attitude.fill(shown.imu_topic, shown.imu_topics)
         el.set_props(self._slider, max=shown.count - 1, data_index=str(shown.index))
         part = '' if shown.is_whole else ' (a part)'
         self._words.set_text(
@@ -187,6 +185,36 @@ class Frames:
         titles = (_LIVE, name)
         for lane, title, result in zip(self._lanes, titles, (*shown.results, None), strict=False):
             lane.show(title, result)
+
+
+class _Topics:
+    """A menu of a recording's topics of one kind, on the page where there is something to choose.
+
+    ``shown`` is the one in use, ``wanted`` the one that the user chose; empty if there is none.
+    """
+
+    def __init__(self, label: str, on_choose: Callable[[], None]) -> None:
+        self._on_choose = on_choose
+        self._menu = el.choice({}, label, on_change=self._choose)
+        self._menu.classes('grow').style('min-width: 160px')
+        self.forget()
+
+    def forget(self) -> None:
+        """Before another recording is opened."""
+        self.wanted = self.shown = ''
+        self._menu.set_visibility(False)
+
+    def fill(self, shown: str, topics: Sequence[str]) -> None:
+        """What a recording has, and which of it is in use."""
+        if (self.shown, [*self._menu.options]) != (shown, [*topics]):
+            self.shown = shown
+            self._menu.set_options({t: sanitized.words(t) for t in topics}, value=shown or None)
+        self._menu.set_visibility(not {*topics} <= {shown})
+
+    def _choose(self, event: Any) -> None:
+        if event.value not in (None, self.shown):
+            self.wanted = event.value
+            self._on_choose()
 
 
 class _ResultView:

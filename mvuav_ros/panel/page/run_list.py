@@ -294,7 +294,8 @@ class Runs:
                 source=str(self._bags[self._bag.value]),
                 parameters=settable(node.kind, node.own_values),
                 settings=self._page.set_in_use(node),
-                image_topic=self.frames.topic or node.image_topic,
+                image_topic=self.frames.images.shown or node.image_topic,
+                imu_topic=self.frames.attitude.shown or node.found.imu_topic,
             )
             if await self._runner.replay(run, folder) and keep:
                 self._page.kept['ticks'] = [*self._page.kept['ticks'], run.name]

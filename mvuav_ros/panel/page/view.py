@@ -33,8 +33,8 @@ class PanelView:
         self._page, self._client = Page(services, kept, self._selected), client
         self._parameters: Parameters | None = None
         self._results: Results | None = None
-        self._parts: dict[str, tuple[Results | None, Parameters | None]] = {}
-        self._made_of: dict[str, tuple[object, ...]] = {}
+        # By node: what they are made of, too.
+        self._parts: dict[str, tuple[object, Results | None, Parameters | None]] = {}
         with el.box('panel') as self._root:
             self._head = Head(self._page)
             with el.box('body'):
@@ -130,20 +130,27 @@ class PanelView:
     def _show_parts(self, node: LiveNode | None) -> None:
         """Those of other nodes stay, for what is clicked before they are off the screen."""
         name, made_of = (node.name, (node, *node.controls)) if node else ('none', ())
-        if self._made_of.get(name) != made_of:
-            self._made_of[name], self._parts[name] = made_of, self._make_parts(name, node)
-        elif parameters := self._parts[name][1]:
-            parameters.show()
-        self._results, self._parameters = self._parts[name]
+        for gone in self._parts.keys() - {*self._page.services.system.nodes, name}:
+            self._drop_parts(gone)
+        if name in self._parts and self._parts[name][0] == made_of:
+            if parameters := self._parts[name][2]:
+                parameters.show()
+        else:
+            self._drop_parts(name)
+            self._parts[name] = made_of, *self._make_parts(name, node)
+        _, self._results, self._parameters = self._parts[name]
         for place in (self._results_of, self._parameters_of):
             place.value = name
+
+    def _drop_parts(self, name: str) -> None:
+        self._parts.pop(name, None)
+        for old in [*self._results_of, *self._parameters_of]:
+            if old.props['name'] == name:
+                old.delete()
 
     def _make_parts(
         self, name: str, node: LiveNode | None
     ) -> tuple[Results | None, Parameters | None]:
-        for old in [*self._results_of, *self._parameters_of]:
-            if old.props['name'] == name:
-                old.delete()
         with self._results_of, ui.tab_panel(name), el.box('stack'):
             results = Results(self._page, node) if node else None
             if node is None:

@@ -6,6 +6,7 @@ import math
 import operator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from types import NoneType
 
 import cv2
 import numpy as np
@@ -78,8 +79,12 @@ class ApproachDetector:
         self._mount = mount_matrix(parameters.camera_mount_rpy_deg)
 
     def set_camera(self, camera: CameraModel) -> None:
-        """Use a calibration from the next frame on; it may be an unusable one."""
-        self._camera = camera
+        """Use a calibration from the next frame on; it may be an unusable one.
+
+        Raises:
+            TypeError: it is no `CameraModel`.
+        """
+        self._camera = CameraModel.given(camera)
 
     def reset(self) -> None:
         """Forget earlier frames; statistics and calibration stay."""
@@ -116,10 +121,13 @@ class ApproachDetector:
 
         Raises:
             ImageError: the image has another shape or type.
-            TypeError: the stamp is no whole number.
+            TypeError: the stamp is no whole number, or the attitude neither of both.
             ValueError: the stamp is before the last one.
         """
         image = as_pixels(image, all_bits=True)
+        if not isinstance(attitude, (Attitude, HorizonLine, NoneType)):
+            kind = type(attitude).__name__
+            raise TypeError(f'attitude must be an Attitude or a HorizonLine, not {kind}')
         height, width = image.shape[:2]
         stamp_ns = operator.index(stamp_ns)
         if self._size != (height, width):

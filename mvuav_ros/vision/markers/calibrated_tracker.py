@@ -120,8 +120,8 @@ class CalibratedTracker:
             return True
         # Most frames must show that they are not what they are said to be: in a few a light may be
         # another one.
-        usual = float(np.median(check.misfits(shift, offsets)))
-        better = float(np.median(check.misfits(estimate.shift, estimate.offsets)))
+        usual = float(np.median(check.reduced_chi2s(shift, offsets)))
+        better = float(np.median(check.reduced_chi2s(estimate.shift, estimate.offsets)))
         return usual > max(NEEDED, 2.0 * better)
 
     def _name_without(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from colorsys import hsv_to_rgb
 
 import cv2
 import numpy as np
@@ -18,6 +20,7 @@ Color = tuple[int, int, int]
 
 RED, GREEN, BLUE = (60, 60, 255), (80, 220, 80), (255, 140, 60)
 YELLOW, WHITE, BLACK = (0, 220, 255), (255, 255, 255), (0, 0, 0)
+_GOLDEN_RATIO = 0.618034  # Of a turn: its multiples spread most evenly
 
 COLORS: dict[Label, Color] = {
     Label.LEFT_WING: RED,
@@ -30,12 +33,15 @@ COLORS: dict[Label, Color] = {
 """Red left and green right, as an aircraft's navigation lights; the thesis has red right."""
 
 
-def draw_markers(image: Image, result: MarkerResult) -> NDArray[np.uint8]:
+def draw_markers(
+    image: Image, result: MarkerResult, names: Sequence[str] = ()
+) -> NDArray[np.uint8]:
     """Draw the result on a copy of the frame, (height, width, 3) uint8, blue first.
 
     Stars for wings, circles for stabilizers, a diamond for the rudder; red left, green right, blue
-    centre; unlabelled clusters are yellow circles, the markers of another rig green ones. A
-    predicted marker is thin and yellow, a searched window a thin rectangle.
+    centre; unlabelled clusters are yellow circles. A marker of another rig is a circle of a colour
+    of its own, beside it its name, or its number without ``names``. A predicted marker is thin and
+    yellow, a searched window a thin rectangle.
     """
     canvas = image.bgr().copy()
     size = max(5, round(min(canvas.shape[:2]) / 60))
@@ -45,16 +51,19 @@ def draw_markers(image: Image, result: MarkerResult) -> NDArray[np.uint8]:
         )
     for marker in result.markers:
         if marker.state is not MarkerState.LOST:
-            _draw_marker(canvas, marker, size)
-    _write(canvas, _caption(result), size)
+            _draw_marker(canvas, marker, size, names)
+    _write(canvas, _caption(result), (2 * size, 3 * size), size / 16)
     return canvas
 
 
-def _draw_marker(canvas: NDArray[np.uint8], marker: Marker, size: int) -> None:
+def _draw_marker(
+    canvas: NDArray[np.uint8], marker: Marker, size: int, names: Sequence[str]
+) -> None:
     is_predicted = marker.state is MarkerState.PREDICTED
     # The markers of another rig are numbered from 0, as the tanker's are.
     label = marker.label if isinstance(marker.label, Label) else None
-    color = YELLOW if is_predicted else GREEN if label is None else COLORS[label]
+    own = _color_of(marker.label) if label is None else COLORS[label]
+    color = YELLOW if is_predicted else own
     thickness = 1 if is_predicted else 2
     # A wild prediction may lie anywhere; OpenCV takes 32-bit coordinates.
     x, y = (int(np.clip(round(v), -(2**20), 2**20)) for v in (marker.x, marker.y))
@@ -64,8 +73,18 @@ def _draw_marker(canvas: NDArray[np.uint8], marker: Marker, size: int) -> None:
         outline = np.array([(x, y - size), (x + size, y), (x, y + size), (x - size, y)], np.int32)
     else:
         cv2.circle(canvas, (x, y), size, color, thickness, cv2.LINE_AA)
+        if label is None:
+            name = names[marker.label] if names else str(marker.label)
+            _write(canvas, name, (x + 2 * size, y + size // 2), size / 20, own)
         return
     cv2.polylines(canvas, [outline], True, color, thickness, cv2.LINE_AA)
+
+
+def _color_of(label: int) -> Color:
+    """Of a marker of another rig: far from those of the next ones, and never yellow."""
+    hue = 0.25 + 0.8 * (label * _GOLDEN_RATIO % 1.0)
+    red, green, blue = (round(255 * part) for part in hsv_to_rgb(hue % 1.0, 0.8, 1.0))
+    return blue, green, red
 
 
 def _star(x: int, y: int, size: int) -> NDArray[np.int32]:
@@ -87,12 +106,13 @@ def _caption(result: MarkerResult) -> str:
     return '   '.join(words)
 
 
-def _write(canvas: NDArray[np.uint8], text: str, size: int) -> None:
-    scale = size / 16
+def _write(
+    canvas: NDArray[np.uint8], text: str, place: tuple[int, int], scale: float, color: Color = WHITE
+) -> None:
     # A shadow instead of an outline: OpenCV 5 draws thicker letters wider.
-    for color, shift in ((BLACK, 1), (WHITE, 0)):
-        place = (2 * size + shift, 3 * size + shift)
-        cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 1, cv2.LINE_AA)
+    for shift, ink in ((1, BLACK), (0, color)):
+        at = place[0] + shift, place[1] + shift
+        cv2.putText(canvas, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 1, cv2.LINE_AA)
 
 
 _AXIS_PART = 0.4  # Length of an axis, in reaches of the body

@@ -87,8 +87,11 @@ class MarkerTracker:
 
         What was known of the markers under another calibration is forgotten. A calibration of
         another image size is not used.
+
+        Raises:
+            TypeError: it is no `CameraModel`.
         """
-        self._camera = camera
+        self._camera = None if camera is None else CameraModel.given(camera)
         for tracker in (self._tracker, self._brighter):
             if isinstance(tracker, CalibratedTracker):
                 tracker.set_camera(camera)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from support.commands import mvuav
 from support.flights import write_bag
+from support.places import ROOT
 from typer.testing import CliRunner
 
 from mvuav_ros.cli.app import application
@@ -26,6 +27,8 @@ from mvuav_ros.offline.parameter_sweep import (
     sweep,
     sweep_report,
 )
+from mvuav_ros.offline.replay.batch import plan
+from mvuav_ros.offline.replay.job import ReplaySettings
 from mvuav_ros.offline.report import Figure, write_report
 from mvuav_ros.offline.stopping import Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
@@ -34,6 +37,7 @@ from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
 
 FLIGHT = 'sim:tanker?frames=6&noise=0'
+TRACKED = ReplaySettings({'marker_tracker': {}})
 
 
 def run(*arguments):
@@ -81,19 +85,21 @@ def test_runs_cover_the_grid_on_every_input():
         parse_axis('runway_detector:num_peaks:=2,3'),
     ]
     base = {'marker_tracker': {'threshold': 0.6}, 'runway_detector': {}}
-    runs = plan_runs(['a', 'b'], axes, base)
+    settings = ReplaySettings(base, image_topic='/nose', gamma=2.0)
+    runs = plan_runs(['a', 'b'], axes, settings)
     assert [r.number for r in runs] == list(range(1, 13))
     assert {(r.source, *r.values) for r in runs} == {
         (s, radius, peaks) for s in 'ab' for radius in (4, 6, 8) for peaks in (2, 3)
     }
     for planned in runs:
         radius, peaks = planned.values
-        assert planned.parameters == {
+        assert planned.settings.parameters == {
             'marker_tracker': {'threshold': 0.6, 'search_radius': radius},
             'runway_detector': {'num_peaks': peaks},
         }
+        assert replace(planned.settings, parameters=base) == settings
     with pytest.raises(ParameterError, match='twice'):
-        plan_runs(['a'], [axes[0], axes[0]], base)
+        plan_runs(['a'], [axes[0], axes[0]], settings)
 
 
 def numbers(results):
@@ -108,7 +114,7 @@ def numbers(results):
 def test_processes_and_dask_give_the_same_numbers(tmp_path):
     distributed = pytest.importorskip('distributed')
     axes = [parse_axis('marker_tracker:threshold:=0.5,0.999')]
-    runs = plan_runs([FLIGHT, str(tmp_path / 'nothing.mcap')], axes, {'marker_tracker': {}})
+    runs = plan_runs([FLIGHT, str(tmp_path / 'nothing.mcap')], axes, TRACKED)
     here = numbers(sweep(runs))
     assert [bool(error) for _, error, _ in here] == [False, False, True, True]
     assert here[0][2] != here[1][2]
@@ -122,13 +128,102 @@ def test_processes_and_dask_give_the_same_numbers(tmp_path):
 def test_a_cluster_finds_what_is_named_from_here(tmp_path, monkeypatch):
     distributed = pytest.importorskip('distributed')
     name = write_bag(tmp_path / 'a.mcap', results=False).name
-    runs = plan_runs([name], [], {'marker_tracker': {}})
+    runs = plan_runs([name], [], TRACKED)
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, protocol='tcp', dashboard_address=None
     ) as cluster:
         monkeypatch.chdir(tmp_path)
         (result,) = sweep(runs, dask=cluster.scheduler_address)
     assert (result.error, result.run.source) == ('', name)
+
+
+def test_a_cluster_finds_a_rig_that_is_named_from_here(tmp_path, monkeypatch):
+    distributed = pytest.importorskip('distributed')
+    shutil.copy(Path(ROOT) / 'config' / 'tanker_747.yaml', tmp_path / 'rig.yaml')
+    given = ReplaySettings({'marker_tracker': {'layout': 'rig.yaml'}})
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, protocol='tcp', dashboard_address=None
+    ) as cluster:
+        monkeypatch.chdir(tmp_path)
+        axis = parse_axis('marker_tracker:layout:=rig.yaml')
+        for runs in (plan_runs([FLIGHT], [], given), plan_runs([FLIGHT], [axis], TRACKED)):
+            (result,) = sweep(runs, dask=cluster.scheduler_address)
+            assert (result.error, result.run) == ('', runs[0])
+        # A replay's jobs take their paths from the same settings.
+        (job,) = plan([FLIGHT], str(tmp_path / 'out.mcap'), given, absolute=True).jobs
+        assert job.settings.parameters['marker_tracker']['layout'] == str(tmp_path / 'rig.yaml')
+
+
+@pytest.fixture
+def unusual(tmp_path):
+    """A flight to a runway with its truth, whose attitude is on a topic of its own."""
+    flight, bag = tmp_path / 'simulated.mcap', tmp_path / 'flight.mcap'
+    small = ('--size', '320x240', '--frames', 12, '--start-distance', 100)
+    assert run('simulate', 'runway', '-o', flight, *small).exit_code == 0
+    with open_recording(flight) as recording, RecordingWriter(bag) as writer:
+        for message in recording.messages():
+            topic = message.topic.replace('/imu', '/mavros/imu/data')
+            writer.write(topic, message.type, message.stamp_ns, message.data)
+    return flight, bag
+
+
+APPROACH = ('runway_detector:mode:=approach', 'runway_detector:horizon_source:=imu')
+
+
+def test_a_run_is_described_alike_wherever_it_is_made(unusual, tmp_path):
+    """Evaluation and sweep took their own words for it, and had no attitude here."""
+    flight, bag = unusual
+    parameters = {'mode': 'approach', 'horizon_source': 'imu'}
+    settings = ReplaySettings({'runway_detector': parameters})
+    expected = metrics_of(replay(str(flight), settings))
+    named = replace(settings, imu_topic='/mavros/imu/data')
+
+    def alike(metrics):
+        kept = [[m for m in each if 'time' not in m.group] for each in (metrics, expected)]
+        return repr(kept[0]) == repr(kept[1])
+
+    assert alike(metrics_of(replay(str(bag), named)))
+    assert not alike(metrics_of(replay(str(bag), settings)))
+    (result,) = sweep(plan_runs([str(bag)], [], named))
+    assert alike(result.metrics)
+    given = [word for text in APPROACH for word in ('--param', text)]
+    topic = ('--imu-topic', '/mavros/imu/data')
+    tables = {}
+    for source, more in ((flight, ()), (bag, topic), (bag, ())):
+        for command in ('evaluate', 'sweep'):
+            done = mvuav(command, source, '-o', tmp_path / command, *given, *more, '--force')
+            assert done.status == 0
+            said = 'no attitude is used; --imu-topic names its topic: /mavros/imu/data'
+            assert (said in done.err) == (source == bag and not more)
+            report = json.loads((tmp_path / command / 'report.json').read_text())
+            assert report['settings'].get('imu_topic') == (topic[1] if more else None)
+            found = {row['line']: row for row in report['tables'].get('lines', ())}
+            tables[source, more, command] = found
+    assert tables[flight, (), 'evaluate'] == tables[bag, topic, 'evaluate'] != {}
+    with pytest.raises(RecordingError, match='no imu topic /imu/data; there is /mavros/imu/data'):
+        replay(str(bag), replace(settings, imu_topic='/imu/data'))
+
+
+def test_what_says_how_the_nodes_run_has_them_run(tmp_path):
+    """Over a bag with their results as well, where it had no effect."""
+    bag = write_bag(tmp_path / 'flight.mcap', results=True)
+    for number, (option, frames) in enumerate(((('--every', 2), 3), (('--gamma', 2.0), 6))):
+        done = run('evaluate', bag, '-o', tmp_path / str(number), *option)
+        assert done.exit_code == 0
+        report = json.loads((tmp_path / str(number) / 'report.json').read_text())
+        assert 'replayed' in report['settings']['results']
+        (found,) = (r for r in report['tables']['metrics'] if r['what'] == 'frames')
+        assert found['value'] == frames
+
+
+def test_a_replay_of_a_simulated_flight_keeps_its_truth(tmp_path):
+    out = tmp_path / 'out.mcap'
+    given = ('-o', out, '--keep-inputs', '--nodes', 'marker_tracker')
+    assert mvuav('replay', FLIGHT, *given).status == 0
+    assert run('evaluate', out, '-o', tmp_path / 'report').exit_code == 0
+    report = json.loads((tmp_path / 'report' / 'report.json').read_text())
+    assert report['settings']['results'] == "the bag's own"
+    assert {row['marker'] for row in report['tables']['markers']} >= {'rudder', 'all 5'}
 
 
 def test_sweep_writes_table_and_trends_and_reports_a_failed_run(tmp_path):
@@ -156,7 +251,7 @@ def test_the_trends_are_over_the_parameter_that_changes():
     threshold, given = map(
         parse_axis, ('marker_tracker:threshold:=0.5,0.6', 'marker_tracker:centroid:=binary')
     )
-    results = in_order(sweep(plan_runs([FLIGHT], [given, threshold], {'marker_tracker': {}})))
+    results = in_order(sweep(plan_runs([FLIGHT], [given, threshold], TRACKED)))
     alone = [replace(r, run=replace(r.run, values=r.run.values[1:])) for r in results]
 
     def figures(results, axes):
@@ -172,7 +267,7 @@ def test_the_trends_are_over_the_parameter_that_changes():
 def test_a_run_over_a_url_has_the_bags_truth(tmp_path):
     pytest.importorskip('fsspec', reason='fsspec is not installed')
     bag = write_bag(tmp_path / 'flight.mcap', results=False)
-    here, there = (replay(text, {'marker_tracker': {}}) for text in (str(bag), f'file://{bag}'))
+    here, there = (replay(text, TRACKED) for text in (str(bag), f'file://{bag}'))
     assert there.truth.stamps == here.truth.stamps != set()
     assert {m.name for m in metrics_of(there)} == {m.name for m in metrics_of(here)}
 
@@ -277,7 +372,7 @@ def test_a_sweep_says_what_of_a_recording_is_missing(tmp_path):
     bag = write_bag(tmp_path / 'cut.mcap', results=False)
     bag.write_bytes(bag.read_bytes()[:-2000])
     axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
-    runs = plan_runs([str(bag)], [axis], {'marker_tracker': {}})
+    runs = plan_runs([str(bag)], [axis], TRACKED)
     results = in_order(sweep(runs))
     assert all(result.metrics and result.losses for result in results)
     lead = sweep_report(results, [axis], {}).lead
@@ -309,7 +404,7 @@ def test_the_loss_of_an_input_is_said_once_however_often_it_is_read(tmp_path):
 
 def test_lines_that_were_never_in_view_are_not_said_to_be_missed():
     flight = 'sim:runway?frames=2&width=320&height=240&camera_pitch_deg=60&start_distance=900'
-    replayed = replay(flight, {'runway_detector': {}})
+    replayed = replay(flight, ReplaySettings({'runway_detector': {}}))
     lines = line_errors(replayed)
     assert lines is not None and sum(lines.visible) == 0
     (found,) = (m.value for m in metrics_of(replayed) if m.name == 'true lines found')
@@ -321,7 +416,7 @@ def test_a_sweep_of_inputs_with_odd_names(tmp_path):
     names = 'a${$.mcap', '_b.mcap', os.fsdecode(b'\xff.mcap')
     sources = [str(shutil.copy(bag, tmp_path / name)) for name in names]
     axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
-    results = in_order(sweep(plan_runs(sources, [axis], {'marker_tracker': {}})))
+    results = in_order(sweep(plan_runs(sources, [axis], TRACKED)))
     page = write_report(sweep_report(results, [axis], {}), tmp_path / 'out')
     assert page.exists() and len(list((tmp_path / 'out').glob('*.png'))) > 3
 
@@ -340,7 +435,7 @@ def test_truth_of_other_stamps_is_not_passed_over(tmp_path, results):
     assert evaluated.status == 1
     assert 'no result has the stamp of any truth' in evaluated.err
     axis = parse_axis('marker_tracker:threshold:=0.5')
-    (result,) = sweep(plan_runs([str(late)], [axis], {'marker_tracker': {}}))
+    (result,) = sweep(plan_runs([str(late)], [axis], TRACKED))
     assert any('the stamp of any truth' in loss for loss in result.losses)
 
 
@@ -350,7 +445,7 @@ def test_a_sweep_of_a_folder_is_one_of_each_of_its_recordings(tmp_path):
     for name in ('b.mcap', 'a.mcap'):
         shutil.copy(bag, tmp_path / 'season' / name)
     axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
-    runs = plan_runs([str(tmp_path / 'season'), FLIGHT], [axis], {'marker_tracker': {}})
+    runs = plan_runs([str(tmp_path / 'season'), FLIGHT], [axis], TRACKED)
     names = [Path(run.source).name for run in runs if run.source != FLIGHT]
     assert names == ['a.mcap', 'a.mcap', 'b.mcap', 'b.mcap'] and len(runs) == 6
     assert not any(result.error for result in sweep(runs[:4]))

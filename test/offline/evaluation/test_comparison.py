@@ -20,10 +20,11 @@ from mvuav_ros.offline.evaluation.metrics import (
     pose_errors,
     roll_errors,
 )
+from mvuav_ros.offline.replay.job import ReplaySettings
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.tables import marker_names
+from mvuav_ros.recordings.result_rows import marker_names
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import SourceError
@@ -39,7 +40,7 @@ def values(observed):
 
 
 def test_a_replayed_flight_is_close_to_its_truth():
-    observed = replay(TANKER, {'marker_tracker': {}})
+    observed = replay(TANKER, ReplaySettings({'marker_tracker': {}}))
     measured = values(observed)
     assert observed.frames == measured['frames'] == 12
     assert measured['markers detected'] == 100.0
@@ -53,7 +54,7 @@ def test_a_replayed_flight_is_close_to_its_truth():
 
 
 def test_parameters_reach_the_replay():
-    few = values(replay(TANKER, {'marker_tracker': {'min_area': 100000}}))
+    few = values(replay(TANKER, ReplaySettings({'marker_tracker': {'min_area': 100000}})))
     assert few['markers lost'] == 100.0
     assert math.isnan(few['detected markers, RMS error'])
 
@@ -62,7 +63,7 @@ def test_a_detector_without_truth_is_replayed_and_timed(monkeypatch):
     """As CONTRIBUTING.md says of a new one: it runs in sweeps too."""
     lights = type('Lights', (MarkerTrackerProcessor,), {'name': 'lights'})
     monkeypatch.setitem(PROCESSORS, 'lights', lights)
-    measured = values(replay(TANKER, {'lights': {}}))
+    measured = values(replay(TANKER, ReplaySettings({'lights': {}})))
     assert measured['frames'] == 12 and measured['time per frame'] > 0.0
 
 
@@ -76,14 +77,14 @@ def shifted(observed, dx=0.0, order=(0, 1, 2, 3, 4)):
 
 
 def test_errors_are_those_that_were_made():
-    errors = marker_errors(shifted(replay(TANKER, {'marker_tracker': {}}), dx=1.5))
+    errors = marker_errors(shifted(replay(TANKER, ReplaySettings({'marker_tracker': {}})), dx=1.5))
     assert np.allclose(errors.offset[..., 0], 1.5, atol=1e-4)
     assert np.allclose(errors.offset[..., 1], 0.0, atol=1e-4)
     assert not errors.wrong.any()
 
 
 def test_exchanged_names_are_noticed():
-    swapped = shifted(replay(TANKER, {'marker_tracker': {}}), order=(4, 1, 2, 3, 0))
+    swapped = shifted(replay(TANKER, ReplaySettings({'marker_tracker': {}})), order=(4, 1, 2, 3, 0))
     errors = marker_errors(swapped)
     assert errors.wrong[:, [0, 4]].all()
     assert not errors.wrong[:, 1:4].any()
@@ -136,7 +137,7 @@ def test_errors_of_a_pose_are_those_that_were_made():
 
 
 def test_true_lines_given_back_are_found_without_error():
-    observed = replay(RUNWAY, {'runway_detector': {}})
+    observed = replay(RUNWAY, ReplaySettings({'runway_detector': {}}))
     assert line_errors(observed).frames == 6
     for stamp, rows in observed.truth.lines.items():
         observed.results.lines[stamp] = rows
@@ -149,7 +150,7 @@ def test_true_lines_given_back_are_found_without_error():
 @pytest.mark.parametrize('name', ['rho', 'theta'])
 @pytest.mark.parametrize('number', [math.inf, math.nan])
 def test_a_line_with_a_damaged_number_is_none(name, number):
-    observed = replay(RUNWAY, {'runway_detector': {}})
+    observed = replay(RUNWAY, ReplaySettings({'runway_detector': {}}))
     first = min(observed.results.lines)
     for lines in (observed.results.lines, observed.truth.lines):
         lines[first] = lines[first].copy()
@@ -161,7 +162,7 @@ def test_a_line_with_a_damaged_number_is_none(name, number):
 
 def test_results_in_a_bag_equal_a_replay_of_it(tmp_path):
     path = write_bag(tmp_path / 'flight.mcap', results=True)
-    stored, again = read_bag(path), replay(str(path), {'marker_tracker': {}})
+    stored, again = read_bag(path), replay(str(path), ReplaySettings({'marker_tracker': {}}))
     assert len(stored.results.markers) == 6
     for observed in (stored, again):
         assert len(observed.truth.markers) == 6
@@ -189,7 +190,7 @@ def test_a_rig_of_ones_own_has_its_names_and_the_roll_of_its_pose(tmp_path):
     kept = ('--nodes', 'marker_tracker', '--param', layout, '--keep-inputs')
     assert mvuav('replay', bag, '-o', results, *kept).status == 0
     stored = read_bag(results)
-    for run in (stored, replay(str(bag), {'marker_tracker': {'layout': str(rig)}})):
+    for run in (stored, replay(str(bag), ReplaySettings({'marker_tracker': {'layout': str(rig)}}))):
         assert marker_errors(run).names == ('left arm', 'right arm', 'nose', 'tail')
         assert values(run)['frames'] == 6
         assert values(run)['wrong names'] == 0
@@ -229,7 +230,7 @@ def test_a_truth_without_roll_is_said(tmp_path):
 
 def test_an_input_without_frames_is_refused(tmp_path):
     with pytest.raises(SourceError):
-        replay(str(tmp_path / 'nothing.mcap'), {'marker_tracker': {}})
+        replay(str(tmp_path / 'nothing.mcap'), ReplaySettings({'marker_tracker': {}}))
 
 
 def test_a_flight_is_flown_with_its_calibration(monkeypatch):
@@ -237,7 +238,7 @@ def test_a_flight_is_flown_with_its_calibration(monkeypatch):
     monkeypatch.setattr(
         MarkerTrackerProcessor, 'set_camera', lambda self, camera: given.append(camera)
     )
-    replay('sim:tanker?frames=2&fov_deg=50', {'marker_tracker': {}})
+    replay('sim:tanker?frames=2&fov_deg=50', ReplaySettings({'marker_tracker': {}}))
     with closing(open_source('sim:tanker?frames=2&fov_deg=50')) as source:
         (frame, *_) = source.frames()
     assert given and all(camera == frame.camera for camera in given)
@@ -246,7 +247,7 @@ def test_a_flight_is_flown_with_its_calibration(monkeypatch):
 @pytest.mark.parametrize('value', ['[', '2024-13-45'])
 def test_a_setting_that_is_not_yaml_is_refused(value):
     with pytest.raises(SourceError, match=r'motion=.* is not YAML'):
-        replay(f'sim:tanker?motion={value}', {'marker_tracker': {}})
+        replay(f'sim:tanker?motion={value}', ReplaySettings({'marker_tracker': {}}))
 
 
 def test_a_truth_of_ones_own_may_lack_rows(tmp_path):
@@ -257,7 +258,7 @@ def test_a_truth_of_ones_own_may_lack_rows(tmp_path):
     assert len(marker_errors(run).time) == 5
     run.truth.markers = {first: run.truth.markers[first]}
     assert marker_errors(run) is None
-    runway = replay(RUNWAY, {'runway_detector': {}})
+    runway = replay(RUNWAY, ReplaySettings({'runway_detector': {}}))
     seen = line_errors(runway).visible
     runway.truth.lines = {stamp: rows[:2] for stamp, rows in runway.truth.lines.items()}
     assert line_errors(runway).visible == [*seen[:2], 0]

@@ -16,6 +16,7 @@ from mvuav_ros.panel.page.context import History, Page
 from mvuav_ros.panel.page.parameters import Parameters
 from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.panel.page.tiles import value_at
+from mvuav_ros.panel.page.view import PanelView
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.vision.image import Image
 
@@ -161,3 +162,43 @@ def test_a_recording_has_all_that_the_node_listens_to():
     recorded = node_recorder._topics(node)
     assert {topic: type_name(recorded[topic]) for topic in kinds} == kinds
     assert live_nodes._input([]) == ('', False, '', '')
+
+
+def test_the_page_drops_what_it_has_of_a_node_that_is_forgotten():
+    """Those of other nodes stay as they are, for what is clicked before they are off the screen."""
+
+    class Place(list):
+        def add(self, name):
+            self.append(SimpleNamespace(props={'name': name}, delete=lambda: self.drop(name)))
+
+        def drop(self, name):
+            self[:] = [each for each in self if each.props['name'] != name]
+
+        @property
+        def names(self):
+            return [each.props['name'] for each in self]
+
+    nodes = {name: SimpleNamespace(name=name, controls=[]) for name in ('/one', '/two')}
+    view, made = PanelView.__new__(PanelView), []
+    view._page = SimpleNamespace(services=SimpleNamespace(system=SimpleNamespace(nodes=nodes)))
+    view._parts, view._results_of, view._parameters_of = {}, Place(), Place()
+
+    def make(name, node):
+        made.append(name)
+        view._results_of.add(name)
+        return name, SimpleNamespace(show=lambda: None)
+
+    view._make_parts = make
+    for name in ('/one', '/two', '/one'):
+        view._show_parts(nodes[name])
+        assert (view._results, view._results_of.value) == (name, name)
+    assert made == view._results_of.names == ['/one', '/two']
+    nodes['/one'].controls.append('threshold')
+    view._show_parts(nodes['/one'])
+    assert made == ['/one', '/two', '/one'] and view._results_of.names == ['/two', '/one']
+    gone = nodes.pop('/two')
+    view._show_parts(nodes['/one'])
+    assert view._results_of.names == ['/one'] and '/two' not in view._parts
+    nodes['/two'] = gone
+    view._show_parts(gone)
+    assert made[3:] == ['/two'] and view._results_of.names == ['/one', '/two']

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
 from mvuav_ros.panel.page import elements, run_list
-from mvuav_ros.panel.page.playback import Frames
+from mvuav_ros.panel.page.playback import Frames, _Topics
 from mvuav_ros.panel.page.run_list import Runs
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sanitized import NameRefusedError
@@ -21,10 +21,11 @@ def test_nothing_of_one_recording_stands_under_the_name_of_another():
     node = SimpleNamespace(
         kind='marker_tracker', controls=['threshold'], own_values={}, image_topic=''
     )
+    node.found, topics = SimpleNamespace(imu_topic=''), MagicMock(wanted='')
     frames._page, frames._recording = SimpleNamespace(node=node), lambda: chosen[0]
     frames._set, frames._from = SimpleNamespace(value=''), SimpleNamespace(value=0.0)
     frames._words, frames._differing = MagicMock(is_deleted=False), MagicMock()
-    frames._lanes, frames._visible, frames._wanted = [lane], False, ''
+    frames._lanes, frames._visible, frames.images, frames.attitude = [lane], False, topics, topics
     frames._index, frames._count = 80, 180
     frames._fill = lambda shown, name: filled.append(shown.source)
 
@@ -42,6 +43,29 @@ def test_nothing_of_one_recording_stands_under_the_name_of_another():
     assert filled == ['second.mcap'] and (frames._index, frames._count) == (0, 1)
     # What was on the screen went when the other one was chosen.
     lane.show.assert_called_once_with('', None)
+
+
+def test_topics_are_offered_where_there_is_something_to_choose(monkeypatch):
+    menu, chosen = MagicMock(options={}), []
+    menu.set_options = lambda options, value: setattr(menu, 'options', options)
+    monkeypatch.setattr(elements, 'choice', lambda *_, **__: menu)
+    topics = _Topics('Attitude', lambda: chosen.append(topics.wanted))
+
+    def is_offered(shown, there):
+        topics.fill(shown, there)
+        assert [*menu.options] == there
+        return menu.set_visibility.call_args.args[0]
+
+    own = '/mavros/imu/data'
+    assert not is_offered('', []) and not is_offered('/imu', ['/imu'])
+    assert is_offered('/imu', ['/imu', own]) and is_offered('', [own])
+    topics._choose(SimpleNamespace(value=own))
+    assert chosen == [own] and not is_offered(own, [own])
+    # What the page itself sets is no choice.
+    topics._choose(SimpleNamespace(value=own))
+    assert chosen == [own]
+    topics.forget()
+    assert topics.wanted == topics.shown == ''
 
 
 def test_each_node_keeps_the_recording_that_was_chosen_for_it():

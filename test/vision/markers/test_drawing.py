@@ -4,7 +4,7 @@ import numpy as np
 
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.drawing import draw_markers
+from mvuav_ros.vision.markers.drawing import YELLOW, draw_markers
 from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import TANKER_747
@@ -34,15 +34,24 @@ def test_the_marks_of_left_lights_are_red_and_those_of_right_ones_green():
         assert len(drawn) and {hue(color) for color in drawn} == {wanted}, name
 
 
-def test_the_marks_of_another_rig_are_alike_and_none_looks_predicted():
-    """They were drawn as the tanker's of the same numbers, and from the sixth on in yellow."""
-    image = Image(np.zeros((40, 320), np.uint8), 'mono8')
-    row = [Marker(i, MarkerState.DETECTED, 30.0 + 40 * i, 20.0) for i in range(7)]
-    canvas = draw_markers(image, MarkerResult(tuple(row)))
-    first = canvas[11:30, 21:40]
-    assert {hue(color) for color in first[np.ptp(first, axis=2) > 60]} == {'green'}
-    for i in range(7):
-        np.testing.assert_array_equal(canvas[11:30, 21 + 40 * i : 40 + 40 * i], first)
+def test_the_marks_of_another_rig_have_a_colour_and_a_name_of_their_own():
+    """They were all alike; none looks predicted, or as the tanker's of the same number."""
+    image = Image(np.zeros((480, 1600), np.uint8), 'mono8')
+    row = [Marker(i, MarkerState.DETECTED, 30.0 + 120 * i, 200.0) for i in range(12)]
+    names = tuple(f'light {letter}' for letter in 'abcdefghijkl')
+    named, numbered = (draw_markers(image, MarkerResult(tuple(row)), each) for each in (names, ()))
+    size, colors, words = 8, [], set()
+    for marker in row:
+        x, y = round(marker.x), round(marker.y)
+        beside = np.s_[y - 12 : y + 13, x + 14 : x + 100]
+        colors.append(named[y, x + size].astype(int))
+        assert named[beside].any() and (named[beside] != numbered[beside]).any()
+        words.add((named[beside].max(axis=2) > 128).tobytes())
+    assert len(words) == len(names)
+    yellow = np.array(YELLOW)
+    for i, color in enumerate(colors):
+        apart = [np.abs(np.subtract(color, other)).max() for other in (*colors[:i], yellow)]
+        assert min(apart) > 40, (i, color)
 
 
 def test_so_are_the_edges_of_a_runway():
