@@ -201,7 +201,6 @@ def protection_levels(
     translation: Array,
     noise: float,
     budget: IntegrityBudget = IntegrityBudget(),
-    doubts: Sequence[float] = (),
 ) -> ProtectionLevels:
     """How wrong a pose may be.
 
@@ -217,8 +216,6 @@ def protection_levels(
         translation: (3,), of the body's origin, m.
         noise: standard deviation of a light's place per axis, px.
         budget: of risks.
-        doubts: of each light, the probability that it has a wrong name (one minus its
-            confidence); it is added to the prior.
 
     Examples:
         >>> import cv2, numpy as np
@@ -263,7 +260,7 @@ def protection_levels(
     limits = np.array([(MAX_DISTANCE_SIGMA * distance) ** 2] * 3 + [MAX_TURN_SIGMA**2] * 3)
     # Rounding may make the variance of a degenerate set negative.
     monitored = ((variances >= 0.0) & (variances <= limits)).all(axis=1)
-    factors = _factors(budget, count, monitored.tobytes(), tuple(doubts[:count]))
+    factors = _factors(budget, count, monitored.tobytes())
     if factors is None:
         return ProtectionLevels(reason=_unmonitored_reason(monitored, used, rig))
     bounds = np.abs(shifts[:, :, 3]) + factors * np.sqrt(np.abs(variances))
@@ -293,20 +290,13 @@ def _hypotheses(count: int) -> tuple[Array, NDArray[np.intp]]:
 
 
 @lru_cache(maxsize=256)
-def _factors(
-    budget: IntegrityBudget, count: int, monitored: bytes, doubts: tuple[float, ...]
-) -> Array | None:
+def _factors(budget: IntegrityBudget, count: int, monitored: bytes) -> Array | None:
     """(m, 1), how many deviations of each hypothesis the error may be; None with no risk left."""
     indices = _hypotheses(count)[1]
     is_monitored = np.frombuffer(monitored, np.bool_)
-    wrong = np.full(count + 1, budget.light_prior)
-    wrong[: len(doubts)] += doubts
-    wrong = np.minimum(wrong, 1.0)
-    wrong[count] = 1.0  # of no further light
-    priors = wrong[indices[:, 0]] * wrong[indices[:, 1]]
-    first, second, third = (float((wrong[:count] ** power).sum()) for power in (1, 2, 3))
+    priors = budget.light_prior ** (indices < count).sum(axis=1)
     # Union bound of three lights or more at once.
-    beyond_pairs = max(first**3 - 3.0 * first * second + 2.0 * third, 0.0) / 6.0
+    beyond_pairs = math.comb(count, 3) * budget.light_prior**3
     left = budget.risk - float(priors[~is_monitored].sum()) - beyond_pairs
     if not is_monitored[0] or left < (1.0 - MAX_UNMONITORED) * budget.risk:
         return None

@@ -145,11 +145,6 @@ def test_levels_grow_with_noise_priors_and_calibration_and_with_a_smaller_risk()
     assert levels(budget=IntegrityBudget(risk=1e-4)).along < usual
 
 
-def test_doubts_about_a_name_count_as_a_prior() -> None:
-    assert levels(doubts=[0.0] * 5).along == levels().along
-    assert levels(doubts=[0, 1e-3, 0, 0, 0]).along > levels().along
-
-
 @pytest.mark.parametrize(
     ('given', 'reason'),
     [
@@ -157,7 +152,6 @@ def test_doubts_about_a_name_count_as_a_prior() -> None:
         ({'labels': range(0)}, '0 lights cannot check each other'),
         ({'labels': [1, 2, 3, 4]}, 'nothing checks right_wing'),
         ({'budget': IntegrityBudget(light_prior=0.1)}, 'too probable for the integrity risk'),
-        ({'doubts': [0.0, 0.3, 0.3, 0.0, 0.0]}, 'too probable'),
         ({'translation': np.full(3, math.nan)}, 'do not tell a pose'),
         ({'pixels': np.full((5, 2), math.nan)}, 'contradict'),
         ({'translation': PLACE + np.array((0, 0, 40))}, 'contradict'),

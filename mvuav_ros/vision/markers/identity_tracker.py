@@ -94,12 +94,11 @@ class IdentityTracker:
             self._attempts.fail()
             self.lights = 0
             return self._nothing(str(error))
-        seen, count = len(lights), self._count
-        self.lights = seen
+        self.lights = seen = len(lights)
         if not self._attempts.due(seen):
-            return self._nothing(f'{seen} lights in view, {count} do not stand out')
-        if seen < count:
-            return self._nothing(f'{seen} of {count} markers in view')
+            return self._nothing(f'{seen} lights in view, {self._count} do not stand out')
+        if seen < self._count:
+            return self._nothing(f'{seen} of {self._count} markers in view')
         named = initialize(self._shape, lights, self._rig.names)
         if named.view is None:
             self._attempts.fail()
@@ -109,6 +108,7 @@ class IdentityTracker:
             return self._nothing('the markers were named in two ways')
         if not self._attempts.confirmed(named):
             return self._nothing(f'{seen} lights in view, not yet certain')
+        self._start_again(self._attempts.was_wrong)
         memory = MarkerMemory(frame.time, list(named.lights.values()), self._is_redundant)
         shape, places = self._shape, places_of(named.lights)
         if not named.fits:
@@ -147,9 +147,13 @@ class IdentityTracker:
             self._body = search.faults, memory
             memory.start_afresh()
         newest = max(marker.last_seen for marker in memory.markers)
-        if not search.found and frame.time - newest > GIVEN_UP:
-            self._start_again()
-            return self._nothing('no marker in view')
+        if not search.found and frame.time - newest > frame.parameters.lost_timeout:
+            # A body wholly in view may be far from where it was lost.
+            if frame.time - newest > GIVEN_UP:
+                self._start_again()
+            started = self._start(frame)
+            if started.named or self._body is None:
+                return started
         if self._trial is not None:
             agreeing = {m: light for m, light in search.found.items() if m not in search.suspects}
             contradicted = bool(consensus.dropped or consensus.suspects)
@@ -240,5 +244,5 @@ class IdentityTracker:
         status = remark
         if len(spots) < len(markers):
             status = counts_of(markers) + (f' ({remark})' if remark else '')
-        places = tuple(memory.predicted)
+        places = tuple(memory.predicted) if windows else ()
         return MarkerResult(tuple(markers), roll, status, tuple(windows), places, has_wings)

@@ -402,7 +402,9 @@ class Search:
         )
         if len(again.lights) <= len(self.found) + is_same:
             return False
-        return sum(again.odds.values()) > sum(self._markers[marker].odds for marker in self.found)
+        # Of as many names: more of them make none of them more probable.
+        best = sorted(again.odds.values())[-len(self.found) :]
+        return sum(best) > sum(self._markers[marker].odds for marker in self.found)
 
     def _check(self) -> None:
         """Take back names that the others contradict, those given in this frame first."""

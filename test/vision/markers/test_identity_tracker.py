@@ -465,6 +465,26 @@ def test_no_name_for_long_means_a_start_from_nothing():
     assert result.roll == pytest.approx(0.0, abs=0.01)
 
 
+def test_a_whole_body_far_from_where_it_was_lost_is_named_once_it_is_lost():
+    """The camera turns for a second: the lights are back, smaller, where none of them is expected.
+
+    They went without names for ten seconds.
+    """
+    pipeline = MarkerTracker()
+    named = []
+    for step in range(60):
+        places = tanker_at(200, 150) if step < 20 else 0.4 * tanker_at(1100, 800, 50.0)
+        image = draw(places if not 20 <= step < 30 else [], radius=3)
+        result = pipeline.process(Image(image, 'mono8'), step * 33_000_000)
+        seen = np.array([(marker.x, marker.y) for marker in result.named]).reshape(-1, 2)
+        named.append(len(seen))
+        if len(seen) == len(places):
+            assert seen == pytest.approx(places, abs=0.3)
+    assert named[:20] == [5] * 20
+    assert named[20:30] == [0] * 10
+    assert named[40:] == [5] * 20, 'half a second after it was seen last, and some frames'
+
+
 def test_names_are_told_with_their_probability():
     """Sure after a second of five lights; a marker that is back is less so than one that stayed."""
     tracker = MarkerTracker()

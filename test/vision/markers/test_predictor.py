@@ -248,6 +248,7 @@ def test_the_tracker_tells_its_predictions():
         expected = np.array(results[-1].predictions)
         found = np.array([(m.x, m.y) for m in results[-1].markers])
         assert np.abs(expected - found).max() < 0.5
+        assert results[0].predictions == (), 'nothing was known before the first frame'
     assert results[-1].windows[0].x0 == round(expected[0, 0]) - 10
 
 
