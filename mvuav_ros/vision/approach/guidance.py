@@ -51,7 +51,8 @@ def locate(
         return _pose(values, rows, level, camera, runway_width)
 
     solution = pose(measured)
-    if not np.isfinite(solution[1:]).all():
+    # Edges of a few noisy points may meet below them: the camera is not under the ground.
+    if not (np.isfinite(solution[1:]).all() and solution[2] > 0.0):
         return Guidance()
     jacobian = _jacobian(pose, measured)
     covariance = jacobian @ noise @ jacobian.T
@@ -60,8 +61,7 @@ def locate(
         covariance[0, 0] = UNKNOWN_VARIANCE
     else:
         covariance[0, 0] += GUIDANCE.beginning_sigma**2
-    x, y, z, roll, pitch, yaw = solution.tolist()
-    return Guidance(x, y, z, roll, pitch, yaw, covariance)
+    return Guidance(*solution.tolist(), covariance)
 
 
 def _fitted(
