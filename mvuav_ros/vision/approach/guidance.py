@@ -27,7 +27,7 @@ def locate(
     camera: CameraModel,
     runway_width: float,
 ) -> Guidance:
-    """Where the camera is in the runway's frame; nothing is known of edges with too few points.
+    """Where the camera is in the runway's frame; nothing is known of few points, or if under it.
 
     The near end's row on the levelled working image is known if it is in sight. The level's slope
     has a standard deviation, rad; the runway is so many m wide from edge to edge.
@@ -51,7 +51,6 @@ def locate(
         return _pose(values, rows, level, camera, runway_width)
 
     solution = pose(measured)
-    # Edges of a few noisy points may meet below them: the camera is not under the ground.
     if not (np.isfinite(solution[1:]).all() and solution[2] > 0.0):
         return Guidance()
     jacobian = _jacobian(pose, measured)
@@ -61,7 +60,8 @@ def locate(
         covariance[0, 0] = UNKNOWN_VARIANCE
     else:
         covariance[0, 0] += GUIDANCE.beginning_sigma**2
-    return Guidance(*solution.tolist(), covariance)
+    x, y, z, roll, pitch, yaw = solution.tolist()
+    return Guidance(x, y, z, roll, pitch, yaw, covariance)
 
 
 def _fitted(
