@@ -329,8 +329,7 @@ class Finder:
         self.tracker: RunwayTracker | RoadTracker
         self.tracker = RunwayTracker() if target == 'runway' else RoadTracker(TARGETS[target])
         self._horizon: HorizonFinder | None = None
-        # Frames in which the image has shown a horizon.
-        self._seen = 0
+        self._seen = 0  # frames in which the image has shown a horizon
         self._depth = BitDepth()
 
     def step(
@@ -355,13 +354,16 @@ class Finder:
                     row = (row + 0.5) / factor - 0.5
                 sight = Sight.about(level.row_of(row), level.slope, height, seen)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
-        veto = veto or self._veto(track, sight)
+        # Without a calibration a field of view of 53 degrees is assumed.
+        focal = float(width) if camera is None else camera.k[0] / factor
+        veto = veto or self._veto(track, sight, level, focal)
         confidence = 0.0 if veto else self.tracker.confidence
-        stated = None if known is None else known.sigma
-        return Found(track, confidence, level, sight.row, veto, stated)
+        return Found(track, confidence, level, sight.row, veto, known.sigma if known else None)
 
-    def _veto(self, track: FollowedStrip | None, sight: Sight) -> str:
-        """Why nothing is reported: the picture is frozen, or the attitude contradicts the track."""
+    def _veto(
+        self, track: FollowedStrip | None, sight: Sight, level: Derotation, focal: float
+    ) -> str:
+        """Why nothing is reported: the picture is frozen, or the track can be none."""
         registration = self.tracker.registration
         if registration.unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {registration.unchanged} frames'
@@ -371,6 +373,8 @@ class Finder:
             return 'the picture is all alike'
         if registration.alike < MOTION.min_alike:
             return 'the picture shows nothing of what the last one did'
+        if track.length(focal) < track.min_length and all(track.ends_in_view(level)):
+            return 'the likeliest is too short'
         if sight.row is None or sight.meeting is None:
             return ''
         if track.lies_above(sight.row):

@@ -192,16 +192,12 @@ class HorizonFinder:
     def _follow(self, blue: NDArray[Any]) -> HorizonLine | None:
         last = None if self._frames % HORIZON.full_period == 0 else self._last
         self._frames += 1
-        self._last = None
-        if last is not None:
-            found, agreeing = _refined(last, blue)
-            if agreeing > HORIZON.min_agreement:
-                self._last = found
-        if self._last is None:
-            coarse = self._search(blue)
-            if coarse is not None:
+        self._last, agreeing = (last, 0.0) if last is None else _refined(last, blue)
+        if agreeing <= HORIZON.min_agreement:
+            self._last = self._search(blue)
+            if self._last is not None:
                 # The first fit is drawn towards the coarse line.
-                self._last = _refined(_refined(coarse, blue)[0], blue)[0]
+                self._last = _refined(_refined(self._last, blue)[0], blue)[0]
         return self._last
 
     def _search(self, blue: NDArray[Any]) -> HorizonLine | None:

@@ -27,7 +27,7 @@ def locate(
     camera: CameraModel,
     runway_width: float,
 ) -> Guidance:
-    """Where the camera is in the runway's frame; nothing is known of edges with too few points.
+    """Where the camera is in the runway's frame; nothing is known of few points, or if under it.
 
     The near end's row on the levelled working image is known if it is in sight. The level's slope
     has a standard deviation, rad; the runway is so many m wide from edge to edge.
@@ -51,7 +51,7 @@ def locate(
         return _pose(values, rows, level, camera, runway_width)
 
     solution = pose(measured)
-    if not np.isfinite(solution[1:]).all():
+    if not (np.isfinite(solution[1:]).all() and solution[2] > 0.0):
         return Guidance()
     jacobian = _jacobian(pose, measured)
     covariance = jacobian @ noise @ jacobian.T

@@ -326,10 +326,8 @@ def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:
     steps = np.stack([_steps(channel, window, seen) for channel in channels]) / unit
     sizes = np.linalg.norm(steps, axis=0)
     place = across[:-window] + 0.5 * window * SHOULDERS.step
-    return (
-        min(_clearness(size, place, window * SHOULDERS.step) for size in sizes)
-        >= SHOULDERS.min_clearness
-    )
+    clearness = min(_clearness(size, place, window * SHOULDERS.step) for size in sizes)
+    return clearness >= SHOULDERS.min_clearness
 
 
 def _steps(

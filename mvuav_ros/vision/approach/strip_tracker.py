@@ -107,12 +107,11 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     def step(self, frame: LevelledFrame, pixels: NDArray[Any], sight: Sight) -> RunwayTrack | None:
         """The likeliest track in the next frame, of which ``pixels`` are the working image."""
-        if self._frame % TRACKER.scene_frames == 0:
-            self._scene = None
         self.registration.take(pixels)
         self._overlaid.take(self.registration.gray)
         self._turn(frame.level)
-        working = LevelledImage(pixels, frame.level, self._scene, self._overlaid.mask)
+        scene = self._scene if self._frame % TRACKER.scene_frames else None
+        working = LevelledImage(pixels, frame.level, scene, self._overlaid.mask)
         view = View(frame, working, sight, self.registration)
         for track in self.tracks:
             shown = track is self.best
@@ -126,18 +125,13 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             and working.share_hidden(track.strip()) < TRACKER.max_hidden
         ]
         self._merge()
-        if self._frame % self._search_period() == 0:
+        period = TRACKER.period_later if self._rounds else TRACKER.period_first
+        if self._frame % (TRACKER.period_certain if self.certain else period) == 0:
             self._start(self._search(view, sight), view)
         self._frame += 1
         self._scene = working.whole_scene
         self._choose()
         return self.best
-
-    def _search_period(self) -> int:
-        """Frames from one share of the search to the next."""
-        if self.certain:
-            return TRACKER.period_certain
-        return TRACKER.period_later if self._rounds else TRACKER.period_first
 
     def _search(self, view: View, sight: Sight) -> Candidates:
         """What is likeliest at once; after that the next few rows on one level at one depth."""

@@ -186,6 +186,7 @@ class FollowedStrip:
     """A strip that is followed, whatever it is: what the tracker needs to know of it."""
 
     max_misses: ClassVar[int]
+    min_length: ClassVar[float] = 0.0  # widths from end to end; what is shorter is something else
 
     def __init__(self, strip: Strip, log_odds: float) -> None:
         self.shape = Shape(strip)
@@ -222,6 +223,11 @@ class FollowedStrip:
     def lost(self) -> bool:
         """It has not been seen for too long."""
         return self.misses > self.max_misses
+
+    def length(self, focal: float) -> float:
+        """Widths from end to end: what is w wide and d away looks focal w / d wide, px."""
+        left, right = self.shape.slopes
+        return focal * (1.0 / self.far - 1.0 / self.near) / max(right - left, 1e-3)
 
     def lies_above(self, row: float | None) -> bool:
         """Whether it lies wholly above a row, px, if that is known."""

@@ -131,6 +131,7 @@ class RunwayTrack(FollowedStrip):
     """
 
     max_misses = 4
+    min_length = TRACK.min_length
 
     def __init__(self, strip: Strip, log_odds: float) -> None:
         super().__init__(strip, log_odds)
@@ -273,8 +274,7 @@ class RunwayTrack(FollowedStrip):
         self, view: View, strip: Strip, rows: NDArray[np.float64], *, weighed: bool
     ) -> None:
         """Find the edges about a strip between two rows, by the likeliest kind."""
-        left, right = columns_at(strip[None], rows)[0, :, 1].tolist()
-        width = right - left
+        width = _width(strip)
         measured: dict[EdgeKind, Edges | None] = {}
         if weighed and not self.locked:
             measured[EdgeKind.STRIPS] = points_along(strip, rows, self._spread)

@@ -290,6 +290,7 @@ class TrackTuning:
     shoulder_memory: tuple[float, float, float] = (0.8, 0.4, 0.12)
     # what of it makes them possible and certain. Run 3
     shoulder_range: tuple[float, float] = (0.3, 0.6)
+    min_length: float = 5.0  # widths from end to end, of which the shortest runways have ten
     strips_around: int = 14  # tried around the mean each time
     miss_memory: float = 0.15  # share of a frame that does not show it in what a track remembers
     missed_odds: float = -4.0  # log odds of a weighing in which nothing is there

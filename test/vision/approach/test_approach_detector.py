@@ -13,6 +13,7 @@ from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.overlay import draw_approach
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.runway.results import LineRole
@@ -300,3 +301,17 @@ def test_edges_that_do_not_meet_at_the_attitudes_horizon_are_no_runway(images):
         again = detector.process(images[-1], 10**9, HorizonLine(y + off * px, 0.0))
         assert (again.corners is not None) == is_reported, again.status
         assert ('do not meet' in again.status) != is_reported
+
+
+def test_what_is_too_short_for_a_runway_is_not_reported(images):
+    """The same picture through a wider lens shows a strip of fewer widths from end to end."""
+    detector = ApproachDetector(APPROACH)
+    height, width = images[0].shape[:2]
+    for index, (field, is_reported) in enumerate([(1.0, True), (16.0, False), (1.0, True)]):
+        focal = width / field
+        detector.set_camera(
+            CameraModel(width, height, (focal, 0, width / 2, 0, focal, height / 2, 0, 0, 1))
+        )
+        result = detector.process(images[index], index)
+        assert (result.corners is not None) == is_reported, result.status
+        assert ('too short' in result.status) != is_reported

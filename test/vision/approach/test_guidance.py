@@ -118,3 +118,15 @@ def test_points_where_the_lens_model_has_turned_back_say_nothing():
     found, known = (locate(each, 470.0, level, 0.001, camera, 30.0) for each in (near, cut))
     assert (found.y, found.z, found.yaw) == pytest.approx((known.y, known.z, known.yaw))
     assert math.isnan(found.x)
+
+
+def test_edges_that_meet_below_them_show_no_height():
+    """Few points of a small strip may lie so; the camera would be under the ground."""
+    rows = np.linspace(250.0, 400.0, 8)
+    edges = [
+        EdgePoints(rows, first + slope * (rows - 250.0), np.ones(8), 1.0)
+        for first, slope in ((300.0, 0.2), (360.0, -0.05))
+    ]
+    guidance = locate(edges, None, Derotation(640, 480, 1, 0.0), 0.001, CAMERA, 30.0)
+    assert not guidance.known and math.isnan(guidance.z)
+    assert np.array_equal(guidance.covariance, UNKNOWN_VARIANCE * np.eye(6))

@@ -184,3 +184,12 @@ def test_a_runway_whose_edges_have_become_parallel_is_given_up(monkeypatch):
     monkeypatch.setattr(RunwayTrack, '_measure', parallel)
     track.step(seen, 1)
     assert track.lost
+
+
+@pytest.mark.parametrize('height', [30.0, 200.0])
+def test_the_length_of_a_runway_is_the_same_from_everywhere(height):
+    """1200 m by 40 m, whose near end is 500 m ahead; a focal length of 300 px."""
+    focal, width, near, far = 300.0, 40.0, 500.0, 1700.0
+    half = 0.5 * width / height
+    strip = np.array([160, 60, -half, half, focal * height / far, focal * height / near])
+    assert RunwayTrack(strip, 0.0).length(focal) == pytest.approx((far - near) / width)
