@@ -87,6 +87,9 @@ def calibrate_from(
     rig, before, best = rough, 0.0, None
     for number in range(1, _MAX_PASSES + 1):
         frames, used, detections = name_lights(source, rig, camera, parameters, advance)
+        if best is None and not len(detections.frames):
+            nameless = f'no light of {rough.name} is named in {frames} images: '
+            raise RigCalibrationError(nameless + _signs(source, rough, used, parameters))
         if best is not None and len(detections.frames) <= _MORE * before:
             break
         before = len(detections.frames)
@@ -96,6 +99,18 @@ def calibrate_from(
         best = CalibratedRig(rig, rough, used, detections, found, frames, number)
     assert best is not None
     return best
+
+
+def _signs(
+    source: FrameSource, rig: MarkerRig, camera: CameraModel, parameters: MarkerTrackerParameters
+) -> str:
+    """With which signs of a rig's coordinates its lights are named in a flight, in words."""
+    for axes, signs in {'y or z': (1, -1, 1), 'x': (-1, 1, 1), 'x and y': (-1, -1, 1)}.items():
+        places: list[Point] = [(x, y, z) for x, y, z in (rig.positions * signs).tolist()]
+        other = replace(rig, markers=tuple(zip(rig.names, places, strict=True)))
+        if len(name_lights(source, other, camera, parameters, lambda frames: None)[2].frames):
+            return f'they are with the other sign of {axes}; x is forward, y left, z up'
+    return 'see mvuav rig check, and the threshold of marker_tracker (--param)'
 
 
 def _between(rough: MarkerRig, first: str, second: str, metres: float) -> tuple[int, int, float]:
@@ -146,12 +161,7 @@ def name_lights(
         raise SourceError(f'{source.name}: {error}') from error
     if used is None:
         raise nothing_to_read(source)
-    if not rows:
-        raise RigCalibrationError(
-            f'no light of {rig.name} is named in {count} images: see mvuav rig check, and the '
-            'threshold of marker_tracker (--param)'
-        )
-    table = np.array(rows)
+    table = np.array(rows).reshape(-1, 4)
     frames, markers = (table[:, column].astype(np.intp) for column in (0, 1))
     return count, used, MarkerDetections(frames, markers, table[:, 2:])
 

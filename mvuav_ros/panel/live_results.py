@@ -185,7 +185,7 @@ class Figures:
         if is_safe:
             levels = sanitized.key_values(status.values)
             largest = max(sanitized.number(levels[name]) for name in _LEVELS if name in levels)
-            words = f'protection level {_written(largest, " m")}'
+            words = f'protection level {_written(largest, " m", largest)}'
         self._integrity = is_safe, words
 
     def _take_lines(self, rows: Any) -> None:
@@ -243,12 +243,15 @@ def _side(value: float) -> str:
 
 def _figure(name: str, value: float, deviation: float, unit: str) -> Figure:
     known = deviation < _MAX_VALUE and not math.isnan(value)
-    return name, _written(value, unit), f'± {deviation:.2g}{unit}' if known else ''
+    shown = _written(value, unit, deviation if known else 1.0)
+    return name, shown, f'± {deviation:.2g}{unit}' if known else ''
 
 
-def _written(value: float, unit: str) -> str:
+def _written(value: float, unit: str, exact: float = 1.0) -> str:
+    # A tenth is too coarse for a body of 1 m: to the digit that is known, and the third at most.
+    digits = 1 if exact >= 0.1 else 2 if exact >= 0.01 else 3
     # Adding 0 makes -0.0 a 0.0.
-    return f'{round(value, 1) + 0.0:.1f}{unit}' if abs(value) < _MAX_VALUE else '-'
+    return f'{round(value, digits) + 0.0:.{digits}f}{unit}' if abs(value) < _MAX_VALUE else '-'
 
 
 class SeriesFeed:

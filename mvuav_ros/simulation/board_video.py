@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ Array = NDArray[np.float64]
 TEXEL = 40  # px of the board's picture along a square
 COLUMNS, ROWS = 9, 6  # inner corners of the board
 SQUARE = 0.03  # side of a square, m
+_remap: Any = cv2.remap
 WIDTH, HEIGHT = 640, 480  # of the images through a lens from the seed, px
 
 
@@ -75,26 +77,22 @@ class BoardVideo:
         ground = float(rng.uniform(60, 160))
         camera = self.camera
         size = camera.width, camera.height
-        # Seen by a pinhole camera twice as fine, at the centres of quarters of pixels, then bent.
+        # Of the centres of quarters of pixels.
         axes = (np.arange(2 * side) / 2 - 0.25 for side in size)
         pixels = np.stack(np.meshgrid(*axes), axis=-1)
-        rays = camera.undistort(pixels.reshape(-1, 2)).reshape(pixels.shape)
-        focal = 2.0 * camera.k[0]
-        shift = focal * float(np.abs(rays).max())
-        bend = np.ascontiguousarray(np.moveaxis((rays * focal + shift).astype(np.float32), 2, 0))
-        pinhole = np.array([(focal, 0, shift), (0, focal, shift), (0, 0, 1)])
-        whole = (int(2 * shift) + 2,) * 2
+        rays = camera.undistort(pixels.reshape(-1, 2)).reshape(pixels.shape).astype(np.float32)
+        picture = self.picture()
         for pose, step in self.poses():
             squares = pose[5] / camera.k[0] / SQUARE  # per pixel
             noise = rng.normal(0, self.corner_noise * squares, (ROWS, COLUMNS, 2))
-            picture = self._moved(noise)
+            moved = np.pad(noise, ((2, 2), (2, 2), (0, 0)), mode='edge').astype(np.float32)
             # Over four tenths of the time between two frames.
             parts = np.linspace(-0.2, 0.2, 5) if step.any() else np.zeros(1)
-            mean = np.zeros(bend.shape[1:], np.float32)
+            mean = np.zeros(rays.shape[:2], np.float32)
             for part in parts:
-                plane = pinhole @ self._texels(pose + part * step)
-                flat = cv2.warpPerspective(picture, plane, whole, borderValue=(ground,))
-                mean += cv2.remap(flat, bend[0], bend[1], cv2.INTER_LINEAR)
+                met = cv2.perspectiveTransform(rays, self._texels(pose + part * step))
+                met -= TEXEL * _remap(moved, (met + 0.5) / TEXEL, None, cv2.INTER_LINEAR)
+                mean += _remap(picture, met, None, cv2.INTER_LINEAR, borderValue=(ground,))
             image = cv2.resize(mean / len(parts), size, interpolation=cv2.INTER_AREA)
             image = cv2.GaussianBlur(image, (0, 0), 0.6)
             yield np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8)
@@ -106,21 +104,11 @@ class BoardVideo:
         colors[[0, -1]], colors[:, [0, -1]] = 235, 235
         return np.kron(colors, np.ones((TEXEL, TEXEL))).astype(np.uint8)
 
-    def _moved(self, noise: Array) -> Pixels:
-        """The board with its corners moved by (rows, columns, 2) squares."""
-        picture = self.picture()
-        sides = (np.arange(side, dtype=np.float32) for side in picture.shape[::-1])
-        x, y = np.meshgrid(*sides)
-        nodes = np.pad(noise, ((2, 2), (2, 2), (0, 0)), mode='edge').astype(np.float32) * TEXEL
-        moved = cv2.remap(nodes, (x + 0.5) / TEXEL, (y + 0.5) / TEXEL, cv2.INTER_LINEAR)
-        x, y = x - moved[..., 0], y - moved[..., 1]
-        return cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-
     def _texels(self, pose: Array) -> Array:
-        """(3, 3), from the picture's pixels to the camera's frame."""
+        """(3, 3), from rays, x / z and y / z, to the picture's pixels."""
         rotation = rotation_of(pose[:3])
         place = pose[3:] + rotation @ self.corners[0]
         plane = np.column_stack((rotation[:, 0], rotation[:, 1], place))
         first = 0.5 - 2 * TEXEL
         scale = TEXEL / SQUARE
-        return np.asarray(plane @ np.array([(1, 0, first), (0, 1, first), (0, 0, scale)]))
+        return np.linalg.inv(plane @ np.array([(1, 0, first), (0, 1, first), (0, 0, scale)]))

@@ -67,7 +67,7 @@ class Board:
             raise BoardError(
                 f'{self.columns}x{self.rows} inner corners are too few: {least} at least'
             )
-        if not 0.0 < self.square < 100.0:
+        if not 0.0 < self.square < 5.0:
             raise BoardError(f'squares of {self.square:g} m cannot be; write metres, such as 0.03')
         if self.dictionary and not 0.0 < self.marker < 1.0:
             raise BoardError('markers are smaller than their squares')

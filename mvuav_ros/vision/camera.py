@@ -147,7 +147,12 @@ class CameraModel:
         return self if self.is_rectified else replace(self, is_rectified=True)
 
     def cropped(self, x: int, y: int, width: int, height: int) -> CameraModel:
-        """The calibration of a part of the images: CameraInfo's ``roi``, px."""
+        """The calibration of a part of the images: CameraInfo's ``roi``, px.
+
+        Of a part that reaches beyond them only what is inside counts: images of all of it, whose
+        calibration is no longer that of whole ones, do not `check`.
+        """
+        width, height = min(width, self.width - x), min(height, self.height - y)
         k, p = (_moved(matrix, x, y) for matrix in (self.k, self.p))
         return replace(self, width=width, height=height, k=k, p=p)
 

@@ -34,6 +34,9 @@ class LensCalibrationTuning:
     most_focal_error: float = 0.01
     # px, per axis: the least noise that is expected of a corner.
     least_noise: float = 0.02
+    # px: from where on a corner counts less and less in a fisheye's fit. OpenCV's model mirrors
+    # what is more than 90 degrees off the axis, and a view with such corners is left out.
+    outlying_corner: float = 5.0
     folds: int = 4  # parts into which views are split, each kept back once
     most_kept_back: int = 40  # views, those that differ most, that models are compared on
     better: float = 0.01  # by which part a longer model must do better on views kept back
@@ -109,8 +112,7 @@ def calibrate_camera(
     names = [name for name in _LENSES if model in ('auto', _LENSES[name].model)]
     if not names:
         raise CalibrationError(f'there is no model {model!r}: {", ".join(MODELS)}')
-    # Blurred views are found with a model that fits most lenses.
-    used = _clean(views, size, _LENSES[names[-1] if len(names) < 3 else 'plumb_bob'])
+    used = _clean(views, size, names)
     chosen = list(compress(views, used))
     kept_back = _kept_back(chosen, size, names) if len(names) > 1 else {}
     name = names[0]
@@ -225,6 +227,7 @@ def _fit_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> _Fit:
             lambda number, at, pose: _fisheye(size, at).equations(views[number], pose),
             values,
             poses,
+            TUNING.outlying_corner,
         )
         if squares < least:
             best, least = replace(_fisheye(size, values), poses=poses), squares
@@ -240,12 +243,25 @@ def _fisheye(size: tuple[int, int], values: Array) -> _Fit:
     return _Fit(CameraModel(*size, k, tuple(d), EQUIDISTANT), len(d))
 
 
-def _clean(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> NDArray[np.bool_]:
-    """Which views are not blurred or wrong, by their residuals."""
+def _misfits(
+    views: Sequence[BoardView], size: tuple[int, int], name: str, fitted: Sequence[BoardView]
+) -> Array:
+    """(n,), the rms residuals of views (px) from a lens fitted to some; infinite if none fits."""
+    try:
+        fit = _fit(fitted, size, _LENSES[name])
+    except CalibrationError:
+        return np.full(len(views), np.inf)
+    return np.array([_rms(fit.residuals(view, fit.pose(view))) for view in views])
+
+
+def _clean(
+    views: Sequence[BoardView], size: tuple[int, int], names: Sequence[str]
+) -> NDArray[np.bool_]:
+    """Which views are not blurred or wrong, by their residuals from the lens that fits most."""
     used = np.ones(len(views), np.bool_)
     for _ in range(2):
-        fit = _fit(list(compress(views, used)), size, lens)
-        rms = np.array([_rms(fit.residuals(view, fit.pose(view))) for view in views])
+        chosen = list(compress(views, used))
+        rms = min((_misfits(views, size, name, chosen) for name in names), key=np.median)
         worst = max(
             TUNING.outlying * float(np.median(rms)),
             float(np.quantile(rms, 1.0 - TUNING.most_outlying, method='lower')),
@@ -262,20 +278,12 @@ def _kept_back(
     views: Sequence[BoardView], size: tuple[int, int], names: Sequence[str]
 ) -> dict[str, float]:
     """The rms residual of each model on views that it was not fitted to, px."""
+    views, folds = views[: TUNING.most_kept_back], TUNING.folds
     errors: dict[str, list[Array]] = {name: [] for name in names}
-    views = views[: TUNING.most_kept_back]
-    folds = min(TUNING.folds, len(views) // 4)
-    if folds < 2:  # Too few to keep some back: the simplest model
-        return {name: 0.0 if name == names[0] else math.inf for name in names}
     for fold in range(folds):
         rest = [view for number, view in enumerate(views) if number % folds != fold]
         for name in names:
-            try:
-                fit = _fit(rest, size, _LENSES[name])
-            except CalibrationError:
-                errors[name].append(np.array([(np.inf, np.inf)]))
-                continue
-            errors[name] += [fit.residuals(view, fit.pose(view)) for view in views[fold::folds]]
+            errors[name].append(_misfits(views[fold::folds], size, name, rest))
     return {name: _rms(np.concatenate(found)) for name, found in errors.items()}
 
 

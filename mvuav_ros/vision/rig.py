@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -23,6 +23,7 @@ RigOrFile: TypeAlias = 'MarkerRig | str | Path'
 _NUMBERS = (int, float, np.integer, np.floating)
 
 SAME_PLACE = 1e-3  # Part of a rig's size within which two markers are in one place
+LARGEST = 300.0  # m across: beyond it millimetres were written
 MAX_NAMED = 12  # Lights that can be named at once: all threes of them are tried
 
 
@@ -111,6 +112,11 @@ class MarkerRig:
         return max(math.hypot(*translation.tolist()), math.hypot(*middle.tolist()))
 
     @property
+    def size(self) -> float:
+        """The greatest distance of two lights, m."""
+        return max(math.dist(a, b) for _, a in self.markers for _, b in self.markers)
+
+    @property
     def reach(self) -> float:
         """The greatest distance of a light from the x axis, m."""
         return max(math.hypot(y, z) for _, (_, y, z) in self.markers)
@@ -193,9 +199,11 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     if not isinstance(markers, Mapping) or not markers:
         raise RigError('"markers" must map at least one name to [x, y, z] in metres')
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
-    _refuse_same_place(lights)
     dock = content.get('dock', np.mean([position for _, position in lights], axis=0))
     rig = MarkerRig(str(content.get('name', name)), lights, dock, content.get('boom', dock))
+    _refuse_same_place(rig)
+    if rig.size > LARGEST:
+        raise RigError(f'{rig.size:.4g} m across cannot be: positions are in metres')
     if rig.reach == 0.0:
         raise RigError('all markers lie on the x axis, so roll cannot be measured')
     return rig
@@ -217,9 +225,9 @@ def rig_text(rig: MarkerRig, deviations: NDArray[np.float64]) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def _refuse_same_place(lights: Sequence[tuple[str, Point]]) -> None:
+def _refuse_same_place(rig: MarkerRig) -> None:
     """Two markers in one place are one light."""
-    size = max(math.dist(first, second) for _, first in lights for _, second in lights)
-    for (name, first), (other, second) in combinations(lights, 2):
-        if math.dist(first, second) <= SAME_PLACE * size:
+    least = SAME_PLACE * rig.size
+    for (name, first), (other, second) in combinations(rig.markers, 2):
+        if math.dist(first, second) <= least:
             raise RigError(f'{name} and {other} are at the same position')

@@ -23,6 +23,9 @@ Cycles = tuple[tuple[str, ...], ...]
 ALIKE = 0.02
 """Part of the rig's size by which a turned marker may miss another one's place and still be taken
 for it; twice what the start allows a body among other lights."""
+NEARLY = 0.5
+"""The same of a turn that is looked at for what it leaves unexplained in the image: a light that
+is out of the plane by as much may be hardly seen to be, from far away."""
 STRAIGHT = 0.01
 """Part of the rig's length by which markers on one line, or in one plane, may lie beside it."""
 FARTHEST_TILT = math.radians(40.0)
@@ -73,33 +76,39 @@ def symmetries(rig: MarkerRig) -> list[Symmetry]:
     every such pair is tried, and holds where all markers come to lie on markers.
     """
     points = rig.positions - rig.middle
-    size = float(np.linalg.norm(points, axis=1).max())
     found: dict[tuple[int, ...], Symmetry] = {}
-    for rotation in _turns(points, ALIKE * size):
-        if rotation[0, 0] < math.cos(2 * FARTHEST_TILT):
-            continue
-        apart = np.linalg.norm((points @ rotation.T)[:, None] - points, axis=2)
-        order = tuple(apart.argmin(axis=1).tolist())
-        if len(set(order)) < len(order) or apart.min(axis=1).max() > ALIKE * size:
-            continue
+    for order, rotation in _turned(points, ALIKE):
         back = tuple(np.argsort(order).tolist())
-        if order != tuple(range(len(order))) and not {order, back} & set(found):
+        if not {order, back} & set(found):
             found[order] = _symmetry(rig.names, order, rotation)
     return list(found.values())
+
+
+def _turned(points: Array, alike: float) -> Iterator[tuple[tuple[int, ...], Array]]:
+    """Where turns take each of (n, 3) points to another one, up to a part of their size."""
+    tolerance = alike * float(np.linalg.norm(points, axis=1).max())
+    for rotation in _turns(points, tolerance):
+        apart = np.linalg.norm((points @ rotation.T)[:, None] - points, axis=2)
+        order = tuple(apart.argmin(axis=1).tolist())
+        is_alike = len(set(order)) == len(order) and apart.min(axis=1).max() <= tolerance
+        is_from_behind = rotation[0, 0] >= math.cos(2 * FARTHEST_TILT)
+        if is_alike and is_from_behind and order != tuple(range(len(order))):
+            yield order, rotation
 
 
 def _turns(points: Array, tolerance: float) -> Iterator[Array]:
     """Rotations that take two of (n, 3) points to two others, as far as distances allow."""
     far = np.linalg.norm(points, axis=1)
     first = int(far.argmax())
-    beside = np.linalg.norm(np.cross(points, points[first]), axis=1)
-    second = int(beside.argmax())
+    beside = np.linalg.norm(np.cross(points[:, None], points), axis=2)
+    second = int(beside[first].argmax())
     apart = float(np.linalg.norm(points[first] - points[second]))
     here = _frame(points[first], points[second])
     for i, j in permutations(range(len(points)), 2):
         there = float(np.linalg.norm(points[i] - points[j]))
         changes = far[i] - far[first], far[j] - far[second], there - apart
-        if max(abs(change) for change in changes) <= 2 * tolerance:
+        on_one_line = beside[i, j] <= 1e-6 * beside[first, second]
+        if max(abs(change) for change in changes) <= 2 * tolerance and not on_one_line:
             yield _frame(points[i], points[j]) @ here.T
 
 
@@ -181,7 +190,10 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
 
 
 def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Confusion]:
-    """Every exchange of names with what it leaves unexplained, the worst (least) first."""
+    """Exchanges of names with what they leave unexplained, the worst (least) first.
+
+    They are those of few names, and those of all by a turn after which the rig looks similar.
+    """
     points = rig.positions - rig.middle
     views = []
     for pitch, yaw in product(TILTS_DEG, TILTS_DEG):
@@ -189,7 +201,8 @@ def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Con
         seen = camera.project(points @ turned.T + (0.0, 0.0, distance))
         views.append((seen, pitch, yaw))
     found = []
-    for order in _exchanges(len(points)):
+    orders = [*_exchanges(len(points)), *(order for order, _ in _turned(points, NEARLY))]
+    for order in dict.fromkeys(orders):
         residual, pitch, yaw = min(
             (_least_residual(points, seen[list(order)], camera), pitch, yaw)
             for seen, pitch, yaw in views

@@ -86,6 +86,14 @@ def test_the_tanker_is_ahead_and_to_the_right_in_the_axes_of_the_camera():
     assert place == [80.0, -1.5, 2.0] and np.allclose(turn, np.eye(3), atol=1e-5)
 
 
+def test_what_is_known_to_millimetres_is_shown_so():
+    near = (0.0123, -0.2, 3.1416), AHEAD
+    figures, _ = said('marker_tracker', TRACK, *near, deviations=(0.002, 0.03, 0.4, 0.1, 0.1, 0.1))
+    assert figures['right'] == ('0.012 m', '± 0.002 m')
+    assert figures['above'] == ('0.20 m', '± 0.03 m')
+    assert figures['ahead'] == ('3.1 m', '± 0.4 m')
+
+
 @pytest.mark.parametrize('number', [math.nan, math.inf, 0.0, 1e308])
 def test_what_is_no_pose_is_not_shown_as_one(number):
     for kind, values in (('marker_tracker', TRACK), ('runway_detector', APPROACH)):
@@ -161,6 +169,7 @@ def test_a_pose_that_does_not_come_any_more_is_not_shown(mode):
     ('levels', 'state', 'words'),
     [
         (RunwayLevels(2.1, 1.26, 0.01), GOOD, 'confidence 90 %, protection level 2.1 m'),
+        (RunwayLevels(0.022, 0.01, 0.01), GOOD, 'confidence 90 %, protection level 0.02 m'),
         (RunwayLevels(2.1, 4.5, 0.01), DOUBTFUL, 'confidence 90 %, protection level alert: height'),
         (
             RunwayLevels(reason='confidence too low'),

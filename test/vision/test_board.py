@@ -7,13 +7,14 @@ from support.boards import BOARD, LENSES, SIZE, view_of
 
 from mvuav_ros.simulation.board_video import BoardVideo
 from mvuav_ros.vision.board import Board, BoardError, different_views, sharpness
+from mvuav_ros.vision.camera import CameraModel
 
 NO_ARUCO = not hasattr(cv2, 'aruco')
 
 
-def rendered(seed):
+def rendered(seed, lens=None):
     """An image of a still board without noise of its corners, and where they are."""
-    video = BoardVideo(seed, places=1, corner_noise=0.0)
+    video = BoardVideo(seed, places=1, corner_noise=0.0, lens=lens)
     pose, _ = next(video.poses())
     return next(video.images()), video.camera.project(video.corners, pose[:3], pose[3:])
 
@@ -32,6 +33,12 @@ def test_corners_are_found_to_a_tenth_of_a_pixel():
     assert error(BOARD.find(large), 3 * (true + 0.5) - 0.5) < 0.45
     deep = BOARD.find(image.astype(np.uint16) * 40)
     assert error(deep, true) < 0.15
+
+
+def test_corners_are_found_through_a_lens_that_sees_what_is_beside_it():
+    k = (200, 0, 318, 0, 200, 241, 0, 0, 1)
+    image, true = rendered(4, CameraModel(*SIZE, k, (0.03, -0.01, 0, 0), 'equidistant'))
+    assert error(BOARD.find(image), true) < 0.15
 
 
 def test_an_image_without_a_board_has_none():
@@ -82,6 +89,8 @@ def test_boards_that_cannot_be():
     assert Board(3, 3, 0.03).find(np.full((100, 100), 90, np.uint8)) is None
     with pytest.raises(BoardError, match='write metres'):
         Board(9, 6, 0.0)
+    with pytest.raises(BoardError, match='squares of 30 m cannot be; write metres'):
+        Board(9, 6, 30.0)
     with pytest.raises(BoardError, match=r'no ArUco dictionary|has no aruco'):
         Board(9, 6, 0.03, 'DICT_NONE')
 

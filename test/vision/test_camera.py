@@ -191,6 +191,13 @@ def test_binned_and_cut_images_see_the_same_rays(model):
     assert binned.project(rays) == pytest.approx((whole - (101.5, 60.5)) / (4, 2))
 
 
+def test_a_part_that_reaches_beyond_the_images_is_no_calibration_of_it():
+    # A driver that gives its region's size and matrix as those of whole images, and the region.
+    driver = camera_with('plumb_bob').cropped(100, 60, 400, 320)
+    with pytest.raises(CalibrationError, match='300 x 260 px, the images are 400 x 320 px'):
+        driver.cropped(100, 60, 400, 320).check(400, 320)
+
+
 def test_binning_agrees_with_a_picture_whose_pixels_are_averaged():
     camera = CameraModel(640, 480, K)
     place = camera.project([(0.123, -0.045, 1.0)])[0]

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from support.boards import LENSES, SIZE, view_of, views_of
+from support.boards import BOARD, LENSES, SIZE, view_of, views_of
 
 from mvuav_ros.vision.board import BoardView
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
@@ -35,6 +35,35 @@ def test_a_wide_camera_held_upright_is_found():
     found = calibrate_camera(views, size).camera
     assert found.distortion_model == 'equidistant'
     assert found.k == pytest.approx(k, rel=0.01)
+
+
+@pytest.mark.parametrize('count', [5, 6, 7])
+def test_a_few_views_of_a_wide_lens_are_fitted_with_no_narrow_one(count):
+    true = LENSES['equidistant']
+    wide = CameraModel(*SIZE, (270, 0, 315, 0, 271, 243, 0, 0, 1), true.d, 'equidistant')
+    found = calibrate_camera(views_of(wide, count, noise=0.05), SIZE)
+    assert found.rms < 0.1
+    assert found.camera.k[0] == pytest.approx(270, rel=0.01)
+
+
+def test_corners_beside_the_camera_spoil_no_fisheye():
+    k = (200, 0, 318, 0, 200, 241, 0, 0, 1)
+    true = CameraModel(*SIZE, k, (0.03, -0.01, 0.004, -0.001), 'equidistant')
+    views = views_of(true, 16, noise=0.1)
+    for side in (-1.0, 1.0):
+        # OpenCV's model shows a corner 100 degrees off the axis at 80 on the other side.
+        turn, place = np.array((0.0, 1.2 * side, 0.0)), np.array((0.2 * side, 0.0, 0.06))
+        middle = BOARD.points.mean(axis=0)
+        x, y, z = ((BOARD.points - middle) @ cv2.Rodrigues(turn)[0].T + place).T
+        angle, aside = np.arctan2(np.hypot(x, y), z), np.hypot(x, y)
+        assert np.degrees(angle.max()) > 95
+        bent = sum(c * angle**p for c, p in zip((1.0, *true.d), (1, 3, 5, 7, 9), strict=True))
+        pixels = np.column_stack((318 + 200 * bent * x / aside, 241 + 200 * bent * y / aside))
+        views.append(BoardView(BOARD.points, pixels, pixels[[0, 8, -1, -9]]))
+    found = calibrate_camera(views, SIZE)
+    assert found.camera.distortion_model == 'equidistant'
+    assert np.flatnonzero(~found.used).tolist() == [16, 17]
+    assert found.camera.k == pytest.approx(k, rel=0.005)
 
 
 def test_the_deviations_are_those_of_repeated_calibrations():

@@ -133,6 +133,7 @@ def test_topics_rows_and_pose_follow_the_layout(layout):
         ('markers: 5', 'markers'),
         ('markers: {one: [0.0, 1.0, 0.0]}', '2 to 255'),
         ('markers: {"a b": [0, 1, 0], c: [0, 2, 0], d: [0, 0, 1]}', 'part of a topic'),
+        ('markers: {a: [0, 500, 0], b: [0, -500, 0], c: [0, 0, 80]}', '1000 m across cannot be'),
         ('{', 'not YAML'),
         ('name: 2024-13-45', 'not YAML: month must be in'),
         ('name: !!int ""', 'not YAML'),

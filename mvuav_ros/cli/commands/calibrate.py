@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from mvuav_ros.vision.rig import MarkerRig
     from mvuav_ros.vision.rig_examination import PoseError
 
+_MUCH = 1.0
+"""px, rms: residuals above which are worth a word; corners are found to some tenths."""
 _LITTLE = 0.6
 """Part of the image below which its coverage is worth a word."""
 
@@ -112,7 +114,9 @@ def calibrate(
         f'{search.frames} frames, board found in {len(search.views)} of {search.searched} looked '
         f'at, {found.used.sum()} views used'
     )
-    say(f'model {found.camera.distortion_model}, residual {found.rms:.3f} px rms')
+    poor = ': too much; the images are blurred, the board is bent, or the lens is another'
+    poor = poor if found.rms > _MUCH else ''
+    say(f'model {found.camera.distortion_model}, residual {found.rms:.3f} px rms{poor}')
     for what, value, deviation, unit in work.describe(found):
         say(f'{what} {value:.6g} ± {deviation:.2g} {unit}'.rstrip())
     covered = work.coverage([search.views[i] for i in chosen], search.size)
@@ -160,8 +164,7 @@ def check(
         body = load_rig(file)
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
-    size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
-    words = f'{body.name}: {len(body.names)} markers, {size:.4g} m across'
+    words = f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across'
     if len(body.names) == MIN_MARKERS:
         words += ': names, but no pose, which takes four'
     elif len(body.names) > MIN_MARKERS and is_flat(body):
@@ -172,7 +175,7 @@ def check(
         say(f'refused: {doubt}')
     if len(body.names) >= MIN_MARKERS and not is_straight(body):
         camera = pinhole_camera(width, round(0.75 * width), fov)
-        distances = distance or [size * reach for reach in _REACHES]
+        distances = distance or [body.size * reach for reach in _REACHES]
         errors = [pose_error(body, camera, value, noise) for value in distances]
         if len(body.names) > MIN_MARKERS:
             say('', f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')

@@ -64,7 +64,7 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
     # One that was kept at zero has no deviation, and is not told as if it were known exactly.
     assert camera.d[-1] == 0
     assert 'k3' not in run.out and '>k3<' not in page
-    assert 'model ' in run.out
+    assert 'model ' in run.out and 'too much' not in run.out
     assert 'fx ' in run.out
     assert sorted(path.name for path in output.parent.iterdir()) == ['nose.yaml', 'nose_report']
     in_folder = mvuav(*command[:-1], output.parent, '--force')
@@ -79,6 +79,15 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
     assert beside.error.endswith('index.html exists; --force overwrites it')
     assert 'File exists' in mvuav(*command[:-1], other, '--report', output).error
     assert load_calibration(other).k == pytest.approx(camera.k)
+
+
+def test_residuals_that_no_lens_leaves_are_worth_a_word(rendered, tmp_path, monkeypatch):
+    monkeypatch.setattr('mvuav_ros.cli.commands.calibrate._MUCH', 0.01)
+    source = write(tmp_path / 'images', rendered[1])
+    run = mvuav(
+        'calibrate', source, '--board', '9x6', '--square', 0.03, '-o', tmp_path / 'camera.yaml'
+    )
+    assert 'px rms: too much; the images are blurred, the board is bent' in run.out
 
 
 def test_nothing_to_calibrate_from(rendered, tmp_path):

@@ -115,12 +115,16 @@ def test_flights_that_do_not_tell_a_rig_leave_no_file(flights, tmp_path):
     (flights / 'empty').mkdir()
     (flights / 'broken.mp4').write_bytes(b'\0' * 5000)
     write_rig(flights / 'two.yaml', dict(list(TRUE.items())[:2]))
+    for name, signs in {'mirrored': (1, -1, 1), 'turned': (-1, -1, 1)}.items():
+        write_rig(flights / f'{name}.yaml', {key: np.multiply(p, signs) for key, p in TRUE.items()})
     camera = CameraModel(320, 240, (300, 0, 160, 0, 300, 120, 0, 0, 1))
     save_calibration(camera, flights / 'small.yaml')
     output = tmp_path / 'rig.yaml'
     reasons = {
         'does not determine the shape|is named in 90 images': {'flight': 'still.mcap'},
         '2 lights are too few': {'rig': 'two.yaml'},
+        'with the other sign of y or z; x is forward, y left': {'rig': 'mirrored.yaml'},
+        'with the other sign of x and y;': {'rig': 'turned.yaml'},
         'there is no light left in drone': {'distance': 'left:right=0.6'},
         'as in left:right=0.82': {'distance': '0.6'},
         'are 0.60.* m apart on the rough rig, not 600: is the distance in m': {
