@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
@@ -27,7 +28,7 @@ from mvuav_ros.messages.images import (
     serialize_image,
     view_coded_image,
 )
-from mvuav_ros.messages.sensors import decode_camera_info, encode_camera_info, make_header
+from mvuav_ros.messages.sensors import CameraInfoDecoder, encode_camera_info, make_header
 from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes
 from mvuav_ros.nodes.image_input import TRANSPORT_TYPES, ReceivedImage, camera_info_topic
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
@@ -124,6 +125,7 @@ class FramePublisher:
         # Resolved first, so that a remapping of image_raw moves the compressed topic along.
         compressed = node.resolve_topic_name('image_raw') + '/compressed'
         self._compressed = create_result_publisher(node, CompressedImage, compressed)
+        self._decoder = CameraInfoDecoder(str(self._images.topic_name))
 
     @property
     def subscribers(self) -> int:
@@ -161,12 +163,13 @@ class FramePublisher:
         info = CameraInfo(header=header, width=image.width, height=image.height)
         if camera is not None:
             info = encode_camera_info(camera, header)
+        data = serialize_message(info)
+        _, known = self._decoder.decode(data)
+        beside = known, frame.attitude, frame.static_transforms
         for listener in self._listeners:
-            decoded = decode_camera_info(info, str(self._images.topic_name))
-            beside = decoded, frame.attitude, frame.static_transforms
             listener(Frame(stamp_ns, frame_id, image, *beside))
         if heard:
-            self._infos.publish(info)
+            self._infos.publish(data)
 
 
 def as_encoding(image: Image, encoding: str) -> Image:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
 from support.commands import mvuav, mvuav_process, read
 
@@ -19,13 +20,17 @@ from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import IMAGE, serialize_image
 from mvuav_ros.messages.sensors import (
     CAMERA_INFO,
-    decode_camera_info,
+    CameraInfoDecoder,
+    decode_imu,
     encode_camera_info,
+    encode_imu,
     make_header,
 )
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.opening import make_flight, open_source
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import Attitude
+from mvuav_ros.vision.image import ImageError
 
 POSE = '/marker_tracker/pose'
 NODE = ('--nodes', 'marker_tracker')
@@ -197,13 +202,17 @@ def test_a_given_calibration_is_taken_as_rectified_too(tmp_path, truth):
     assert next(track(bag, file)).camera.matrix[0, 0] == 300.0
 
 
+def decoded(info, topic=''):
+    return CameraInfoDecoder(topic).decode(serialize_message(info))[1]
+
+
 def test_rectified_images_stay_so_under_another_topic(tmp_path):
     """As by way of video_source, who publishes whatever it plays as image_raw."""
     bag = rectified_bag(tmp_path / 'bag.mcap', '/nose/image_rect')
     frame = next(open_source(str(bag)).frames())
     info = encode_camera_info(frame.camera, make_header(0, 'nose'))
     for topic in ('/image_raw', '/image_rect'):
-        camera = decode_camera_info(info, topic)
+        camera = decoded(info, topic)
         camera.check(640, 480)
         assert camera.matrix.tolist() == [[300.0, 0.0, 310.0], [0.0, 300.0, 245.0], [0, 0, 1]]
         assert camera.is_straight
@@ -214,10 +223,41 @@ def test_binning_and_the_region_of_interest_are_applied():
     info = encode_camera_info(CameraModel(640, 480, k), make_header(0, 'nose'))
     info.binning_x = info.binning_y = 2
     info.roi.x_offset, info.roi.y_offset, info.roi.width, info.roi.height = 100, 40, 320, 400
-    camera = decode_camera_info(info)
+    camera = decoded(info)
     camera.check(160, 200)
     assert camera.matrix[0].tolist() == [250.0, 0.0, (320 - 100 - 0.5) / 2]
     assert camera.matrix[1].tolist() == [0.0, 245.0, (240 - 40 - 0.5) / 2]
     # A region that is the whole image, and one of zero size, are none.
     info.binning_x, info.binning_y, info.roi.width, info.roi.height = 1, 0, 0, 0
-    assert decode_camera_info(info).matrix[0, 2] == 320.0
+    assert decoded(info).matrix[0, 2] == 320.0
+
+
+def test_a_calibration_that_comes_again_is_read_once():
+    decoder = CameraInfoDecoder()
+    camera = CameraModel(640, 480, (500.0, 0, 320, 0, 490, 240, 0, 0, 1), d=(0.1, 0, 0, 0, 0))
+
+    def decode(camera, stamp_ns):
+        info = encode_camera_info(camera, make_header(stamp_ns, 'nose'))
+        return decoder.decode(serialize_message(info))
+
+    one, again = decode(camera, 1_500_000_000), decode(camera, 2_000_000_000)
+    assert one[0] == 1_500_000_000 and again[0] == 2_000_000_000
+    assert one[1].d == camera.d and again[1] is one[1]
+    assert decode(replace(camera, d=(0.2, 0, 0, 0, 0)), 3)[1].d[0] == 0.2
+
+
+def test_a_damaged_calibration_or_attitude_is_refused_wherever_it_is_cut():
+    camera = CameraModel(640, 480, (500.0, 0, 320, 0, 490, 240, 0, 0, 1), d=(0.1, 0, 0, 0, 0))
+    header = make_header(1_500_000_000, 'nose')
+    info = serialize_message(encode_camera_info(camera, header))
+    imu = serialize_message(encode_imu((0.0, 0.6, 0.0, 0.8), 0.1, header))
+    assert decode_imu(imu) == (1_500_000_000, Attitude(0.0, 0.6, 0.0, 0.8, pytest.approx(0.1)))
+    # Of a calibration the last byte and what fills up its word are not needed.
+    for decode, data in ((CameraInfoDecoder().decode, info[:-4]), (decode_imu, imu)):
+        for length in range(len(data)):
+            with pytest.raises(ImageError):
+                decode(data[:length])
+    count = info.index(b'plumb_bob') + 12
+    assert info[count : count + 4] == b'\x05\0\0\0'
+    with pytest.raises(ImageError):
+        CameraInfoDecoder().decode(info[:count] + b'\xff\xff\xff\xff' + info[count + 4 :])
