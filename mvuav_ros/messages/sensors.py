@@ -8,16 +8,12 @@ from collections import deque
 from dataclasses import replace
 from functools import cache
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-from mvuav_ros.messages.cdr import CdrReader
+from mvuav_ros.messages.cdr import CdrReader, CdrWriter, stamped_doubles
 from mvuav_ros.parameters.common_parameters import TRANSPORTS
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
-
-if TYPE_CHECKING:  # reading needs no ROS
-    from sensor_msgs.msg import CameraInfo, Imu
-    from std_msgs.msg import Header
 
 
 @cache
@@ -127,61 +123,42 @@ def decode_imu(message: bytes | memoryview) -> tuple[int, Attitude]:
     return stamp_ns, Attitude(x, y, z, w, sigma)
 
 
+_NO_BINNING_OR_REGION = bytes(6 * 4 + 1)
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 IMU = 'sensor_msgs/msg/Imu'
 
-_UNKNOWN = [-1.0, *[0.0] * 8]
+_UNKNOWN = (-1.0, *[0.0] * 8)
 """REP 145."""
 
 
-def make_header(stamp_ns: int, frame_id: str) -> Header:
-    """The header of a message from its stamp (ns) and frame."""
-    from builtin_interfaces.msg import Time
-    from std_msgs.msg import Header
-
-    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
-
-
-def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
-    """A calibration as a message; without a rectification it is that of an undistorted image.
+def encode_camera_info(camera: CameraModel, header: bytes) -> bytes:
+    """A CameraInfo in CDR; without a rectification it is that of an undistorted image.
 
     Of rectified images, K is what holds for them, so that it does under any topic.
     """
-    from sensor_msgs.msg import CameraInfo
-
     if camera.is_rectified:
         k = tuple(camera.matrix.ravel().tolist())
         camera = replace(camera, k=k, d=(), r=(), distortion_model='plumb_bob')
     fx, _, cx, _, fy, cy, *_ = camera.k
-    return CameraInfo(
-        header=header,
-        width=camera.width,
-        height=camera.height,
-        distortion_model=camera.distortion_model,
-        d=list(camera.d),
-        k=list(camera.k),
-        r=list(camera.r or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)),
-        p=list(camera.p or (fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0)),
-    )
+    r = camera.r or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    p = camera.p or (fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0)
+    writer = CdrWriter(header)
+    writer.numbers('II', camera.height, camera.width)
+    writer.text(camera.distortion_model)
+    writer.numbers('I', len(camera.d))
+    writer.numbers(f'{len(camera.d) + 30}d', *camera.d, *camera.k, *r, *p)
+    writer.written(_NO_BINNING_OR_REGION)
+    return writer.message()
 
 
-def encode_imu(orientation: tuple[float, ...], sigma: float, header: Header) -> Imu:
-    """The body's orientation in a level world (x, y, z, w), without rates and accelerations.
+def encode_imu(orientation: tuple[float, ...], sigma: float, header: bytes) -> bytes:
+    """An Imu in CDR: the body's orientation in a level world (x, y, z, w), and nothing else.
 
     The standard deviation, rad, is that of each angle.
     """
-    from geometry_msgs.msg import Quaternion
-    from sensor_msgs.msg import Imu
-
-    x, y, z, w = orientation
-    return Imu(
-        header=header,
-        orientation=Quaternion(x=x, y=y, z=z, w=w),
-        orientation_covariance=[sigma**2, *[0.0, 0.0, 0.0, sigma**2] * 2],
-        angular_velocity_covariance=list(_UNKNOWN),
-        linear_acceleration_covariance=list(_UNKNOWN),
-    )
+    covariance = (sigma**2, *(0.0, 0.0, 0.0, sigma**2) * 2)
+    nothing = (0.0, 0.0, 0.0, *_UNKNOWN)
+    return stamped_doubles(header, *orientation, *covariance, *nothing, *nothing)
 
 
 InfoT = TypeVar('InfoT')

@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
@@ -28,7 +27,7 @@ from mvuav_ros.messages.images import (
     serialize_image,
     view_coded_image,
 )
-from mvuav_ros.messages.sensors import CameraInfoDecoder, encode_camera_info, make_header
+from mvuav_ros.messages.sensors import CameraInfoDecoder, encode_camera_info
 from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes
 from mvuav_ros.nodes.image_input import TRANSPORT_TYPES, ReceivedImage, camera_info_topic
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
@@ -106,6 +105,10 @@ class ResultPublishers:
             self._node.destroy_publisher(publisher)
 
 
+_NO_CALIBRATION: tuple[Any, ...] = ((0.0,) * 9, (), '', (0.0,) * 9, (0.0,) * 12)
+"""K, d, its model, R and P."""
+
+
 class FramePublisher:
     """Publishes frames where somebody listens, and hands them to detectors of this process."""
 
@@ -158,18 +161,16 @@ class FramePublisher:
         heard = is_heard(self._infos)
         if not heard and not self._listeners:
             return
-        camera, header = self._calibration or frame.camera, make_header(stamp_ns, frame_id)
-        # All-zero matrices say that the camera is not calibrated.
-        info = CameraInfo(header=header, width=image.width, height=image.height)
-        if camera is not None:
-            info = encode_camera_info(camera, header)
-        data = serialize_message(info)
-        _, known = self._decoder.decode(data)
-        beside = known, frame.attitude, frame.static_transforms
+        camera = self._calibration or frame.camera
+        if camera is None:
+            # All-zero matrices say that the camera is not calibrated.
+            camera = CameraModel(image.width, image.height, *_NO_CALIBRATION)
+        info = encode_camera_info(camera, cdr_header(stamp_ns, frame_id))
+        beside = self._decoder.decode(info)[1], frame.attitude, frame.static_transforms
         for listener in self._listeners:
             listener(Frame(stamp_ns, frame_id, image, *beside))
         if heard:
-            self._infos.publish(data)
+            self._infos.publish(info)
 
 
 def as_encoding(image: Image, encoding: str) -> Image:
