@@ -107,13 +107,14 @@ class CdrReader:
         self._view = memoryview(message)
         self._position = len(_ENCAPSULATION)
 
-    def numbers(self, layout: str) -> tuple[int, ...]:
-        """Numbers of one size each aligned to it, such as ``II``."""
-        size = _SIZES[layout[0]]
+    def numbers(self, layout: str) -> tuple[Any, ...]:
+        """Numbers of one size each aligned to it, such as ``II`` or ``3d``."""
+        size = _SIZES[layout[-1]]
         position = self._position + -(self._position - len(_ENCAPSULATION)) % size
-        self._position = position + size * len(layout)
+        layout = self._order + layout
         try:
-            return struct.unpack_from(self._order + layout, self._view, position)
+            self._position = position + struct.calcsize(layout)
+            return struct.unpack_from(layout, self._view, position)
         except struct.error:
             raise ImageError(f'the message ends after {len(self._view)} bytes') from None
 

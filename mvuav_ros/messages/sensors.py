@@ -8,15 +8,12 @@ from collections import deque
 from dataclasses import replace
 from functools import cache
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
+from mvuav_ros.messages.cdr import CdrReader, CdrWriter, stamped_doubles
 from mvuav_ros.parameters.common_parameters import TRANSPORTS
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
-
-if TYPE_CHECKING:  # reading needs no ROS
-    from sensor_msgs.msg import CameraInfo, Imu
-    from std_msgs.msg import Header
 
 
 @cache
@@ -53,99 +50,115 @@ def is_rectified_topic(topic: str) -> bool:
     return any(word.startswith('image_rect') for word in words[-2:])
 
 
-def decode_camera_info(message: Any, image_topic: str = '') -> CameraModel:
-    """The calibration of a sensor_msgs/CameraInfo, usable or not (see `CameraModel.check`).
+_STAMP_START, _STAMP_END = 4, 12
+"""Of a message that begins with a header."""
 
-    It is that of the images as they are: cut to the region of interest, binned, and rectified if
-    the name of their topic says so.
+
+class CameraInfoDecoder:
+    """Decodes CameraInfo messages in CDR; the same for live nodes and recordings.
+
+    A camera sends its calibration with each image: it is read where the last message had another.
     """
-    camera = CameraModel(
-        width=int(message.width),
-        height=int(message.height),
-        k=tuple(map(float, message.k)),
-        d=tuple(map(float, message.d)),
-        distortion_model=str(message.distortion_model),
-        r=tuple(map(float, message.r)),
-        p=tuple(map(float, message.p)),
-        is_rectified=is_rectified_topic(image_topic),
-    )
-    roi = message.roi
-    if roi.width and roi.height:
-        part = roi.x_offset, roi.y_offset, roi.width, roi.height
-        if part != (0, 0, camera.width, camera.height):
-            camera = camera.cropped(*map(int, part))
-    binning = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
-    return camera if binning == (1, 1) else camera.binned(*binning)
+
+    def __init__(self, image_topic: str = '') -> None:
+        """Of a camera whose images have this topic."""
+        self._is_rectified = is_rectified_topic(image_topic)
+        self._known: tuple[bytes, CameraModel] | None = None
+
+    def decode(self, message: bytes | memoryview) -> tuple[int, CameraModel]:
+        """The stamp (ns) and the calibration, usable or not (see `CameraModel.check`).
+
+        It is that of the images as they are: cut to the region of interest, binned, and rectified
+        if the name of their topic says so.
+
+        Raises:
+            ImageError: the message is damaged.
+        """
+        reader = CdrReader(message)
+        stamp_ns = _stamp_ns(reader)
+        others = bytes(message[:_STAMP_START]) + bytes(message[_STAMP_END:])
+        if self._known is None or self._known[0] != others:
+            self._known = others, self._read(reader)
+        return stamp_ns, self._known[1]
+
+    def _read(self, reader: CdrReader) -> CameraModel:
+        reader.text('frame_id')
+        height, width = reader.numbers('II')
+        model = reader.text('distortion_model')
+        counts = (*reader.numbers('I'), 9, 9, 12)
+        d, k, r, p = (reader.numbers(f'{count}d') for count in counts)
+        camera = CameraModel(width, height, k, d, model, r, p, is_rectified=self._is_rectified)
+        across, down, x, y, rows, columns = reader.numbers('6I')
+        if columns and rows and (x, y, columns, rows) != (0, 0, width, height):
+            camera = camera.cropped(x, y, columns, rows)
+        binning = max(across, 1), max(down, 1)
+        return camera if binning == (1, 1) else camera.binned(*binning)
+
+
+def _stamp_ns(reader: CdrReader) -> int:
+    """A header's, also one that is no time: calibrations and attitudes are only paired by it."""
+    seconds, nanoseconds = reader.numbers('iI')
+    return int(seconds * 1_000_000_000 + nanoseconds)
 
 
 UNKNOWN_ATTITUDE = Attitude(*[math.nan] * 4)
 """Where a sensor sends something, and what it sends says nothing of an image."""
 
 
-def decode_imu(message: Any) -> Attitude:
-    """The orientation of a sensor_msgs/Imu, `valid` or not; unknown where it has none (REP 145)."""
-    variances = [float(message.orientation_covariance[place]) for place in (0, 4)]
-    if variances[0] == -1.0:
-        return UNKNOWN_ATTITUDE
-    given, sigma = message.orientation, math.sqrt(max(0.0, *variances))
-    return Attitude(float(given.x), float(given.y), float(given.z), float(given.w), sigma)
+def decode_imu(message: bytes | memoryview) -> tuple[int, Attitude]:
+    """The stamp (ns) and orientation of an Imu in CDR; unknown where it has none (REP 145).
+
+    The orientation may be `valid` or not.
+
+    Raises:
+        ImageError: the message is damaged.
+    """
+    reader = CdrReader(message)
+    stamp_ns = _stamp_ns(reader)
+    reader.text('frame_id')
+    x, y, z, w, *covariance = reader.numbers('37d')[:13]
+    if covariance[0] == -1.0:
+        return stamp_ns, UNKNOWN_ATTITUDE
+    sigma = math.sqrt(max(0.0, covariance[0], covariance[4]))
+    return stamp_ns, Attitude(x, y, z, w, sigma)
 
 
+_NO_BINNING_OR_REGION = bytes(6 * 4 + 1)
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 IMU = 'sensor_msgs/msg/Imu'
 
-_UNKNOWN = [-1.0, *[0.0] * 8]
+_UNKNOWN = (-1.0, *[0.0] * 8)
 """REP 145."""
 
 
-def make_header(stamp_ns: int, frame_id: str) -> Header:
-    """The header of a message from its stamp (ns) and frame."""
-    from builtin_interfaces.msg import Time
-    from std_msgs.msg import Header
-
-    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
-
-
-def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
-    """A calibration as a message; without a rectification it is that of an undistorted image.
+def encode_camera_info(camera: CameraModel, header: bytes) -> bytes:
+    """A CameraInfo in CDR; without a rectification it is that of an undistorted image.
 
     Of rectified images, K is what holds for them, so that it does under any topic.
     """
-    from sensor_msgs.msg import CameraInfo
-
     if camera.is_rectified:
         k = tuple(camera.matrix.ravel().tolist())
         camera = replace(camera, k=k, d=(), r=(), distortion_model='plumb_bob')
     fx, _, cx, _, fy, cy, *_ = camera.k
-    return CameraInfo(
-        header=header,
-        width=camera.width,
-        height=camera.height,
-        distortion_model=camera.distortion_model,
-        d=list(camera.d),
-        k=list(camera.k),
-        r=list(camera.r or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)),
-        p=list(camera.p or (fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0)),
-    )
+    r = camera.r or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    p = camera.p or (fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0)
+    writer = CdrWriter(header)
+    writer.numbers('II', camera.height, camera.width)
+    writer.text(camera.distortion_model)
+    writer.numbers('I', len(camera.d))
+    writer.numbers(f'{len(camera.d) + 30}d', *camera.d, *camera.k, *r, *p)
+    writer.written(_NO_BINNING_OR_REGION)
+    return writer.message()
 
 
-def encode_imu(orientation: tuple[float, ...], sigma: float, header: Header) -> Imu:
-    """The body's orientation in a level world (x, y, z, w), without rates and accelerations.
+def encode_imu(orientation: tuple[float, ...], sigma: float, header: bytes) -> bytes:
+    """An Imu in CDR: the body's orientation in a level world (x, y, z, w), and nothing else.
 
     The standard deviation, rad, is that of each angle.
     """
-    from geometry_msgs.msg import Quaternion
-    from sensor_msgs.msg import Imu
-
-    x, y, z, w = orientation
-    return Imu(
-        header=header,
-        orientation=Quaternion(x=x, y=y, z=z, w=w),
-        orientation_covariance=[sigma**2, *[0.0, 0.0, 0.0, sigma**2] * 2],
-        angular_velocity_covariance=list(_UNKNOWN),
-        linear_acceleration_covariance=list(_UNKNOWN),
-    )
+    covariance = (sigma**2, *(0.0, 0.0, 0.0, sigma**2) * 2)
+    nothing = (0.0, 0.0, 0.0, *_UNKNOWN)
+    return stamped_doubles(header, *orientation, *covariance, *nothing, *nothing)
 
 
 InfoT = TypeVar('InfoT')

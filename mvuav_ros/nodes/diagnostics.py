@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
@@ -23,13 +24,6 @@ from mvuav_ros.vision.image import Image
 WINDOW = 5.0
 """Seconds over which rates, latencies and recent troubles are taken."""
 _LONGEST_REASON = 300
-_PERCENTILES = {
-    'latency_p50_ms': ('total', 50),
-    'latency_p95_ms': ('total', 95),
-    'latency_p99_ms': ('total', 99),
-    **{f'{stage}_p50_ms': (stage, 50) for stage in ('transport', 'decode', 'process', 'publish')},
-}
-"""Of `FrameTimes`."""
 
 
 class FrameTimes(NamedTuple):
@@ -120,7 +114,7 @@ class FrameStatistics:
         return {
             'input_rate_hz': f'{len(self._arrivals.all()) / WINDOW:.1f}',
             'output_rate_hz': f'{len(times) / WINDOW:.1f}',
-            **{key: _percentile_ms(times, *which) for key, which in _PERCENTILES.items()},
+            **_percentiles_ms(times),
             'frames_received': str(self.received),
             'frames_processed': str(self.processed),
             'frames_rejected': str(self.rejected.total()),
@@ -133,9 +127,13 @@ def _format(image: Image) -> str:
     return f'{image.width}x{image.height} {image.encoding}'
 
 
-def _percentile_ms(times: Sequence[FrameTimes], stage: str, percent: int) -> str:
-    values = [getattr(each, stage) * 1e3 for each in times]
-    return f'{np.percentile(values, percent):.2f}' if values else 'nan'
+def _percentiles_ms(times: Sequence[FrameTimes]) -> dict[str, str]:
+    rows = np.array(times or [FrameTimes(*[math.nan] * 5)]) * 1e3
+    (*stages, p50), (*_, p95), (*_, p99) = np.percentile(rows, (50, 95, 99), axis=0).tolist()
+    values = {'latency_p50': p50, 'latency_p95': p95, 'latency_p99': p99}
+    for stage, value in zip(FrameTimes._fields[:-1], stages, strict=True):
+        values[f'{stage}_p50'] = value
+    return {f'{name}_ms': f'{value:.2f}' for name, value in values.items()}
 
 
 _SEGMENT = 1 << 19

@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from threading import Event, Lock, Thread
 from typing import Any, NamedTuple
@@ -46,10 +45,9 @@ from mvuav_ros.messages.images import (
 )
 from mvuav_ros.messages.sensors import (
     AttitudePairing,
+    CameraInfoDecoder,
     StampPairing,
-    decode_camera_info,
     decode_imu,
-    stamp_ns_of,
     type_name,
 )
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
@@ -248,13 +246,12 @@ class SynchronizedTopic:
         self, node: Node, kind: type[CameraInfo | Imu], topic: str, is_awaited: Callable[[], bool]
     ) -> None:
         """Subscribe; ``is_awaited`` says whether images are to wait, now."""
-        self.subscription = subscribe(node, kind, topic, depth=_SYNCHRONIZED_DEPTH)
+        self.subscription = subscribe(node, kind, topic, raw=True, depth=_SYNCHRONIZED_DEPTH)
         self.kind, self._is_awaited = kind, is_awaited
         self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
-        self._decode: Callable[[Any], Any] = decode_imu
+        self._decode: Callable[[bytes], tuple[int, Any]] = decode_imu
         if kind is CameraInfo:
-            images = node.resolve_topic_name('image_raw')
-            self._decode = partial(decode_camera_info, image_topic=images)
+            self._decode = CameraInfoDecoder(node.resolve_topic_name('image_raw')).decode
             self._pairing, self._field = StampPairing(), 'camera'
         else:
             self._pairing, self._field = AttitudePairing(), 'attitude'
@@ -268,9 +265,8 @@ class SynchronizedTopic:
         """Take in what has come, where this is one of the pointers of what is ready, if given."""
         if ready is not None and self.subscription.handle.pointer not in ready:
             return
-        while (taken := self.subscription.handle.take_message(self.kind, False)) is not None:
-            message: Any = taken[0]
-            self._pairing.add_info(stamp_ns_of(message.header), self._decode(message))
+        while (taken := self.subscription.handle.take_message(self.kind, True)) is not None:
+            self._pairing.add_info(*self._decode(taken[0]))
 
     def completed(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
         """The images, in their order, that need not wait any more, with what belongs to them."""

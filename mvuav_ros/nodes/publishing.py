@@ -27,7 +27,7 @@ from mvuav_ros.messages.images import (
     serialize_image,
     view_coded_image,
 )
-from mvuav_ros.messages.sensors import decode_camera_info, encode_camera_info, make_header
+from mvuav_ros.messages.sensors import CameraInfoDecoder, encode_camera_info
 from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes
 from mvuav_ros.nodes.image_input import TRANSPORT_TYPES, ReceivedImage, camera_info_topic
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
@@ -105,6 +105,10 @@ class ResultPublishers:
             self._node.destroy_publisher(publisher)
 
 
+_NO_CALIBRATION: tuple[Any, ...] = ((0.0,) * 9, (), '', (0.0,) * 9, (0.0,) * 12)
+"""K, d, its model, R and P."""
+
+
 class FramePublisher:
     """Publishes frames where somebody listens, and hands them to detectors of this process."""
 
@@ -124,6 +128,7 @@ class FramePublisher:
         # Resolved first, so that a remapping of image_raw moves the compressed topic along.
         compressed = node.resolve_topic_name('image_raw') + '/compressed'
         self._compressed = create_result_publisher(node, CompressedImage, compressed)
+        self._decoder = CameraInfoDecoder(str(self._images.topic_name))
 
     @property
     def subscribers(self) -> int:
@@ -156,14 +161,13 @@ class FramePublisher:
         heard = is_heard(self._infos)
         if not heard and not self._listeners:
             return
-        camera, header = self._calibration or frame.camera, make_header(stamp_ns, frame_id)
-        # All-zero matrices say that the camera is not calibrated.
-        info = CameraInfo(header=header, width=image.width, height=image.height)
-        if camera is not None:
-            info = encode_camera_info(camera, header)
+        camera = self._calibration or frame.camera
+        if camera is None:
+            # All-zero matrices say that the camera is not calibrated.
+            camera = CameraModel(image.width, image.height, *_NO_CALIBRATION)
+        info = encode_camera_info(camera, cdr_header(stamp_ns, frame_id))
+        beside = self._decoder.decode(info)[1], frame.attitude, frame.static_transforms
         for listener in self._listeners:
-            decoded = decode_camera_info(info, str(self._images.topic_name))
-            beside = decoded, frame.attitude, frame.static_transforms
             listener(Frame(stamp_ns, frame_id, image, *beside))
         if heard:
             self._infos.publish(info)

@@ -7,14 +7,19 @@ from collections.abc import Iterator
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
+from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
-from mvuav_ros.messages.images import OPTICAL_FRAME, serialize_image
+from mvuav_ros.messages.images import IMAGE, OPTICAL_FRAME, serialize_image
 from mvuav_ros.messages.marker_messages import encode_markers
 from mvuav_ros.messages.runway_messages import LINE
-from mvuav_ros.messages.sensors import encode_camera_info, encode_imu, make_header, type_name
+from mvuav_ros.messages.sensors import (
+    CAMERA_INFO,
+    IMU,
+    encode_camera_info,
+    encode_imu,
+    type_name,
+)
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.flight import SimulatedFrame
 from mvuav_ros.simulation.runway_flight import ATTITUDE_SIGMA, RunwayTruth, measured_attitude
@@ -35,15 +40,12 @@ def simulated_messages(
 
     The frame of the camera is that of the body as well.
     """
-    header = make_header(frame.stamp_ns, OPTICAL_FRAME)
-    info = encode_camera_info(camera, header)
-    yield '/camera_info', type_name(CameraInfo), serialize_message(info)
+    header = cdr_header(frame.stamp_ns, OPTICAL_FRAME)
+    yield '/camera_info', CAMERA_INFO, encode_camera_info(camera, header)
     if isinstance(frame.truth, RunwayTruth):
         attitude = measured_attitude(frame.truth.pose, seed, frame.stamp_ns)
-        imu = encode_imu(attitude, ATTITUDE_SIGMA, header)
-        yield '/imu', type_name(Imu), serialize_message(imu)
-    image = serialize_image(frame.image, cdr_header(frame.stamp_ns, OPTICAL_FRAME))
-    yield '/image_raw', type_name(Image), image
+        yield '/imu', IMU, encode_imu(attitude, ATTITUDE_SIGMA, header)
+    yield '/image_raw', IMAGE, serialize_image(frame.image, header)
     yield from truth_messages(frame.stamp_ns, frame.truth)
 
 

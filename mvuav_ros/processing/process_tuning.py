@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import sys
+from importlib import import_module
 
 _M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_THRESHOLD = -1, -2, -3
 _MAX_KEPT = 1 << 25
@@ -32,8 +33,10 @@ def keep_freed_memory() -> None:
 def tune_process() -> None:
     """Call once before the node is made.
 
-    Else an image would wait for 5 ms while another thread, of a service call, is in Python.
+    Else an image would wait for 5 ms while another thread, of a service call, is in Python; and
+    the first one for NumPy's masked arrays, which its medians and percentiles import when called.
     """
+    import_module('numpy.ma')
     sys.setswitchinterval(_SWITCH_INTERVAL)
     keep_freed_memory()
 

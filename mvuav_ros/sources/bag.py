@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from mvuav_ros.messages.cdr import CdrReader
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.h264_gaps import groups_needed
 from mvuav_ros.messages.images import (
@@ -29,12 +28,11 @@ from mvuav_ros.messages.sensors import (
     CAMERA_INFO,
     IMU,
     AttitudePairing,
+    CameraInfoDecoder,
     StampPairing,
-    decode_camera_info,
     decode_imu,
     is_rectified_topic,
     normalised_type,
-    stamp_ns_of,
     topic_beside,
 )
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
@@ -50,8 +48,6 @@ _MAX_NAMES = 20
 _NS = 1_000_000_000
 _END_OF_TIME = 1 << 31
 """Seconds: a stamp has 32 bits for them."""
-_STAMP_START, _STAMP_END = 4, 12
-"""Of a message that begins with a header."""
 _LEAD_IN_NS = 30 * _NS
 """Before a part: longer than a video's groups of pictures, and than between two calibrations."""
 _DECODER = ImageDecoder()
@@ -317,11 +313,10 @@ class SynchronizedTopics:
     """What belongs to images, of the topics ``beside`` them, None where there is none."""
 
     def __init__(self, image_topic: str, *beside: str | None) -> None:
-        self._image_topic = image_topic
+        self._decode_camera = CameraInfoDecoder(image_topic).decode
         self._camera_topic, self._imu_topic, self._static_topic = beside
         self.topics = {topic for topic in beside if topic}
         self._transforms: TransformTree | None = None
-        self._known: tuple[bytes, CameraModel] | None = None
         self._cameras = StampPairing[CameraModel, AnyFrame]()
         self._attitudes = AttitudePairing[AnyFrame]()
 
@@ -349,10 +344,9 @@ class SynchronizedTopics:
         """Look at a message of any topic; one topic may have messages of several types."""
         if message.topic == self._camera_topic:
             self._add_camera(message)
-        with suppress(MalformedMessageError):
+        with suppress(MalformedMessageError, ImageError):
             if (message.topic, message.type) == (self._imu_topic, IMU):
-                imu = decode_message(IMU, message.data)
-                self._attitudes.add_info(stamp_ns_of(imu.header), decode_imu(imu))
+                self._attitudes.add_info(*decode_imu(message.data))
             elif (message.topic, message.type) == (self._static_topic, TF):
                 # A new one: frames before it, which may be at work in other threads, keep theirs.
                 self._transforms = deepcopy(self._transforms or TransformTree())
@@ -380,18 +374,11 @@ class SynchronizedTopics:
             yield frame
 
     def _add_camera(self, recorded: RecordedMessage) -> bool:
-        """Whether the message could be read; as a rule it is the last one with another stamp."""
+        """Whether the message could be read."""
         if recorded.type != CAMERA_INFO:
             return False
-        data = recorded.data
-        rest = bytes(data[:_STAMP_START]) + bytes(data[_STAMP_END:])
         try:
-            if self._known is None or self._known[0] != rest:
-                message = decode_message(recorded.type, data)
-                self._known = rest, decode_camera_info(message, self._image_topic)
-            # Which image it holds for follows from any stamp, also one that is no time.
-            seconds, nanoseconds = CdrReader(data).numbers('iI')
-            self._cameras.add_info(seconds * _NS + nanoseconds, self._known[1])
-        except (MalformedMessageError, ImageError):
+            self._cameras.add_info(*self._decode_camera(recorded.data))
+        except ImageError:
             return False
         return True

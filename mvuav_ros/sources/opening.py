@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl
 
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
@@ -16,12 +17,13 @@ from mvuav_ros.parameters.yaml_text import read_yaml
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file, matching
 from mvuav_ros.recordings.remote import fetch, is_url
-from mvuav_ros.simulation.runway_flight import RunwayFlight
-from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.sources.v4l2_camera import Camera
+
+if TYPE_CHECKING:
+    from mvuav_ros.simulation.runway_flight import RunwayFlight
+    from mvuav_ros.simulation.tanker_flight import TankerFlight
 
 
 def open_source(
@@ -186,6 +188,11 @@ def planned_flight(
 
 def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFlight:
     """A ``tanker`` or ``runway`` flight with other settings; errors as of `planned_flight`."""
+    # Most sources are recordings and cameras, whose start need not wait for a simulator.
+    from mvuav_ros.simulation.runway_flight import RunwayFlight
+    from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
+    from mvuav_ros.simulation.tanker_flight import TankerFlight
+
     try:
         if kind == 'tanker':
             return TankerFlight(TankerSettings.from_mapping(given))

@@ -65,8 +65,9 @@ def select_channel(
     if channel == 'intensity':
         return intensity(image)
     if channel == 'brightest':
-        blue, green, red = (cv2.extractChannel(image, place) for place in colors)
-        return cv2.max(cv2.max(blue, green), red)
+        planes = cv2.split(image)
+        blue, green, red = (planes[place] for place in colors)
+        return cv2.max(cv2.max(blue, green, dst=blue), red, dst=blue)
     return cv2.extractChannel(image, colors[('blue', 'green', 'red').index(channel)])
 
 

@@ -56,6 +56,16 @@ def test_help_does_not_wait_for_what_only_the_work_needs():
     assert (run.returncode, run.stdout) == (0, '\n'), run.stderr + run.stdout
 
 
+def test_reading_a_recording_does_not_wait_for_the_simulator():
+    script = (
+        'import sys; from mvuav_ros import open_source; next(open_source(sys.argv[1]).frames());'
+        "print(*sorted(name for name in sys.modules if 'simulation' in name))"
+    )
+    command = [sys.executable, '-c', script, 'bags/tanker.mcap']
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (0, '\n'), run.stderr + run.stdout
+
+
 def test_no_option_is_annotated_with_text():
     """Of such options typer 0.9, which apt has, knows no short names, nor which are arguments."""
     apps, callbacks = [application()], []

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
+from support.headers import make_header
 from support.node_outputs import image_of
 
 from mvuav_ros.messages.images import decode_compressed_image, decode_image
-from mvuav_ros.messages.sensors import make_header
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
 HEADER = make_header(5_000_000_007, 'nose')

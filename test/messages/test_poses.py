@@ -19,7 +19,6 @@ from visualization_msgs.msg import Marker
 from mvuav_ros.messages import detections, poses
 from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.messages.sensors import encode_camera_info, make_header
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
@@ -78,15 +77,11 @@ def pose_of(data):
     return message.header.frame_id, matrix(numbers(pose.position), numbers(pose.orientation))
 
 
-def project(point, place, info):
-    """Px of a point of the child's frame, with a CameraInfo."""
+def project(point, place, model):
+    """Px of a point of the child's frame, in the camera's image."""
     x, y, z = (place @ [*point, 1.0])[:3]
-    k = info.k
+    k = model.k
     return k[0] * x / z + k[2], k[4] * y / z + k[5]
-
-
-def camera_info(flight):
-    return encode_camera_info(flight.camera, make_header(0, CAMERA_FRAME))
 
 
 def fly(processor, flight, *, camera=True, frame_id=CAMERA_FRAME):
@@ -107,7 +102,7 @@ def approach(**values):
 def test_a_point_of_the_runways_edge_lands_on_the_edges_pixel():
     """On that of the line that was found, and of the edge where it truly is."""
     processor = approach()
-    said, info = fly(processor, RUNWAY), camera_info(RUNWAY)
+    said, model = fly(processor, RUNWAY), RUNWAY.camera
     assert processor.topics['/tf'] is poses.TF_TYPE
     checked = 0
     for outputs, frame in zip(said, RUNWAY, strict=True):
@@ -122,8 +117,8 @@ def test_a_point_of_the_runways_edge_lands_on_the_edges_pixel():
             # On the runway, ahead of the aircraft and in the picture.
             for ahead in (150.0, 300.0, 600.0):
                 start = max(truth.pose.position[0], 0.0)
-                pixel = project((start + ahead, y, 0.0), place, info)
-                if not (0 <= pixel[0] < info.width and 0 <= pixel[1] < info.height):
+                pixel = project((start + ahead, y, 0.0), place, model)
+                if not (0 <= pixel[0] < model.width and 0 <= pixel[1] < model.height):
                     continue
                 for rho, theta in ((found['rho'], found['theta']), (edge.rho, edge.theta)):
                     distance = pixel[0] * math.cos(theta) + pixel[1] * math.sin(theta) - rho
@@ -151,7 +146,7 @@ def test_the_pose_in_the_runways_frame_is_the_inverse_of_the_transform():
 
 
 def test_the_tankers_markers_land_on_their_pixels():
-    said, info = fly(MarkerTrackerProcessor(), TANKER), camera_info(TANKER)
+    said, model = fly(MarkerTrackerProcessor(), TANKER), TANKER.camera
     checked = 0
     for outputs in said:
         assert ('/tf' in outputs) == ('vision_pose' in outputs)
@@ -162,7 +157,7 @@ def test_the_tankers_markers_land_on_their_pixels():
         rows = view_points(deserialize_message(outputs['markers'], PointCloud2))
         for point, row in zip(TANKER.rig.positions, rows, strict=True):
             if row['state'] == MarkerState.DETECTED:
-                assert math.dist(project(point, place, info), (row['x'], row['y'])) < 2.0
+                assert math.dist(project(point, place, model), (row['x'], row['y'])) < 2.0
                 checked += 1
         frame_id, camera = pose_of(outputs['vision_pose'])
         assert frame_id == 'tanker_747'

@@ -7,6 +7,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
+from support.headers import make_header
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import (
@@ -17,7 +18,6 @@ from mvuav_ros.messages.images import (
     view_coded_image,
     view_image,
 )
-from mvuav_ros.messages.sensors import make_header
 from mvuav_ros.vision.image import ENCODINGS, Image
 
 FRAME_IDS = ['', 'c', 'nose', 'a/b_optical', 'Kamera µ']

@@ -12,6 +12,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_srvs.srv import SetBool, Trigger
 from support.coded_videos import packets
 from support.graph import image_message
+from support.headers import header_bytes
 from support.live_stream import KEEP_EVERYTHING
 from support.marker_scenes import draw, tanker_at
 
@@ -69,7 +70,7 @@ def test_an_image_waits_for_the_camera_info_of_its_stamp(graph):
     for index, frame in enumerate(islice(flown, 10)):
         image = image_message(frame.image.pixels, index)
         graph.publish_images([image], hz=1e6)
-        infos.publish(encode_camera_info(flown.camera, image.header))
+        infos.publish(encode_camera_info(flown.camera, header_bytes(image.header)))
         graph.spin(0.02)
     graph.until(lambda: len(rpy) == 10, '10 answers')
     assert not any(math.isnan(message.vector.y) for message in rpy)
@@ -91,7 +92,7 @@ def test_images_whose_topic_says_so_are_rectified(graph):
     graph.until(lambda: all(count() for count in heard), 'subscribers')
     for index, frame in enumerate(islice(flown, 6)):
         image = image_message(frame.image.pixels, index)
-        infos.publish(encode_camera_info(raw, image.header))
+        infos.publish(encode_camera_info(raw, header_bytes(image.header)))
         images.publish(image)
         graph.until(lambda: len(poses) > index, 'an answer')  # noqa: B023
         if index > 2:

@@ -9,6 +9,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from support.graph import CLEAN, image_message
+from support.headers import header_bytes
 from support.marker_scenes import draw, tanker_at
 from support.places import ROOT
 
@@ -117,7 +118,7 @@ def test_a_running_node_names_each(mistakes):
 
         def inform(header, camera=camera):
             # With each image: a single one is lost where a node does not know the publisher yet.
-            infos.publish(encode_camera_info(camera, header))
+            infos.publish(encode_camera_info(camera, header_bytes(header)))
 
         mistakes.sends(publisher, tanker, words, inform=inform)
 

@@ -1,5 +1,7 @@
 """What every processor does with stamps, whatever it computes; what is known first."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -126,3 +128,37 @@ def test_lights_without_names_need_no_calibration():
     processor.set_camera(CameraModel(640, 480, (0.0,) * 9))
     assert results(processor, 1) and processor.status == ''
     assert not processor.awaits_camera_info
+
+
+FRAMES_OF_A_FRESH_PROCESS = """
+import sys
+from mvuav_ros.processing.process_tuning import tune_process
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.sources.opening import open_source
+
+name, mode, bag = sys.argv[1:]
+processor = PROCESSORS[name]()
+processor.configure(processor.parameters_type.from_mapping({'mode': mode}))
+frames = list(open_source(bag).frames())
+tune_process()
+before = set(sys.modules)
+for frame in frames[:40]:
+    for output in [*processor.process(frame), *processor.draw(processor.debug_topics)]:
+        output.make()
+print(*sorted(set(sys.modules) - before))
+"""
+
+
+@pytest.mark.parametrize(
+    ('name', 'mode', 'bag'),
+    [
+        ('marker_tracker', 'track', 'tanker'),
+        ('runway_detector', 'thesis', 'runway'),
+        ('runway_detector', 'approach', 'runway'),
+    ],
+)
+def test_no_frame_of_a_node_waits_for_an_import(name, mode, bag):
+    path = f'bags/{bag}.mcap'
+    command = [sys.executable, '-c', FRAMES_OF_A_FRESH_PROCESS, name, mode, path]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

@@ -17,12 +17,7 @@ from typing import Any, NamedTuple
 import mvuav_ros
 from mvuav_ros.messages.cdr import CdrReader, cdr_header
 from mvuav_ros.messages.images import IMAGE, BadFrame, Frame, serialize_image
-from mvuav_ros.messages.sensors import (
-    CAMERA_INFO,
-    encode_camera_info,
-    make_header,
-    topic_beside,
-)
+from mvuav_ros.messages.sensors import CAMERA_INFO, encode_camera_info, topic_beside
 from mvuav_ros.offline.replay.pipeline import FrameResults, Item, make_processors, replay
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
@@ -260,12 +255,9 @@ def _calibration(
     image: RecordedMessage, camera: CameraModel, topic: str
 ) -> Iterator[RecordedMessage]:
     """The CameraInfo of an image's message; none of one that is damaged."""
-    from rclpy.serialization import serialize_message
-
     with suppress(ImageError):
-        info = encode_camera_info(camera, make_header(*CdrReader(image.data).header()))
-        data = serialize_message(info)
-        yield RecordedMessage(topic, CAMERA_INFO, image.stamp_ns, data, None, RELIABLE_QOS)
+        info = encode_camera_info(camera, cdr_header(*CdrReader(image.data).header()))
+        yield RecordedMessage(topic, CAMERA_INFO, image.stamp_ns, info, None, RELIABLE_QOS)
 
 
 Progress = Callable[[JobProgress], None]

@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.tuning import PROBABILITY
 
-_FILE = 'probability.json'
+_FILE = Path(__file__).with_name('probability.json')
+_FITTED: Any = json.loads(_FILE.read_text(encoding='utf-8'))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,17 +105,12 @@ def evidence_weights(which: str) -> EvidenceWeights:
 
     Those of strips ``ahead``, or seen from ``near_by``.
     """
-    if tuple(_fitted()['features']) != FEATURES:
-        raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
-    return EvidenceWeights(**{name: np.array(value) for name, value in _fitted()[which].items()})
+    if tuple(_FITTED['features']) != FEATURES:
+        raise ValueError(f'{_FILE.name} is of other features: run tools/fit_approach.py again')
+    return EvidenceWeights(**{name: np.array(value) for name, value in _FITTED[which].items()})
 
 
 @cache
 def confidence_weights() -> NDArray[np.float64]:
     """(5,) offset and weights of `Report.values`; made by tools/fit_approach_confidence.py."""
-    return np.array(_fitted()['confidence'])
-
-
-@cache
-def _fitted() -> Any:
-    return json.loads(resources.files(__package__).joinpath(_FILE).read_text(encoding='utf-8'))
+    return np.array(_FITTED['confidence'])

@@ -43,8 +43,7 @@ class Fan:
         """Lay out where to look; depth of the near end and width of the images are in px."""
         self.depth = depth
         rows = np.geomspace(SEARCH.first_row * depth, depth, SEARCH.samples)
-        # NumPy's own unique imports its masked arrays, which takes as long as many frames.
-        self.rows = np.array(sorted(set(np.rint(rows).astype(int).tolist())))
+        self.rows = np.unique(np.rint(rows).astype(int))
         step = max(1.25, depth / 16) / depth
         count = int(SEARCH.steepest / step)
         self.slopes = (np.arange(-count, count + 1) * step).astype(np.float32)

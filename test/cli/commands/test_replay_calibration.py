@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from rosbags.typesys import Stores, get_typestore
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CameraInfo, Imu
 from support.commands import mvuav, mvuav_process, read
 
 from mvuav_ros import track
@@ -19,17 +20,20 @@ from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import IMAGE, serialize_image
 from mvuav_ros.messages.sensors import (
     CAMERA_INFO,
-    decode_camera_info,
+    CameraInfoDecoder,
+    decode_imu,
     encode_camera_info,
-    make_header,
+    encode_imu,
+    stamp_ns_of,
 )
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.opening import make_flight, open_source
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import Attitude
+from mvuav_ros.vision.image import ImageError
 
 POSE = '/marker_tracker/pose'
 NODE = ('--nodes', 'marker_tracker')
-STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def flight(distortion='-0.2,0.05,0,0'):
@@ -138,30 +142,13 @@ def rectified_bag(path: Path, topic: str) -> Path:
     info_topic = f'{topic.rpartition("/")[0]}/camera_info'
     with RecordingWriter(path) as writer:
         for frame in flight():
-            header = make_header(frame.stamp_ns, 'nose')
+            header = cdr_header(frame.stamp_ns, 'nose')
             info = encode_camera_info(replace(raw, p=tuple(p.ravel())), header)
-            data = bytes(STORE.serialize_cdr(as_stored(info), CAMERA_INFO))
-            writer.write(info_topic, CAMERA_INFO, frame.stamp_ns, data)
+            writer.write(info_topic, CAMERA_INFO, frame.stamp_ns, info)
             pixels = cv2.remap(frame.image.pixels, *maps, cv2.INTER_CUBIC)
             image = replace(frame.image, pixels=pixels)
-            message = serialize_image(image, cdr_header(frame.stamp_ns, 'nose'))
-            writer.write(topic, IMAGE, frame.stamp_ns, message)
+            writer.write(topic, IMAGE, frame.stamp_ns, serialize_image(image, header))
     return path
-
-
-def as_stored(info):
-    kinds = STORE.types
-    stamp = kinds['builtin_interfaces/msg/Time'](info.header.stamp.sec, info.header.stamp.nanosec)
-    return kinds[CAMERA_INFO](
-        header=kinds['std_msgs/msg/Header'](stamp, info.header.frame_id),
-        height=info.height,
-        width=info.width,
-        distortion_model=info.distortion_model,
-        **{name: np.array(getattr(info, name), np.float64) for name in 'dkrp'},
-        binning_x=0,
-        binning_y=0,
-        roi=kinds['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False),
-    )
 
 
 @pytest.mark.parametrize(
@@ -201,9 +188,9 @@ def test_rectified_images_stay_so_under_another_topic(tmp_path):
     """As by way of video_source, who publishes whatever it plays as image_raw."""
     bag = rectified_bag(tmp_path / 'bag.mcap', '/nose/image_rect')
     frame = next(open_source(str(bag)).frames())
-    info = encode_camera_info(frame.camera, make_header(0, 'nose'))
+    info = encode_camera_info(frame.camera, cdr_header(0, 'nose'))
     for topic in ('/image_raw', '/image_rect'):
-        camera = decode_camera_info(info, topic)
+        _, camera = CameraInfoDecoder(topic).decode(info)
         camera.check(640, 480)
         assert camera.matrix.tolist() == [[300.0, 0.0, 310.0], [0.0, 300.0, 245.0], [0, 0, 1]]
         assert camera.is_straight
@@ -211,13 +198,64 @@ def test_rectified_images_stay_so_under_another_topic(tmp_path):
 
 def test_binning_and_the_region_of_interest_are_applied():
     k = (500.0, 0, 320, 0, 490, 240, 0, 0, 1)
-    info = encode_camera_info(CameraModel(640, 480, k), make_header(0, 'nose'))
+    stored = encode_camera_info(CameraModel(640, 480, k), cdr_header(0, 'nose'))
+    info = deserialize_message(stored, CameraInfo)
     info.binning_x = info.binning_y = 2
     info.roi.x_offset, info.roi.y_offset, info.roi.width, info.roi.height = 100, 40, 320, 400
-    camera = decode_camera_info(info)
+    _, camera = CameraInfoDecoder().decode(serialize_message(info))
     camera.check(160, 200)
     assert camera.matrix[0].tolist() == [250.0, 0.0, (320 - 100 - 0.5) / 2]
     assert camera.matrix[1].tolist() == [0.0, 245.0, (240 - 40 - 0.5) / 2]
     # A region that is the whole image, and one of zero size, are none.
     info.binning_x, info.binning_y, info.roi.width, info.roi.height = 1, 0, 0, 0
-    assert decode_camera_info(info).matrix[0, 2] == 320.0
+    assert CameraInfoDecoder().decode(serialize_message(info))[1].matrix[0, 2] == 320.0
+
+
+def test_a_calibration_that_comes_again_is_read_once():
+    decoder = CameraInfoDecoder()
+    camera = CameraModel(640, 480, (500.0, 0, 320, 0, 490, 240, 0, 0, 1), d=(0.1, 0, 0, 0, 0))
+
+    def decode(camera, stamp_ns):
+        return decoder.decode(encode_camera_info(camera, cdr_header(stamp_ns, 'nose')))
+
+    one, again = decode(camera, 1_500_000_000), decode(camera, 2_000_000_000)
+    assert one[0] == 1_500_000_000 and again[0] == 2_000_000_000
+    assert one[1].d == camera.d and again[1] is one[1]
+    assert decode(replace(camera, d=(0.2, 0, 0, 0, 0)), 3)[1].d[0] == 0.2
+
+
+def test_a_damaged_calibration_or_attitude_is_refused_wherever_it_is_cut():
+    camera = CameraModel(640, 480, (500.0, 0, 320, 0, 490, 240, 0, 0, 1), d=(0.1, 0, 0, 0, 0))
+    header = cdr_header(1_500_000_000, 'nose')
+    info = encode_camera_info(camera, header)
+    imu = encode_imu((0.0, 0.6, 0.0, 0.8), 0.1, header)
+    assert decode_imu(imu) == (1_500_000_000, Attitude(0.0, 0.6, 0.0, 0.8, pytest.approx(0.1)))
+    # Of a calibration the last byte and what fills up its word are not needed.
+    for decode, data in ((CameraInfoDecoder().decode, info[:-4]), (decode_imu, imu)):
+        for length in range(len(data)):
+            with pytest.raises(ImageError):
+                decode(data[:length])
+    count = info.index(b'plumb_bob') + 12
+    assert info[count : count + 4] == b'\x05\0\0\0'
+    with pytest.raises(ImageError):
+        CameraInfoDecoder().decode(info[:count] + b'\xff\xff\xff\xff' + info[count + 4 :])
+
+
+def test_a_calibration_and_an_attitude_are_what_rclpy_takes_them_for():
+    camera = CameraModel(640, 480, (500.0, 0, 320, 0, 490, 240, 0, 0, 1), d=(0.1, 0, 0, 0.2))
+    for frame_id in ('', 'nose', 'noses'):
+        header = cdr_header(1_500_000_000, frame_id)
+        info = deserialize_message(encode_camera_info(camera, header), CameraInfo)
+        imu = deserialize_message(encode_imu((0.0, 0.6, 0.0, 0.8), 0.1, header), Imu)
+        for message in (info, imu):
+            assert message.header.frame_id == frame_id
+            assert stamp_ns_of(message.header) == 1_500_000_000
+        p = (500.0, 0.0, 320.0, 0.0, 0.0, 490.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+        assert (info.width, info.height, info.distortion_model) == (640, 480, 'plumb_bob')
+        assert (*info.d,) == camera.d and (*info.k,) == camera.k and (*info.p,) == p
+        assert np.reshape(info.r, (3, 3)).tolist() == np.eye(3).tolist()
+        assert (info.binning_x, info.roi.width, info.roi.do_rectify) == (0, 0, False)
+        assert (imu.orientation.y, imu.orientation.w) == (0.6, 0.8)
+        variances = np.diag(np.reshape(imu.orientation_covariance, (3, 3)))
+        assert variances.tolist() == pytest.approx([0.01] * 3)
+        assert imu.angular_velocity_covariance[0] == imu.linear_acceleration_covariance[0] == -1.0

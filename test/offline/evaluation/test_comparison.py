@@ -8,9 +8,9 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3, V
 from rclpy.serialization import serialize_message
 from support.commands import mvuav
 from support.flights import write_bag
+from support.headers import make_header
 
 from mvuav_ros.messages.cdr import PointLayout, cdr_header
-from mvuav_ros.messages.sensors import make_header
 from mvuav_ros.offline.evaluation.bag_report import bag_report
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
 from mvuav_ros.offline.evaluation.metrics import (
