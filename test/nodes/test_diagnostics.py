@@ -261,14 +261,15 @@ def test_a_handover_never_holds_up_the_source(graph):
     def slow(received):
         begun.set()
         free.wait(5.0)
-        taken.append(received.data)
+        taken.append(received.stamp_ns)
 
+    frames = [SimpleNamespace(stamp_ns=number) for number in range(11)]
     handover = IntraProcessInput(graph.probe, '/image_raw', slow)
     handover.start()
-    handover.put(0)
+    handover.put(frames[0])
     assert begun.wait(5.0)
-    for number in range(1, 10):
-        handover.put(number)
+    for frame in frames[1:10]:
+        handover.put(frame)
     free.set()
     while len(taken) < 6:
         threading.Event().wait(0.01)
@@ -276,7 +277,7 @@ def test_a_handover_never_holds_up_the_source(graph):
     assert taken == [0, 5, 6, 7, 8, 9]
     assert handover.poll().events.skipped == 4
     # The source may be in the middle of a frame by then.
-    handover.put(10)
+    handover.put(frames[10])
 
 
 def test_a_loss_of_long_ago_is_not_why_no_image_comes_now():
