@@ -111,7 +111,7 @@ class ViewFilter:
     ) -> None:
         """Begin at a time (s) with a view fitted to all markers.
 
-        The filter before of this very rig has learnt its exactness and motion, and may be far off.
+        The filter before of this very rig has learnt its exactness and motion.
         """
         self.shape, self.time = shape, time
         covariance = np.diag(np.concatenate((np.zeros(COUNT), _STATIONARY + 1e-12)))
@@ -132,9 +132,6 @@ class ViewFilter:
         self._covariances: Array = np.tile(covariance, (filters, 1, 1))
         self._is_behind = False
         self._step, self._transition, self._noise = 0.0, *_dynamics(0.0, self._walk)
-        if before:
-            rates = (view.parameters - before.means[0, :COUNT]) / before._step
-            self._covariances[:, COUNT:, COUNT:] += np.diag(np.square(rates))
         # Prior variances by which the newest gain was found, and whether those before were alike.
         self._variances: Array = np.zeros(COUNT)
         self._is_steady = False

@@ -71,17 +71,3 @@ def test_no_variance_gets_negative():
         sizes = np.sqrt(np.diag(covariance))
         assert (sizes > 0.0).all()
         assert np.linalg.eigvalsh(covariance / np.outer(sizes, sizes))[0] > -1e-9
-
-
-def test_a_body_that_has_jumped_may_go_on_to_move():
-    """A turn of the camera by 40 px a frame: the places of the next frame are not known to 6 px."""
-    before = ViewFilter(SHAPE, ViewState(VIEW, np.diag(SPREAD**2)), 0.0)
-    before.predict(1 / 30)
-    jumped = VIEW.copy()
-    jumped[X] += 40.0
-    found = ViewState(jumped, np.diag(SPREAD**2))
-    for filter_before, least, most in ((before, 30.0, 60.0), (None, 0.0, 20.0)):
-        views = ViewFilter(SHAPE, found, 1 / 30, filter_before)
-        views.predict(2 / 30)
-        _, deviations = views.places(views.view)
-        assert least < deviations.min() <= deviations.max() < most
