@@ -243,7 +243,7 @@ def _fisheye(size: tuple[int, int], values: Array) -> _Fit:
     return _Fit(CameraModel(*size, k, tuple(d), EQUIDISTANT), len(d))
 
 
-def _misfits(
+def _rms_residuals(
     views: Sequence[BoardView], size: tuple[int, int], name: str, fitted: Sequence[BoardView]
 ) -> Array:
     """(n,), the rms residuals of views (px) from a lens fitted to some; infinite if none fits."""
@@ -261,7 +261,7 @@ def _clean(
     used = np.ones(len(views), np.bool_)
     for _ in range(2):
         chosen = list(compress(views, used))
-        rms = min((_misfits(views, size, name, chosen) for name in names), key=np.median)
+        rms = min((_rms_residuals(views, size, name, chosen) for name in names), key=np.median)
         worst = max(
             TUNING.outlying * float(np.median(rms)),
             float(np.quantile(rms, 1.0 - TUNING.most_outlying, method='lower')),
@@ -283,7 +283,7 @@ def _kept_back(
     for fold in range(folds):
         rest = [view for number, view in enumerate(views) if number % folds != fold]
         for name in names:
-            errors[name].append(_misfits(views[fold::folds], size, name, rest))
+            errors[name].append(_rms_residuals(views[fold::folds], size, name, rest))
     return {name: _rms(np.concatenate(found)) for name, found in errors.items()}
 
 

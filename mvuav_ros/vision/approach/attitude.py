@@ -244,7 +244,7 @@ def _steps(blue: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _is_below_sky(blue: NDArray[Any], line: NDArray[np.intp], strength: float) -> bool:
-    """Whether it looks like sky above a line, not like fields, treetops or walls, or a road.
+    """Whether it looks like sky above a line, not like treetops or walls, or a road.
 
     The line has a row in each column of the small image; its strength is the mean step across it.
     """
@@ -255,7 +255,6 @@ def _is_below_sky(blue: NDArray[Any], line: NDArray[np.intp], strength: float) -
     in_view = near.sum() >= HORIZON.min_sky_rows * near.shape[1] and land.any()
     if strength <= HORIZON.min_strength or not in_view:
         return False
-    # Clouds are soft. Of fields most is even, but not their borders.
     edges = float(np.percentile(cv2.absdiff(blue[:, 1:], blue[:, :-1])[near], 90))
     contrast = float(blue[above].mean()) - float(blue[land].mean())
     return edges < HORIZON.max_edges * strength and contrast > HORIZON.min_contrast
