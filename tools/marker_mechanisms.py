@@ -36,7 +36,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'names in doubt withheld': [(marker_memory.CONFIDENCE, 'min_odds', -math.inf)],
     'doubt only with clutter': [(Clutter, 'is_about', property(_returns(True)))],
     'clutter at any place': [(marker_memory.CONFIDENCE, 'density', (0.0, 0.0))],
-    'a steady misfit': [(initialization, 'SAME_MISFIT', (math.inf, math.inf))],
+    'a steady residual': [(initialization, 'SAME_RESIDUAL', (math.inf, math.inf))],
     'sure place': [(marker_memory, 'SURE_PLACE', 0.0)],
     'returning': [(marker_memory, 'RETURNING', 0)],
     'clutter by age': [(Clutter, 'include', _returns(False))],

@@ -33,9 +33,9 @@ class PoseTuning:
     holds: float = 0.7
     # px, root mean square per axis, above which the names or the calibration must be wrong; and the
     # same over the image's span of the markers, for large images.
-    max_misfit: float = 1.0
-    max_relative_misfit: float = 0.004
-    unusual: float = 4.0  # times the usual noise: a misfit from there on is looked into
+    max_residual: float = 1.0
+    max_relative_residual: float = 0.004
+    unusual: float = 4.0  # times the usual noise: a residual from there on is looked into
     max_distance_error: float = 0.015  # of the distance (1 sigma), above which a pose is kept back
     max_turn_error: float = math.radians(1.5)  # rad (1 sigma), likewise
     # Part of both from which on a pose of three lights is kept back: two solutions are about to
@@ -239,8 +239,8 @@ class PoseEstimator:
         known = last if self._last_seen == (camera, markers) else None
         followed = view.refine(last.rotation, last.translation, known) if last else None
         most = TUNING.unusual * self.noise
-        if most > TUNING.max_misfit:
-            most = min(most, _most_misfit(image))
+        if most > TUNING.max_residual:
+            most = min(most, _max_residual(image))
         if followed is not None and followed.squares <= count * most**2:
             # Another solution of three lights may be so near that either is the right one.
             others = [] if count > 2 * MIN_MARKERS else view.closed_forms()
@@ -252,7 +252,7 @@ class PoseEstimator:
             return None
         solutions = view.solve() + ([followed] if followed else [])
         least = min((solution.squares for solution in solutions), default=math.inf)
-        if math.sqrt(least / count) > _most_misfit(image):
+        if math.sqrt(least / count) > _max_residual(image):
             self.reason = 'no pose fits the markers'
             return None
         chosen = _choose(solutions, self.noise, count, last and last.rotation)
@@ -283,10 +283,10 @@ class PoseEstimator:
         return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, residual)
 
 
-def _most_misfit(image: Array) -> float:
+def _max_residual(image: Array) -> float:
     """px, root mean square per axis."""
     span = float((image.max(axis=0) - image.min(axis=0)).max())
-    return max(TUNING.max_misfit, TUNING.max_relative_misfit * span)
+    return max(TUNING.max_residual, TUNING.max_relative_residual * span)
 
 
 def _is_known(spread: Array, distance: float, share: float) -> bool:

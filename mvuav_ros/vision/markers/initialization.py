@@ -337,20 +337,21 @@ def _orders(count: int) -> NDArray[np.intp]:
 
 
 MAX_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
-CLEAR_MISFIT = (1.0, 0.008)
+CLEAR_RESIDUAL = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
-STRICT_MISFIT = (0.25, 0.001)
-"""The same, of one that is what its rig says; another must show the same misfit for some time."""
-LONE_MISFIT = 0.06  # In units of its size, of a body alone before a camera that is not calibrated
-OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
+STRICT_RESIDUAL = (0.25, 0.001)
+"""The same, of one that is what its rig says; another must show the same residual for some time."""
+MIN_APART = 3  # Lights that are no other body's: some of a flare's may lie on the body's own
+LONE_RESIDUAL = 0.06  # In units of its size, of a body alone before a camera that is not calibrated
+OTHER_BODY_RESIDUAL = 0.15  # The same for five lights that the thesis's assumption alone must name
 RESTED = 2  # Frames after one whose lights could not be named
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
 CONFIRMED_ODD = 10  # The same where one of the lights may be another one, which has gone by then
 SURE_AT_START = -13.0
 """Logarithm of the odds of a body among other lights from which on one frame is believed. That its
 place and size may be anything costs 11 more than that they are those of some body in the image."""
-SAME_MISFIT = (0.2, 0.2)
-"""px, and part of it, by which the misfit of a rig measured badly may change meanwhile."""
+SAME_RESIDUAL = (0.2, 0.2)
+"""px, and part of it, by which the residual of a rig measured badly may change meanwhile."""
 
 
 class Named(NamedTuple):
@@ -374,20 +375,21 @@ def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[
         return unclear
     ways = guess_body(shape, spots, Prior.at_start(shape), count)
     ways = [way for way in ways if _may_be_one_body([spots[index] for _, index in way.way])]
+    ways = [way for way in ways if not any(_is_flare(way, body, spots) for body in ways)]
     alone = len(spots) == count
     free = alone and shape.lens.focal is None
     if ways and (len(ways) == 1 or ways[0].evidence >= ways[1].evidence + MARGIN):
         best = ways[0]
-        exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
-        limit = LONE_MISFIT * best.view.scale if free else exact
-        if best.view.misfit <= max(limit, exact):
-            strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
+        exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
+        limit = LONE_RESIDUAL * best.view.scale if free else exact
+        if best.view.rms_residual <= max(limit, exact):
+            strict = STRICT_RESIDUAL[0] + STRICT_RESIDUAL[1] * best.view.scale
             frames = 1 if alone or best.evidence > SURE_AT_START else CONFIRMED
-            if not free and best.view.misfit > strict:
+            if not free and best.view.rms_residual > strict:
                 frames = CONFIRMED_ODD
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             chosen = {marker: spots[index] for marker, index in best.way}
-            return Named(chosen, best.view, frames, best.view.misfit <= exact, remark)
+            return Named(chosen, best.view, frames, best.view.rms_residual <= exact, remark)
     if free and tuple(names) == TANKER_NAMES:
         return _as_the_thesis(shape, spots) or unclear
     return unclear
@@ -396,6 +398,16 @@ def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[
 def _may_be_one_body(lights: Sequence[Light]) -> bool:
     areas = [light.seen.area for light in lights]
     return max(areas) <= MAX_RATIO * min(areas)
+
+
+def _is_flare(other: Guess, body: Guess, spots: Sequence[Light]) -> bool:
+    """Whether another body is smaller, and so are its own lights: a flare repeats what it sees."""
+    theirs, ours = ({light for _, light in guess.way} for guess in (other, body))
+    is_smaller = other.view.scale < body.view.scale and body.evidence > SURE_AT_START
+    if not is_smaller or len(theirs - ours) < MIN_APART:
+        return False
+    sizes = (sorted(spots[i].seen.area for i in own) for own in (theirs - ours, ours - theirs))
+    return all(small < large for small, large in zip(*sizes, strict=True))
 
 
 def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
@@ -414,7 +426,7 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | No
     before = Belief(start[None], np.diag(deviations**2)[None])
     named = NamedPlaces.of(places_of(chosen))
     view = Correction.of(shape, before, named, (0.02 * span) ** 2).view()
-    if view.misfit > OTHER_BODY_MISFIT * view.scale:
+    if view.rms_residual > OTHER_BODY_RESIDUAL * view.scale:
         return None
     # Nearly any five lights have some such order.
     return Named(chosen, view, CONFIRMED, fits=False)
@@ -431,7 +443,7 @@ class Attempts:
     last: Mapping[int, Light] = field(default_factory=dict)  # its markers in the last one
     _rest: int = 0  # frames until the next attempt
     _lights: int = 0
-    _first_misfit: float = 0.0
+    _first_residual: float = 0.0
     _is_odd: bool = False  # whether one of the lights may well have been another one meanwhile
 
     def due(self, lights: int) -> bool:
@@ -454,14 +466,14 @@ class Attempts:
         assert named.view is not None
         reach = 0.5 * named.view.scale
         alike = all(are_close(light, named.lights[m], reach) for m, light in self.last.items())
-        most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
-        changed = abs(named.view.misfit - self._first_misfit) > most
+        most = SAME_RESIDUAL[0] + SAME_RESIDUAL[1] * self._first_residual
+        changed = abs(named.view.rms_residual - self._first_residual) > most
         goes_on = alike and bool(self.last)
         self._is_odd = named.frames == CONFIRMED_ODD or (goes_on and self._is_odd)
         if goes_on and not (self._is_odd and changed):
             self.agreed += 1
         else:
-            self.agreed, self._first_misfit = 1, named.view.misfit
+            self.agreed, self._first_residual = 1, named.view.rms_residual
         self.last = named.lights
         return alike
 
@@ -472,7 +484,7 @@ class Trial:
     def __init__(self, shape: WeakPerspective, view: ViewState, found: Mapping[int, Point]) -> None:
         """Begin with all markers, px without distortion, in a view fitted to them."""
         self._shape, self._view, self._left = shape, view, CONFIRMED_ODD
-        self._first = self._misfit(found)
+        self._first = self._rms_residual(found)
 
     def is_refuted(self, found: Mapping[int, Point], contradicted: bool = False) -> bool:
         """Whether it is none, by the markers found, some of which contradicted others before."""
@@ -482,12 +494,12 @@ class Trial:
         if len(found) < len(self._shape.points):
             return contradicted
         self._left -= 1
-        least = SAME_MISFIT[0] / self._view.scale
-        return abs(self._misfit(found) - self._first) > least + SAME_MISFIT[1] * self._first
+        least = SAME_RESIDUAL[0] / self._view.scale
+        return abs(self._rms_residual(found) - self._first) > least + SAME_RESIDUAL[1] * self._first
 
-    def _misfit(self, found: Mapping[int, Point]) -> float:
+    def _rms_residual(self, found: Mapping[int, Point]) -> float:
         """Of a view by these alone, in units of the body's size."""
         start, prior = self._view.parameters, Prior.at_start(self._shape)
         fitted = _fit(self._shape, NamedPlaces.of(found), prior, start[SCALE], start[None])
         self._view = fitted.view()
-        return self._view.misfit / self._view.scale
+        return self._view.rms_residual / self._view.scale

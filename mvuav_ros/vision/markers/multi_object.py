@@ -107,7 +107,7 @@ def common_shift(
 
 Mask = NDArray[np.bool_]
 _MEASURED = np.array((0, 1, 6))  # Columns of a row of a marker that are x, y and area
-_LIGHT = [('id', np.intp), ('area', float), ('sightings', np.intp), ('last_seen', float)]
+_LIGHT = [('id', np.intp), ('area', float), ('hits', np.intp), ('last_seen', float)]
 
 
 @dataclass(frozen=True)
@@ -123,8 +123,8 @@ class MultiObjectTuning:
     same_jump: float = 5.0  # px by which lights that jump together may differ
     size_weight: float = 3.0  # of the logarithm of a change in size, as of another light
     size_offset: float = 4.0  # px that soften that for the smallest lights
-    size_memory: float = 0.8  # per sighting, of a light's usual size
-    confirmed: int = 3  # sightings from which a light is more than a speck
+    size_memory: float = 0.8  # per hit, of a light's usual size
+    confirmed: int = 3  # hits from which a light is more than a speck
     # So that noise in every frame costs little more than in one:
     max_tentative: int = 50  # specks out of sight that are kept
     max_voters: int = 40  # lights that are asked whether all have jumped
@@ -184,9 +184,9 @@ class MultiObjectTracker:
         seen = found[:, :2]
         apart, number = choices(predicted, seen, TUNING.widest)
         # Those can show a jump of all that are well known and were seen in the last frame.
-        sightings, last_seen = self._lights['sightings'], self._lights['last_seen']
-        voters = np.flatnonzero((sightings >= TUNING.confirmed) & (last_seen == last_seen.max()))
-        voters = voters[np.argsort(-sightings[voters], kind='stable')[: TUNING.max_voters]]
+        hits, last_seen = self._lights['hits'], self._lights['last_seen']
+        voters = np.flatnonzero((hits >= TUNING.confirmed) & (last_seen == last_seen.max()))
+        voters = voters[np.argsort(-hits[voters], kind='stable')[: TUNING.max_voters]]
         longest, same = 3 * TUNING.widest, TUNING.same_jump
         shift = common_shift(predicted[voters], seen, apart[voters, 0], longest, same)
         if shift is not None:
@@ -213,16 +213,16 @@ class MultiObjectTracker:
         self._motion.update(positions.ravel())
         lights = self._lights
         lights['last_seen'][visible] = time
-        lights['sightings'][visible] += 1
+        lights['hits'][visible] += 1
         change = found[given[visible], 2] - lights['area'][visible]
         lights['area'][visible] += (1 - TUNING.size_memory) * change
 
     def _forget(self, earliest: float, given: Integers, max_hidden: int) -> Integers:
         """Forget lights that were last seen before a time (s), and the least known of too many."""
-        hidden, sightings = given < 0, self._lights['sightings']
+        hidden, hits = given < 0, self._lights['hits']
         kept = ~hidden | (self._lights['last_seen'] >= earliest)
-        _thin_out(kept, hidden & (sightings < TUNING.confirmed), sightings, TUNING.max_tentative)
-        _thin_out(kept, hidden, sightings, max_hidden)
+        _thin_out(kept, hidden & (hits < TUNING.confirmed), hits, TUNING.max_tentative)
+        _thin_out(kept, hidden, hits, max_hidden)
         if not kept.all():
             self._motion.keep(kept)
             self._lights = self._lights[kept]
@@ -247,9 +247,9 @@ class MultiObjectTracker:
         return MarkerResult(markers, status=status, ids=tuple(self._lights['id'].tolist()))
 
 
-def _thin_out(kept: Mask, group: Mask, sightings: Integers, most: int) -> None:
+def _thin_out(kept: Mask, group: Mask, hits: Integers, most: int) -> None:
     """Keep at most so many of a group of lights, those that were seen most often."""
     members = np.flatnonzero(kept & group)
     if len(members) > most:
-        min_known = np.argsort(sightings[members], kind='stable')
+        min_known = np.argsort(hits[members], kind='stable')
         kept[members[min_known[: len(members) - max(most, 0)]]] = False

@@ -164,7 +164,7 @@ class ViewState:
 
     parameters: Array  # (8,), see `WeakPerspective.project`
     covariance: Array  # (8, 8)
-    misfit: float = 0.0  # root mean square of the residuals of the markers it was fitted to, px
+    rms_residual: float = 0.0  # px, of the markers it was fitted to
 
     @property
     def scale(self) -> float:

@@ -193,7 +193,7 @@ class Correction:
         """The states with what has been seen."""
         return Belief(self.before + self.change, self.gain.after)
 
-    def misfit(self, row: int = 0) -> float:
+    def rms_residual(self, row: int = 0) -> float:
         """Root mean square of the markers' distances from their places in a filter's view, px."""
         residual = self.weighed[row] * self.gain.noise[row]
         return math.sqrt(float(residual.dot(residual)) / max(len(self.gain.markers), 1))
@@ -252,7 +252,7 @@ class Correction:
     def view(self, row: int = 0) -> ViewState:
         """What follows of a filter's view."""
         mean, covariance = self.after
-        return ViewState(mean[row, :COUNT], covariance[row, :COUNT, :COUNT], self.misfit(row))
+        return ViewState(mean[row, :COUNT], covariance[row, :COUNT, :COUNT], self.rms_residual(row))
 
 
 def _squares(weighed: list[float], distances: Sequence[Distance]) -> list[float]:

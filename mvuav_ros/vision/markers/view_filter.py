@@ -137,7 +137,7 @@ class ViewFilter:
         self._is_steady = False
         self._newest: list[Correction] = []  # of the last frames, all with one gain
         self._gain_step = math.inf  # s, from the frame before the first of them; inf: it goes
-        relative = view.misfit / view.scale
+        relative = view.rms_residual / view.scale
         self._rig_errors = (TUNING.min_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
             # As the view changes, so does what lies beside the rig.

@@ -440,7 +440,7 @@ def test_a_body_that_stands_out_from_other_lights_is_named_in_the_first_frame():
 # that is upside down.
 
 
-def test_a_body_that_a_ghost_completes_is_not_believed_while_its_misfit_changes():
+def test_a_body_that_a_ghost_completes_is_not_believed_while_its_residual_changes():
     score, named = fly_scene('glare', 57004, 75)
     assert score.wrong == []
     assert named[[0, 1, 3, 4]].all(), 'all that no glare covers'
@@ -483,6 +483,28 @@ def test_a_whole_body_far_from_where_it_was_lost_is_named_once_it_is_lost():
     assert named[:20] == [5] * 20
     assert named[20:30] == [0] * 10
     assert named[40:] == [5] * 20, 'half a second after it was seen last, and some frames'
+
+
+@pytest.mark.parametrize(
+    ('share', 'roll_deg', 'radius', 'named'),
+    [(0.4, 120.0, 3, 5), (0.4, 180.0, 2, 5), (0.95, 0.0, 3, 5), (0.95, 180.0, 3, 5)]
+    # Lights as large as the body's may be another body's.
+    + [(0.4, 120.0, 4, 0), (0.4, 180.0, 4, 0)],
+)
+def test_a_smaller_body_with_smaller_lights_is_a_flare(share, roll_deg, radius, named):
+    """A lens repeats the lights, mirrored at its principal point: the body itself gets the names."""
+    turn, _ = cv2.Rodrigues(np.array([0.0, 0.0, math.radians(roll_deg)]))
+    seen = TANKER_747.positions @ (turn @ OPTICAL_FROM_BODY).T + (-30.0, -15.0, 170.0)
+    middle = CAMERA.matrix[:2, 2]
+    body = 554.0 * seen[:, :2] / seen[:, 2:] + middle
+    flare = middle - share * (body - middle)
+    image = Image(np.maximum(draw(body), draw(flare, radius=radius)), 'mono8')
+    tracker = MarkerTracker()
+    tracker.set_camera(CAMERA)
+    results = [tracker.process(image, step * 33_000_000) for step in range(12)]
+    assert len(results[-1].named) == named
+    for marker in results[-1].named:
+        assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=0.3)
 
 
 def test_names_are_told_with_their_probability():

@@ -61,8 +61,8 @@ def test_a_correction_is_the_most_probable_view(markers):
     scale = np.sqrt(np.outer(*2 * [np.diag(expected)]))
     np.testing.assert_allclose(view.covariance / scale, expected / scale, atol=0.01)
     np.testing.assert_allclose(correction.cost, 2.0 * best.cost, rtol=1e-3)
-    misfit = NOISE * np.linalg.norm(best.fun[: 2 * len(markers)]) / math.sqrt(len(markers))
-    np.testing.assert_allclose(view.misfit, misfit, rtol=1e-2)
+    expected = NOISE * np.linalg.norm(best.fun[: 2 * len(markers)]) / math.sqrt(len(markers))
+    np.testing.assert_allclose(view.rms_residual, expected, rtol=1e-2)
 
 
 def test_several_ways_of_naming_are_fitted_at_once():
@@ -92,7 +92,7 @@ def test_filters_of_one_rig_correct_each_by_itself():
         alone = corrected(found, one, variances[row : row + 1])
         np.testing.assert_allclose(both.after.mean[row], alone.after.mean[0], rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(both.nis_by(row), alone.nis, rtol=1e-4)
-        np.testing.assert_allclose(both.misfit(row), alone.misfit(), rtol=1e-4)
+        np.testing.assert_allclose(both.rms_residual(row), alone.rms_residual(), rtol=1e-4)
 
 
 def test_rates_follow_the_parameters():

@@ -60,7 +60,7 @@ def test_the_fit_finds_the_view_and_the_light_that_does_not_fit(shape):
     away = np.array((0.05, 0.05, 20.0, 20.0, 0.05, 0.05, 0.01, 0.0))
     spread = np.array((1, 1, 1e4, 1e4, 0.2, 0.2, 0.01, 1e-8))
     right = fit(shape, VIEW + away, spread, places, 0.2)
-    assert right.misfit() < 0.1
+    assert right.rms_residual() < 0.1
     np.testing.assert_allclose(right.after.mean[0, :4], VIEW[:4], atol=0.2)
     places[2] += (12.0, 5.0)
     wrong = fit(shape, VIEW + away, spread, places, 0.2)
