@@ -47,7 +47,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     # Not 3: that many frames ask uncertain bodies, which would count as odd ones.
     'odd start': [(initialization, 'CONFIRMED_ODD', 4)],
     'search by an older filter': [(Search, '_find_otherwise', _returns(None))],
-    'two lights': [(naming, 'MIN_AGAIN', (3, 3))],
+    'two lights': [(naming, 'MIN_REACQUIRED', (3, 3))],
     'hidden markers': [(naming, 'MAX_HIDDEN', 0)],
     'wider windows': [(identity_tracker, 'WIDEST', 0.0)],
     'learnt calibration': [(calibrated_tracker, 'AGREED', math.inf)],

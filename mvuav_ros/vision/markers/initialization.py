@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -60,8 +61,8 @@ _MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED, _FEW_SPOTS, _TRIED_AMONG_MANY = 16, 5, 10
 """Ways of naming that are fitted where there are so few spots, and where there are more."""
 _MANY_HIDDEN = 6  # Of twelve markers among more spots: 41 threes instead of 220 are tried
-ABSENT = 22.0  # Squared distance over variance from which on a marker has no light
-STRAY = 1e-5  # Density of lights that are none of the body's, per px²
+MISSED_COST = 22.0  # Squared distance over variance from which on a marker has no light
+CLUTTER_DENSITY = 1e-5  # Density of lights that are none of the body's, per px²
 MAX_AWAY, ROUGHLY_AWAY = 40.0, 120.0
 """Squared distance over variance from what is known of the view, if it is: of views that show three
 markers where they are, and of those about."""
@@ -118,62 +119,66 @@ class Prior:
         return is_near if self.noise is None else is_near & (self.away(views) < most)
 
 
-Way = tuple[tuple[int, int], ...]  # Markers, and for each the index of its spot
-Start = tuple[Way, Array]
+Assignment = tuple[tuple[int, int], ...]  # Markers, and for each the index of its spot
+Start = tuple[Assignment, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Guess:
+class Hypothesis:
     """One way of naming the lights."""
 
-    way: Way
+    assignment: Assignment
     view: ViewState  # fitted to them
     evidence: float  # logarithm of its odds against lights that are all none of the body's
-    without: dict[int, float]  # the same, by marker, of the way without that one
+    without: dict[int, float]  # the same, by marker, of the assignment without it
 
 
-def guess_body(
-    shape: WeakPerspective, spots: Sequence[Light], prior: Prior, fewest: int, strays: float = STRAY
-) -> list[Guess]:
+def body_hypotheses(
+    shape: WeakPerspective,
+    spots: Sequence[Light],
+    prior: Prior,
+    fewest: int,
+    clutter: float = CLUTTER_DENSITY,
+) -> list[Hypothesis]:
     """All probable ways of seeing a body in a number of spots, most probable first.
 
     Three markers are tried on all threes of spots (`MAX_NAMED` at most, px without distortion), in
     every order; the views that follow say where the other markers are, and the best are fitted. The
-    fewest of the markers must be among the spots, beside which there are so many strays per px².
+    fewest of the markers must be among the spots, beside which there is so much clutter per px².
     """
     places = np.array([(spot.x, spot.y) for spot in spots]).reshape(-1, 2)
-    starts = _rough_guesses(shape, places.view(np.complex128).ravel(), prior, fewest)
+    starts = _starts(shape, places.view(np.complex128).ravel(), prior, fewest)
     if not starts:
         return []
-    guesses = []
+    hypotheses = []
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
     scale = median_high([float(start[SCALE]) for _, start in starts])
-    for number in sorted({len(way) for way, _ in starts}):
+    for number in sorted({len(assignment) for assignment, _ in starts}):
         same = [start for start in starts if len(start[0]) == number]
-        pairs = np.array([way for way, _ in same], np.intp)
+        pairs = np.array([assignment for assignment, _ in same], np.intp)
         views = prior.untwisted(np.array([start for _, start in same]))
         named = NamedPlaces(pairs[..., 0], places[pairs[..., 1]].reshape(len(same), -1))
         fits = _fit(shape, named, prior, scale, views)
-        # Logarithms of how probable strays are in so many places, and in one place less.
-        # They are not rare where more lights have no name than have one.
-        density = strays if len(spots) <= 2 * number else max(strays, STRAY)
+        # Logarithms of how probable clutter is in so many places, and in one place less.
+        # It is not rare where more lights have no name than have one.
+        density = clutter if len(spots) <= 2 * number else max(clutter, CLUTTER_DENSITY)
         others, fewer = (
             k * math.log(density)
             + math.log(math.comb(len(shape.points), k))
             + math.log(math.perm(len(spots), k))
             for k in (number, number - 1)
         )
-        for row, (way, _) in enumerate(same):
+        for row, (assignment, _) in enumerate(same):
             view, log_density = fits.view(row), float(fits.evidence[row])
             # By the chain rule, without what a marker's place is by all others.
             without = {
                 marker: log_density - own - fewer
-                for (marker, _), own in zip(way, fits.log_densities(row), strict=True)
+                for (marker, _), own in zip(assignment, fits.log_densities(row), strict=True)
             }
-            guesses.append(Guess(way, view, log_density - others, without))
-    best: dict[Way, Guess] = {}
-    for guess in sorted(guesses, key=lambda guess: -guess.evidence):
-        best.setdefault(guess.way, guess)
+            hypotheses.append(Hypothesis(assignment, view, log_density - others, without))
+    best: dict[Assignment, Hypothesis] = {}
+    for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.evidence):
+        best.setdefault(hypothesis.assignment, hypothesis)
     return list(best.values())
 
 
@@ -189,26 +194,24 @@ def _fit(
     return Correction.of(shape, before, named, variance, starts=starts, iterations=8)
 
 
-def log_odds_of(best: Guess, ways: Sequence[Guess]) -> dict[int, float]:
-    """Logarithms of the odds of each name of a way, one of several.
+def log_odds_of(best: Hypothesis, hypotheses: Sequence[Hypothesis]) -> dict[int, float]:
+    """Logarithms of the odds of each name of the best hypothesis.
 
-    For a name speaks what all ways that give it have for them; against it what the others have,
+    For a name speaks what all that give it have for them; against it what the others have,
     what these have without this marker, and that no light is one of the body's.
     """
     odds = {}
-    for name in best.way:
-        alike = [way for way in ways if name in way.way]
-        own = [way.evidence for way in alike]
-        without = [way.without[name[0]] for way in alike]
-        others = [way.evidence for way in ways if name not in way.way]
+    for name in best.assignment:
+        alike = [one for one in hypotheses if name in one.assignment]
+        own = [one.evidence for one in alike]
+        without = [one.without[name[0]] for one in alike]
+        others = [one.evidence for one in hypotheses if name not in one.assignment]
         against = np.logaddexp.reduce([0.0, *without, *others])
         odds[name[0]] = float(np.logaddexp.reduce(own) - against)
     return odds
 
 
-def _rough_guesses(
-    shape: WeakPerspective, places: Complex, prior: Prior, fewest: int
-) -> list[Start]:
+def _starts(shape: WeakPerspective, places: Complex, prior: Prior, fewest: int) -> list[Start]:
     """Distinct spots for the lights, and views to start the fit from; the best ones first."""
     count = len(shape.points)
     if min(len(places), count) < fewest:
@@ -235,20 +238,20 @@ def _rough_guesses(
     has = squares < (_REACH * scale) ** 2
     squares /= (_ROUGH * scale if prior.noise is None else 3.0 * prior.noise) ** 2 + errors**2
     if prior.noise is not None:
-        has &= squares < ABSENT
+        has &= squares < MISSED_COST
     chosen = np.flatnonzero(has.sum(axis=1) >= fewest)
-    cost = cost[chosen] + np.where(has, squares, ABSENT)[chosen].sum(axis=1)
+    cost = cost[chosen] + np.where(has, squares, MISSED_COST)[chosen].sum(axis=1)
     most = _TRIED if len(places) <= _FEW_SPOTS else _TRIED_AMONG_MANY
-    starts: dict[tuple[Way, float, float], Start] = {}
+    starts: dict[tuple[Assignment, float, float], Start] = {}
     for row in chosen[np.argsort(cost)].tolist():
         markers = np.flatnonzero(has[row]).tolist()
         # Of markers with the same nearest spot only the nearest has it.
         own = {int(nearest[row, m]): m for m in sorted(markers, key=lambda m: -squares[row, m])}
         if len(own) < fewest:
             continue
-        way = tuple(sorted((marker, spot) for spot, marker in own.items()))
+        assignment = tuple(sorted((marker, spot) for spot, marker in own.items()))
         pitch, yaw = np.round(views[row, PITCH : YAW + 1] / _SAME_TILT).tolist()
-        starts.setdefault((way, pitch, yaw), (way, views[row]))
+        starts.setdefault((assignment, pitch, yaw), (assignment, views[row]))
         if len(starts) == most:
             break
     return list(starts.values())
@@ -373,13 +376,13 @@ def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[
     unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
     if len(spots) > MAX_NAMED:
         return unclear
-    ways = guess_body(shape, spots, Prior.at_start(shape), count)
-    ways = [way for way in ways if _may_be_one_body([spots[index] for _, index in way.way])]
-    ways = [way for way in ways if not any(_is_flare(way, body, spots) for body in ways)]
+    bodies = body_hypotheses(shape, spots, Prior.at_start(shape), count)
+    bodies = [one for one in bodies if _may_be_one_body([spots[i] for _, i in one.assignment])]
+    bodies = [one for one in bodies if not any(_is_flare(one, body, spots) for body in bodies)]
     alone = len(spots) == count
     free = alone and shape.lens.focal is None
-    if ways and (len(ways) == 1 or ways[0].evidence >= ways[1].evidence + MARGIN):
-        best = ways[0]
+    if bodies and (len(bodies) == 1 or bodies[0].evidence >= bodies[1].evidence + MARGIN):
+        best = bodies[0]
         exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
         limit = LONE_RESIDUAL * best.view.scale if free else exact
         if best.view.rms_residual <= max(limit, exact):
@@ -388,7 +391,7 @@ def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[
             if not free and best.view.rms_residual > strict:
                 frames = CONFIRMED_ODD
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
-            chosen = {marker: spots[index] for marker, index in best.way}
+            chosen = {marker: spots[index] for marker, index in best.assignment}
             return Named(chosen, best.view, frames, best.view.rms_residual <= exact, remark)
     if free and tuple(names) == TANKER_NAMES:
         return _as_the_thesis(shape, spots) or unclear
@@ -400,14 +403,18 @@ def _may_be_one_body(lights: Sequence[Light]) -> bool:
     return max(areas) <= MAX_RATIO * min(areas)
 
 
-def _is_flare(other: Guess, body: Guess, spots: Sequence[Light]) -> bool:
+def _is_flare(other: Hypothesis, body: Hypothesis, spots: Sequence[Light]) -> bool:
     """Whether another body is smaller, and so are its own lights: a flare repeats what it sees."""
-    theirs, ours = ({light for _, light in guess.way} for guess in (other, body))
+    theirs, ours = ({light for _, light in hypothesis.assignment} for hypothesis in (other, body))
     is_smaller = other.view.scale < body.view.scale and body.evidence > SURE_AT_START
     if not is_smaller or len(theirs - ours) < MIN_APART:
         return False
-    sizes = (sorted(spots[i].seen.area for i in own) for own in (theirs - ours, ours - theirs))
-    return all(small < large for small, large in zip(*sizes, strict=True))
+    small, large, both = (
+        sorted(spots[light].seen.area for light in lights)
+        for lights in (theirs - ours, ours - theirs, ours & theirs)
+    )
+    # Where lights of both lie on each other, that is larger than any.
+    return max(large) < min(both, default=math.inf) and all(map(operator.lt, small, large))
 
 
 def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:

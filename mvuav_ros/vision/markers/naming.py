@@ -12,7 +12,13 @@ import numpy as np
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
-from mvuav_ros.vision.markers.initialization import ABSENT, STRAY, Prior, guess_body, log_odds_of
+from mvuav_ros.vision.markers.initialization import (
+    CLUTTER_DENSITY,
+    MISSED_COST,
+    Prior,
+    body_hypotheses,
+    log_odds_of,
+)
 from mvuav_ros.vision.markers.lights import Light, are_close, candidates, places_of
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
@@ -23,15 +29,15 @@ GATE = FAULTS.gate  # Squared distance over variance at which a light is too far
 GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
 MAX_WAYS = 1000
 MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
-Unlikeness = Callable[[int, Light], float]
+AppearanceCost = Callable[[int, Light], float]
 """What it costs to take a light for a marker by its looks: 0 where it may well be the marker."""
-UNLIKE = 4.0
+UNLIKELY_COST = 4.0
 """What a size or shape costs that no marker should have. It makes a way of naming improbable, and
 not impossible: a marker that the frame cuts looks like that."""
 
 
 def assign(
-    expected: Mapping[int, Expectation], lights: Sequence[Light], unlikeness: Unlikeness
+    expected: Mapping[int, Expectation], lights: Sequence[Light], appearance: AppearanceCost
 ) -> dict[int, Light]:
     """Name the lights that lie where exactly one marker is expected, and look like it.
 
@@ -42,7 +48,7 @@ def assign(
         near = {}
         for number, light in enumerate(lights):
             cost = ((light.x - place.x) ** 2 + (light.y - place.y) ** 2) / place.deviation**2
-            unlike = unlikeness(marker, light) if cost <= GATE else math.inf
+            unlike = appearance(marker, light) if cost <= GATE else math.inf
             if unlike < math.inf:
                 near[number] = cost + unlike
         if near:
@@ -56,7 +62,7 @@ def assign(
         marker: lights[number]
         for marker, number in best.items()
         if all(way.get(marker) == number for way in probable)
-        and not unlikeness(marker, lights[number])
+        and not appearance(marker, lights[number])
     }
 
 
@@ -68,29 +74,29 @@ def _ways(
         return
     (marker, near), *rest = choices
     for cost, way in _ways(rest, taken):
-        yield cost + ABSENT, way
+        yield cost + MISSED_COST, way
     for number, own in near.items():
         if number not in taken:
             for cost, way in _ways(rest, taken | {number}):
                 yield cost + own, {marker: number, **way}
 
 
-MIN_AGAIN = (2, 3)
+MIN_REACQUIRED = (2, 3)
 """Lights of a body that is found again, where all others are known to be no markers, and where some
 may be none: two of those nearly always look like some two markers."""
-ALIKE = 1.0
+MIN_MARGIN = 1.0
 """Difference of the evidence of two ways to give the same lights other names throughout, below
 which neither is believed: four markers in one plane are seen alike from its other side."""
 MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by an older filter
 JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
 """rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
 SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
-RARE, KNOWN = 0.1, 0.3
+RARE_CLUTTER, KNOWN_CLUTTER = 0.1, 0.3
 """Strange lights where none was seen in the last seconds, over those where some are about; and
 beside those that are known where all may be."""
 
 
-class Again(NamedTuple):
+class Reacquired(NamedTuple):
     """A body that was found again."""
 
     view: ViewState  # fitted to its lights
@@ -107,31 +113,35 @@ def reacquire(
     shape: WeakPerspective,
     prior: Prior,
     lights: Sequence[Light],
-    unlikeness: Unlikeness,
-    strays: float = STRAY,
-    fewest: int = MIN_AGAIN[0],
-) -> Again | None:
+    appearance: AppearanceCost,
+    clutter: float = CLUTTER_DENSITY,
+    fewest: int = MIN_REACQUIRED[0],
+) -> Reacquired | None:
     """Find a body again of which too little is in sight where it was expected.
 
-    The fewest of its markers must be among the lights, beside so many strays per px².
+    The fewest of its markers must be among the lights, beside so much clutter per px².
     """
-    ways = guess_body(shape, lights, prior, fewest, strays)
-    likely = [way for way in ways if not any(unlikeness(m, lights[i]) for m, i in way.way)]
+    hypotheses = body_hypotheses(shape, lights, prior, fewest, clutter)
+    likely = [
+        one for one in hypotheses if not any(appearance(m, lights[i]) for m, i in one.assignment)
+    ]
     if not likely:
         return None
     best, *others = likely
-    for way in others:
-        same_lights = {light for _, light in way.way} == {light for _, light in best.way}
-        if same_lights and not {*way.way} & {*best.way} and best.evidence - way.evidence < ALIKE:
+    names, own = {*best.assignment}, {light for _, light in best.assignment}
+    for other in others:
+        is_same = own == {light for _, light in other.assignment}
+        renames = is_same and names.isdisjoint(other.assignment)
+        if renames and best.evidence - other.evidence < MIN_MARGIN:
             return None
-    odds = log_odds_of(best, ways)
-    named = {marker: lights[i] for marker, i in best.way if odds[marker] > 0.0}
+    odds = log_odds_of(best, hypotheses)
+    named = {marker: lights[i] for marker, i in best.assignment if odds[marker] > 0.0}
     if len(named) < fewest:
         return None
-    return Again(best.view, named, {marker: odds[marker] for marker in named})
+    return Reacquired(best.view, named, {marker: odds[marker] for marker in named})
 
 
-STRANGE = 3  # Frames without a name after which a light is clutter
+MIN_CLUTTER_AGE = 3  # Frames without a name after which a light is clutter
 REMEMBERED = 150  # Frames for which lights may be clutter after one, or as many, have been seen
 SETTLED = 30  # Frames in which none has come, after which all of it may be known
 CLUTTER_STEP = 8.0  # px that clutter may move in a frame, as the camera shakes
@@ -157,11 +167,11 @@ class Clutter:
 
     @property
     def _known(self) -> int:
-        return sum(age >= STRANGE for _, age in self._seen)
+        return sum(age >= MIN_CLUTTER_AGE for _, age in self._seen)
 
     def include(self, light: Light) -> bool:
         """Whether a light has stood there, or close by, for long."""
-        return any(age >= STRANGE and _is_beside(light, other) for other, age in self._seen)
+        return any(age >= MIN_CLUTTER_AGE and _is_beside(light, other) for other, age in self._seen)
 
     def update(self, lights: Sequence[Light], expected: Mapping[int, Expectation] | None) -> None:
         """Take the lights of a frame that got no name, and where markers without one should be.
@@ -179,10 +189,10 @@ class Clutter:
                     math.hypot(light.x - x, light.y - y) < CLUTTER_STEP + 4.0 * deviation
                     for x, y, deviation in expected.values()
                 )
-                ages.append(0 if near else before + STRANGE)
+                ages.append(0 if near else before + MIN_CLUTTER_AGE)
             if ages:
                 seen.append((light, max(ages)))
-                if before < STRANGE <= max(ages):
+                if before < MIN_CLUTTER_AGE <= max(ages):
                     self._settled = 0
         self._seen = seen
         self._since_most += 1
@@ -283,7 +293,7 @@ class Search:
             def unlike(index: int, light: Light, gates: dict[int, Expectation] = gates) -> float:
                 if gates[index].deviation > KNOWN_PLACE and self._clutter.include(light):
                     return math.inf
-                return self._unlikeness(index, light)
+                return self._appearance_cost(index, light)
 
             free = []
             for light in self._free:
@@ -340,11 +350,11 @@ class Search:
         """Name a body of which fewer markers than show each other's place are firm."""
         lights = [*self.found.values(), *self._free]
         new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
-        may_be_none, strays = self._clutter.may_be_new, self._strays
+        may_be_none, density = self._clutter.may_be_new, self._clutter_density
         if self._clutter.is_about and not may_be_none:
-            strays *= KNOWN
-        prior, fewest = Prior.of(self.views), MIN_AGAIN[may_be_none]
-        again = reacquire(self.views.shape, prior, new, self._unlikeness, strays, fewest)
+            density *= KNOWN_CLUTTER
+        prior, fewest = Prior.of(self.views), MIN_REACQUIRED[may_be_none]
+        again = reacquire(self.views.shape, prior, new, self._appearance_cost, density, fewest)
         if again is None:
             return
         self.suspects.clear()
@@ -357,9 +367,9 @@ class Search:
         self._name_clear()
 
     @property
-    def _strays(self) -> float:
+    def _clutter_density(self) -> float:
         """Density of lights that are no markers, per px²."""
-        return STRAY if self._clutter.is_about else RARE * STRAY
+        return CLUTTER_DENSITY if self._clutter.is_about else RARE_CLUTTER * CLUTTER_DENSITY
 
     def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view."""
@@ -373,7 +383,9 @@ class Search:
         fewest = min(count, max(count - MAX_HIDDEN, prior.fewest))
         if is_firm:
             fewest = max(fewest, len(self.found))
-        again = reacquire(older.shape, prior, lights, self._unlikeness, self._strays, fewest)
+        again = reacquire(
+            older.shape, prior, lights, self._appearance_cost, self._clutter_density, fewest
+        )
         if again is None or not again.is_sure:
             return
         if holds and not self._is_better(again):
@@ -385,13 +397,13 @@ class Search:
         self.found, self.suspects, self.reacquired = dict(again.lights), set(), again.odds
         self._begin(shape, again)
 
-    def _begin(self, shape: WeakPerspective, again: Again) -> None:
+    def _begin(self, shape: WeakPerspective, again: Reacquired) -> None:
         """Follow a body that was found again from where it is: the filter has lost it."""
         self.views = ViewFilter(shape, again.view, self.views.time, self.views)
         self.faults, self._view = FaultDetector(self.views), self.views.view
         self._known = ()  # All names are given anew.
 
-    def _is_better(self, again: Again) -> bool:
+    def _is_better(self, again: Reacquired) -> bool:
         """Whether a body says more of the lights than the names found so far.
 
         It must name two markers more, or one and show that one of those names is wrong.
@@ -431,5 +443,5 @@ class Search:
             self._expected_by, self._expected = self._view, [Expectation(*row) for row in rows]
         return {index: self._expected[index] for index in markers}
 
-    def _unlikeness(self, index: int, light: Light) -> float:
-        return 0.0 if self._markers[index].is_likely(light.seen) else UNLIKE
+    def _appearance_cost(self, index: int, light: Light) -> float:
+        return 0.0 if self._markers[index].is_likely(light.seen) else UNLIKELY_COST

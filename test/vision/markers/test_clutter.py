@@ -3,7 +3,7 @@
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.lights import Light
 from mvuav_ros.vision.markers.marker_memory import Expectation
-from mvuav_ros.vision.markers.naming import REMEMBERED, SETTLED, STRANGE, Clutter
+from mvuav_ros.vision.markers.naming import MIN_CLUTTER_AGE, REMEMBERED, SETTLED, Clutter
 
 PLACE = {2: Expectation(100.0, 100.0, 1.0)}
 
@@ -22,7 +22,7 @@ def test_a_light_far_from_every_place_is_clutter_and_is_followed():
 
 def test_a_light_beside_the_place_of_a_marker_may_be_the_marker():
     clutter = Clutter()
-    for _ in range(2 * STRANGE):
+    for _ in range(2 * MIN_CLUTTER_AGE):
         clutter.update([light(104.0)], PLACE)
     assert not clutter.include(light(104.0))
     assert not clutter.is_about

@@ -487,12 +487,14 @@ def test_a_whole_body_far_from_where_it_was_lost_is_named_once_it_is_lost():
 
 @pytest.mark.parametrize(
     ('share', 'roll_deg', 'radius', 'named'),
-    [(0.4, 120.0, 3, 5), (0.4, 180.0, 2, 5), (0.95, 0.0, 3, 5), (0.95, 180.0, 3, 5)]
-    # Lights as large as the body's may be another body's.
-    + [(0.4, 120.0, 4, 0), (0.4, 180.0, 4, 0)],
+    [
+        *[(0.4, 120.0, 3, 5), (0.4, 180.0, 2, 5), (0.95, 0.0, 3, 5), (0.95, 180.0, 3, 5)],
+        # Lights as large as the body's may be another body's.
+        *[(0.4, 120.0, 4, 0), (0.4, 180.0, 4, 0)],
+    ],
 )
 def test_a_smaller_body_with_smaller_lights_is_a_flare(share, roll_deg, radius, named):
-    """A lens repeats the lights, mirrored at its principal point: the body itself gets the names."""
+    """A lens repeats the lights, mirrored at its principal point: the body itself has the names."""
     turn, _ = cv2.Rodrigues(np.array([0.0, 0.0, math.radians(roll_deg)]))
     seen = TANKER_747.positions @ (turn @ OPTICAL_FROM_BODY).T + (-30.0, -15.0, 170.0)
     middle = CAMERA.matrix[:2, 2]

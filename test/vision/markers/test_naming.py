@@ -11,7 +11,7 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.lights import Lens, Light
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
-from mvuav_ros.vision.markers.naming import UNLIKE, Clutter, Search, assign
+from mvuav_ros.vision.markers.naming import UNLIKELY_COST, Clutter, Search, assign
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import TANKER_747
@@ -36,13 +36,13 @@ def test_a_light_that_may_be_one_marker_alone_is_that_one():
 
 def test_a_marker_of_another_size_leaves_a_name_in_doubt():
     """The frame may cut it: it is unlikely to be the light, but not out of the question."""
-    assert named(0.0, UNLIKE) == set()
+    assert named(0.0, UNLIKELY_COST) == set()
     far = {**EXPECTED, 1: Expectation(85.0, 100.0, 5.0)}
-    assert set(assign(far, [LIGHT], lambda marker, light: (0.0, UNLIKE)[marker])) == {0}
+    assert set(assign(far, [LIGHT], lambda marker, light: (0.0, UNLIKELY_COST)[marker])) == {0}
 
 
 def test_a_light_that_looks_like_no_marker_has_no_name():
-    assert named(UNLIKE, math.inf) == set()
+    assert named(UNLIKELY_COST, math.inf) == set()
 
 
 @pytest.mark.parametrize(('odds', 'kept'), [(8.0, True), (CONFIDENCE.first, False)])

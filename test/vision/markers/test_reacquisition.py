@@ -8,7 +8,7 @@ import pytest
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.initialization import Prior, guess_body, log_odds_of
+from mvuav_ros.vision.markers.initialization import Prior, body_hypotheses, log_odds_of
 from mvuav_ros.vision.markers.lights import Lens, Light
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE
 from mvuav_ros.vision.markers.naming import JOLT, reacquire
@@ -60,7 +60,7 @@ def test_a_rig_of_fewer_markers_than_it_takes_is_not_found():
     """Two markers among clutter, of which three lights must be found, raised ValueError."""
     rig = MarkerRig('two', TANKER_747.markers[:2], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     shape = WeakPerspective.of(rig, Lens((640, 480), CAMERA))
-    assert guess_body(shape, SPOTS, prior_after(0.1), fewest=3) == []
+    assert body_hypotheses(shape, SPOTS, prior_after(0.1), fewest=3) == []
 
 
 def test_three_lights_are_enough_where_they_are_all_that_there_is():
@@ -114,8 +114,8 @@ def test_two_lights_of_a_body_that_has_turned_and_come_nearer(changed):
     deviations[:2] = 0.3
     prior = Prior(prior.mean, deviations, prior.noise)
     spots = [light(x, y) for x, y in SHAPE.project(view).tolist()]
-    best = guess_body(SHAPE, [spots[0], spots[4]], prior, 2)[0]
-    assert best.way == ((0, 0), (4, 1))
+    best = body_hypotheses(SHAPE, [spots[0], spots[4]], prior, 2)[0]
+    assert best.assignment == ((0, 0), (4, 1))
     assert best.view.parameters[:2] == pytest.approx(view[:2], abs=0.02)
 
 
@@ -133,8 +133,8 @@ def test_views_that_the_prior_allows_are_not_ruled_out():
         away = rng.normal(size=6)
         view[:6] += 2.0 * prior.deviations[:6] * away / np.linalg.norm(away)
         spots = [light(x, y) for x, y in SHAPE.project(view).tolist()]
-        best = guess_body(SHAPE, spots + OTHERS, prior, 5)[0]
-        assert best.way == tuple((marker, marker) for marker in range(5))
+        best = body_hypotheses(SHAPE, spots + OTHERS, prior, 5)[0]
+        assert best.assignment == tuple((marker, marker) for marker in range(5))
 
 
 OTHERS = [light(60.0, 420.0), light(600.0, 430.0), light(330.0, 40.0), light(500.0, 90.0)]
@@ -146,8 +146,8 @@ def test_a_body_with_a_hidden_marker_stands_out_among_other_lights(hidden):
     prior = prior_after(1.0)
     shown = [spot for marker, spot in enumerate(SPOTS) if marker != hidden]
     spots = [OTHERS[0], *shown, *OTHERS[1:]]
-    best, *others = guess_body(SHAPE, spots, prior, 4)
-    named = {marker: spots[number] for marker, number in best.way}
+    best, *others = body_hypotheses(SHAPE, spots, prior, 4)
+    named = {marker: spots[number] for marker, number in best.assignment}
     assert named == {marker: spot for marker, spot in enumerate(SPOTS) if marker != hidden}
     assert best.evidence > 0.0
     assert all(guess.evidence < best.evidence for guess in others)
@@ -157,13 +157,15 @@ def test_a_marker_that_is_another_light_leaves_no_evidence_for_a_body():
     """Three right lights and one that lies 8 px from the fourth marker."""
     prior = prior_after(1.0)
     beside = SPOTS[3]._replace(x=SPOTS[3].x + 8.0)
-    guesses = guess_body(SHAPE, [*SPOTS[:3], beside, *OTHERS], prior, 4)
-    assert all(guess.evidence < -8.0 for guess in guesses)
+    hypotheses = body_hypotheses(SHAPE, [*SPOTS[:3], beside, *OTHERS], prior, 4)
+    assert all(guess.evidence < -8.0 for guess in hypotheses)
 
 
 def test_the_less_is_known_of_the_view_the_less_evidence_there_is():
     priors = [prior_after(elapsed) for elapsed in (0.1, 1.0, 5.0)]
-    evidence = [guess_body(SHAPE, SPOTS[:4] + OTHERS, prior, 4)[0].evidence for prior in priors]
+    evidence = [
+        body_hypotheses(SHAPE, SPOTS[:4] + OTHERS, prior, 4)[0].evidence for prior in priors
+    ]
     assert evidence[0] > evidence[1] > evidence[2]
 
 
@@ -182,27 +184,27 @@ def test_each_name_of_a_way_has_its_own_odds():
     """One light is 20 px beside its marker: the others are surer than that one."""
     prior = prior_after(0.1)
     beside = SPOTS[3]._replace(x=SPOTS[3].x + 20.0)
-    ways = guess_body(SHAPE, [*SPOTS[:3], beside, *OTHERS], prior, 3)
-    best = max(ways, key=lambda way: way.evidence if len(way.way) == 3 else -math.inf)
-    odds = log_odds_of(best, ways)
-    assert odds.keys() == {marker for marker, _ in best.way}
-    whole = guess_body(SHAPE, [*SPOTS, *OTHERS], prior, 3)
+    hypotheses = body_hypotheses(SHAPE, [*SPOTS[:3], beside, *OTHERS], prior, 3)
+    best = max(hypotheses, key=lambda one: one.evidence if len(one.assignment) == 3 else -math.inf)
+    odds = log_odds_of(best, hypotheses)
+    assert odds.keys() == {marker for marker, _ in best.assignment}
+    whole = body_hypotheses(SHAPE, [*SPOTS, *OTHERS], prior, 3)
     assert min(log_odds_of(whole[0], whole).values()) > max(odds.values())
 
 
 def test_without_one_of_its_markers_a_way_has_the_evidence_of_the_others():
     """By the chain rule, against a fit of the others alone."""
     prior = prior_after(0.1)
-    (whole,) = (way for way in guess_body(SHAPE, SPOTS, prior, 5) if len(way.way) == 5)
+    (whole,) = (one for one in body_hypotheses(SHAPE, SPOTS, prior, 5) if len(one.assignment) == 5)
     assert whole.without.keys() == set(range(5))
     # The more lights there are, the more ways of giving four of them to the markers.
     ways = math.log(math.perm(4, 4) / math.perm(5, 4))
     for out in range(5):
-        rest = guess_body(SHAPE, SPOTS[:out] + SPOTS[out + 1 :], prior, 4)[0]
+        rest = body_hypotheses(SHAPE, SPOTS[:out] + SPOTS[out + 1 :], prior, 4)[0]
         assert whole.without[out] == pytest.approx(rest.evidence + ways, abs=0.3)
 
 
 def test_the_rarer_strange_lights_are_the_more_a_body_stands_out():
     prior = prior_after(0.1)
-    few, many = (guess_body(SHAPE, SPOTS, prior, 5, strays)[0] for strays in (1e-6, 1e-5))
+    few, many = (body_hypotheses(SHAPE, SPOTS, prior, 5, clutter)[0] for clutter in (1e-6, 1e-5))
     assert few.evidence - many.evidence == pytest.approx(5 * math.log(10.0))
