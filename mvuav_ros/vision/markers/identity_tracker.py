@@ -14,7 +14,7 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.initialization import Attempts, Trial, initialize
+from mvuav_ros.vision.markers.initialization import Attempts, Trial, fewest_at_start, initialize
 from mvuav_ros.vision.markers.lights import (
     Frame,
     GroupingError,
@@ -97,7 +97,7 @@ class IdentityTracker:
         self.lights = seen = len(lights)
         if not self._attempts.due(seen):
             return self._nothing(f'{seen} lights in view, {self._count} do not stand out')
-        if seen < self._count:
+        if seen < fewest_at_start(self._shape):
             return self._nothing(f'{seen} of {self._count} markers in view')
         named = initialize(self._shape, lights, self._rig.names)
         if named.view is None:
@@ -109,7 +109,7 @@ class IdentityTracker:
         if not self._attempts.confirmed(named):
             return self._nothing(f'{seen} lights in view, not yet certain')
         self._start_again(self._attempts.was_wrong)
-        memory = MarkerMemory(frame.time, list(named.lights.values()), self._is_redundant)
+        memory = MarkerMemory(frame.time, named.lights, self._count, self._is_redundant)
         shape, places = self._shape, places_of(named.lights)
         if not named.fits:
             self._trial = Trial(shape, named.view, places)

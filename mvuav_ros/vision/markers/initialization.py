@@ -344,6 +344,7 @@ CLEAR_RESIDUAL = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 STRICT_RESIDUAL = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same residual for some time."""
+MIN_WITH_HIDDEN = 4  # Markers, with more of which one may be hidden at the start
 MIN_APART = 3  # Lights that are no other body's: some of a flare's may lie on the body's own
 LONE_RESIDUAL = 0.06  # In units of its size, of a body alone before a camera that is not calibrated
 OTHER_BODY_RESIDUAL = 0.15  # The same for five lights that the thesis's assumption alone must name
@@ -367,28 +368,35 @@ class Named(NamedTuple):
     remark: str = ''  # why they cannot be named, or what was left out
 
 
+def fewest_at_start(shape: WeakPerspective) -> int:
+    """Lights with which a body may begin: one may be out where the others show it is the body."""
+    count = len(shape.points)
+    return count - (shape.lens.focal is not None and count > MIN_WITH_HIDDEN)
+
+
 def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[str]) -> Named:
     """Name a whole body of which nothing is known; how exact its rig is must be seen."""
     count = len(names)
     spots = candidates(lights, count)
-    if len(spots) < count:
+    fewest = min(max(len(spots), fewest_at_start(shape)), count)
+    if len(spots) < fewest:
         return Named(remark=f'{len(spots)} of {count} markers in view')
     unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
     if len(spots) > MAX_NAMED:
         return unclear
-    bodies = body_hypotheses(shape, spots, Prior.at_start(shape), count)
+    bodies = body_hypotheses(shape, spots, Prior.at_start(shape), fewest)
     bodies = [one for one in bodies if _may_be_one_body([spots[i] for _, i in one.assignment])]
     bodies = [one for one in bodies if not any(_is_flare(one, body, spots) for body in bodies)]
-    alone = len(spots) == count
+    alone, hidden = len(spots) == fewest, count - fewest
     free = alone and shape.lens.focal is None
     if bodies and (len(bodies) == 1 or bodies[0].evidence >= bodies[1].evidence + MARGIN):
         best = bodies[0]
         exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
+        strict = STRICT_RESIDUAL[0] + STRICT_RESIDUAL[1] * best.view.scale
         limit = LONE_RESIDUAL * best.view.scale if free else exact
-        if best.view.rms_residual <= max(limit, exact):
-            strict = STRICT_RESIDUAL[0] + STRICT_RESIDUAL[1] * best.view.scale
+        if best.view.rms_residual <= (strict if hidden else max(limit, exact)):
             frames = 1 if alone or best.evidence > SURE_AT_START else CONFIRMED
-            if not free and best.view.rms_residual > strict:
+            if hidden or (not free and best.view.rms_residual > strict):
                 frames = CONFIRMED_ODD
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             chosen = {marker: spots[index] for marker, index in best.assignment}
@@ -472,10 +480,11 @@ class Attempts:
         """Take a way of naming them; whether it is that of the last attempt."""
         assert named.view is not None
         reach = 0.5 * named.view.scale
-        alike = all(are_close(light, named.lights[m], reach) for m, light in self.last.items())
+        both = self.last.keys() & named.lights.keys()
+        alike = all(are_close(self.last[m], named.lights[m], reach) for m in both)
         most = SAME_RESIDUAL[0] + SAME_RESIDUAL[1] * self._first_residual
         changed = abs(named.view.rms_residual - self._first_residual) > most
-        goes_on = alike and bool(self.last)
+        goes_on = alike and self.last.keys() == named.lights.keys()
         self._is_odd = named.frames == CONFIRMED_ODD or (goes_on and self._is_odd)
         if goes_on and not (self._is_odd and changed):
             self.agreed += 1

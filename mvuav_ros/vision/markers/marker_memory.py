@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +21,9 @@ class Expectation(NamedTuple):
     x: float
     y: float
     deviation: float
+
+
+UNKNOWN = Expectation(math.nan, math.nan, math.inf)
 
 
 @dataclass(frozen=True)
@@ -187,17 +190,22 @@ class KnownMarker:
 class MarkerMemory:
     """All of a body's markers."""
 
-    def __init__(self, time: float, lights: Sequence[Light], is_redundant: bool = True) -> None:
-        """Begin at a time (s) with all of them; in a redundant body a wrong light can show."""
-        spots = [light.seen for light in lights]
-        self.markers = [KnownMarker(float(s.area), s.spread, s.radius) for s in spots]
-        self.predictor = MotionPredictor(len(spots))  # of their motions
+    def __init__(
+        self, time: float, lights: Mapping[int, Light], count: int, is_redundant: bool = True
+    ) -> None:
+        """Begin at a time (s) with lights of so many; in a redundant body a wrong one can show."""
+        spots = {marker: light.seen for marker, light in lights.items()}
+        # One that has not been seen yet may look like any other.
+        usual = sorted(spots.values(), key=lambda spot: spot.area)[len(spots) // 2]
+        every = [spots.get(marker, usual) for marker in range(count)]
+        self.markers = [KnownMarker(float(s.area), s.spread, s.radius) for s in every]
+        self.predictor = MotionPredictor(count)  # of their motions
         self.jumps = Jumps()  # of their lights
         self._is_redundant = is_redundant
         self._probation = PROBATION if is_redundant else UNCHECKED
         self._was_checked = True  # whether there were enough of them to check each other
         self.predict(time)
-        self.remember(time, dict(enumerate(spots)), {})
+        self.remember(time, spots, dict.fromkeys(range(count), UNKNOWN))
 
     @property
     def untrusted(self) -> set[int]:

@@ -485,6 +485,43 @@ def test_a_whole_body_far_from_where_it_was_lost_is_named_once_it_is_lost():
     assert named[40:] == [5] * 20, 'half a second after it was seen last, and some frames'
 
 
+def tanker_before(camera, place, roll_deg=0.0):
+    """Where the camera sees the lights, (5, 2) px; the place is in optical axes, m."""
+    turn, _ = cv2.Rodrigues(np.array([0.0, 0.0, math.radians(roll_deg)]))
+    seen = TANKER_747.positions @ (turn @ OPTICAL_FROM_BODY).T + place
+    return camera.matrix[0, 0] * seen[:, :2] / seen[:, 2:] + camera.matrix[:2, 2]
+
+
+@pytest.mark.parametrize(('dark', 'first'), [(0, 9), (1, 9), (3, 9), (4, 9), (2, 15)])
+def test_a_body_with_a_dark_light_begins_with_the_others(dark, first):
+    """Ten frames must show it alike; the light has its name once it is lit.
+
+    Without the rudder the others are nearly in one plane, and might be upside down.
+    """
+    tracker = MarkerTracker()
+    tracker.set_camera(CAMERA)
+    for step in range(20):
+        body = tanker_before(CAMERA, (-30.0 + step, 15.0, 150.0 - step), 5.0 + step)
+        lit = np.delete(body, dark, axis=0) if step < 15 else body
+        result = tracker.process(Image(draw(lit), 'mono8'), step * 33_000_000)
+        names = {int(marker.label) for marker in result.named}
+        lights = {*range(5)} - ({dark} if step < 15 else set())
+        assert names == (lights if step >= first else set())
+        for marker in result.named:
+            assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=0.3)
+
+
+@pytest.mark.parametrize('dark', [(0, 1), (2, 4), (1, 3)])
+def test_three_lights_and_a_stranger_are_no_body_with_a_dark_light(dark):
+    tracker = MarkerTracker()
+    tracker.set_camera(CAMERA)
+    for step in range(30):
+        body = tanker_before(CAMERA, (-30.0 + step, 15.0, 150.0 - step), 5.0 + step)
+        lit = np.vstack((np.delete(body, dark, axis=0), [(420.0, 160.0)]))
+        result = tracker.process(Image(draw(lit), 'mono8'), step * 33_000_000)
+        assert not result.named
+
+
 @pytest.mark.parametrize(
     ('share', 'roll_deg', 'radius', 'named'),
     [
@@ -495,10 +532,7 @@ def test_a_whole_body_far_from_where_it_was_lost_is_named_once_it_is_lost():
 )
 def test_a_smaller_body_with_smaller_lights_is_a_flare(share, roll_deg, radius, named):
     """A lens repeats the lights, mirrored at its principal point: the body itself has the names."""
-    turn, _ = cv2.Rodrigues(np.array([0.0, 0.0, math.radians(roll_deg)]))
-    seen = TANKER_747.positions @ (turn @ OPTICAL_FROM_BODY).T + (-30.0, -15.0, 170.0)
-    middle = CAMERA.matrix[:2, 2]
-    body = 554.0 * seen[:, :2] / seen[:, 2:] + middle
+    body, middle = tanker_before(CAMERA, (-30.0, -15.0, 170.0), roll_deg), CAMERA.matrix[:2, 2]
     flare = middle - share * (body - middle)
     image = Image(np.maximum(draw(body), draw(flare, radius=radius)), 'mono8')
     tracker = MarkerTracker()

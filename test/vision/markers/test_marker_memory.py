@@ -67,7 +67,8 @@ def test_a_light_jumps_farther_than_its_background_can_pull_it(away, jumped):
 
 def memory_of(count, **options):
     spots = [Detection(100.0 * i + 50.0, 100.0, 30, 1.0) for i in range(count)]
-    return MarkerMemory(0.0, [Light(spot.x, spot.y, spot) for spot in spots], **options), spots
+    lights = {i: Light(spot.x, spot.y, spot) for i, spot in enumerate(spots)}
+    return MarkerMemory(0.0, lights, count, **options), spots
 
 
 def after_a_return(count, later):
@@ -136,8 +137,8 @@ def test_what_is_found_again_is_trusted_where_a_wrong_light_could_show(redundant
 @pytest.mark.parametrize(('away', 'is_told'), [(0.0, True), (1.0, True), (12.0, False)])
 def test_a_lone_light_that_stays_when_the_others_go_may_be_another(away, is_told):
     """As where all lights go out at once and another one stands within a window."""
-    lights = [Light(100.0 * i, 100.0, Detection(100.0 * i, 100.0, 30, 1.0)) for i in range(5)]
-    memory = MarkerMemory(0.0, lights)
+    lights = {i: Light(100.0 * i, 100.0, Detection(100.0 * i, 100.0, 30, 1.0)) for i in range(5)}
+    memory = MarkerMemory(0.0, lights, 5)
     calm = Evidence({i: densities(2.0) for i in range(5)}, 0.5)
     for _ in range(4):
         memory.weigh(range(5), calm, others=True)
