@@ -132,6 +132,10 @@ class Hypothesis:
     evidence: float  # logarithm of its odds against lights that are all none of the body's
     without: dict[int, float]  # the same, by marker, of the assignment without it
 
+    def lights(self, spots: Sequence[Light]) -> dict[int, Light]:
+        """By marker, of all lights that might be named."""
+        return {marker: spots[index] for marker, index in self.assignment}
+
 
 def body_hypotheses(
     shape: WeakPerspective,
@@ -345,6 +349,7 @@ CLEAR_RESIDUAL = (1.0, 0.008)
 STRICT_RESIDUAL = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same residual for some time."""
 MIN_WITH_HIDDEN = 4  # Markers, with more of which one may be hidden at the start
+MAX_WITH_HIDDEN = 8  # Lights up to which such a body is looked for: in 4 ms; of twelve in 15 ms
 MIN_APART = 3  # Lights that are no other body's: some of a flare's may lie on the body's own
 LONE_RESIDUAL = 0.06  # In units of its size, of a body alone before a camera that is not calibrated
 OTHER_BODY_RESIDUAL = 0.15  # The same for five lights that the thesis's assumption alone must name
@@ -376,34 +381,55 @@ def fewest_at_start(shape: WeakPerspective) -> int:
 
 def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[str]) -> Named:
     """Name a whole body of which nothing is known; how exact its rig is must be seen."""
-    count = len(names)
+    count, fewest = len(names), fewest_at_start(shape)
     spots = candidates(lights, count)
-    fewest = min(max(len(spots), fewest_at_start(shape)), count)
     if len(spots) < fewest:
         return Named(remark=f'{len(spots)} of {count} markers in view')
     unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
     if len(spots) > MAX_NAMED:
         return unclear
-    bodies = body_hypotheses(shape, spots, Prior.at_start(shape), fewest)
-    bodies = [one for one in bodies if _may_be_one_body([spots[i] for _, i in one.assignment])]
-    bodies = [one for one in bodies if not any(_is_flare(one, body, spots) for body in bodies)]
-    alone, hidden = len(spots) == fewest, count - fewest
+    alone = len(spots) == count
     free = alone and shape.lens.focal is None
-    if bodies and (len(bodies) == 1 or bodies[0].evidence >= bodies[1].evidence + MARGIN):
-        best = bodies[0]
+    bodies = _bodies(shape, spots, count)
+    best = _outstanding(bodies)
+    if best is not None:
         exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
-        strict = STRICT_RESIDUAL[0] + STRICT_RESIDUAL[1] * best.view.scale
         limit = LONE_RESIDUAL * best.view.scale if free else exact
-        if best.view.rms_residual <= (strict if hidden else max(limit, exact)):
+        if best.view.rms_residual <= max(limit, exact):
             frames = 1 if alone or best.evidence > SURE_AT_START else CONFIRMED
-            if hidden or (not free and best.view.rms_residual > strict):
+            if not (free or _is_strict(best.view)):
                 frames = CONFIRMED_ODD
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
-            chosen = {marker: spots[index] for marker, index in best.assignment}
-            return Named(chosen, best.view, frames, best.view.rms_residual <= exact, remark)
+            return Named(
+                best.lights(spots), best.view, frames, best.view.rms_residual <= exact, remark
+            )
     if free and tuple(names) == TANKER_NAMES:
         return _as_the_thesis(shape, spots) or unclear
+    fits = any(_is_strict(body.view) for body in bodies)
+    if fits or fewest == count or len(spots) > MAX_WITH_HIDDEN:
+        return unclear
+    best = _outstanding(_bodies(shape, spots, fewest))
+    if best is not None and _is_strict(best.view) and best.evidence > SURE_AT_START:
+        return Named(best.lights(spots), best.view, CONFIRMED_ODD)
     return unclear
+
+
+def _bodies(shape: WeakPerspective, spots: Sequence[Light], fewest: int) -> list[Hypothesis]:
+    bodies = body_hypotheses(shape, spots, Prior.at_start(shape), fewest)
+    bodies = [one for one in bodies if _may_be_one_body([*one.lights(spots).values()])]
+    return [one for one in bodies if not any(_is_flare(one, body, spots) for body in bodies)]
+
+
+def _outstanding(bodies: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The first one, if it is clearly more probable than the next."""
+    is_one = len(bodies) == 1
+    if is_one or (bodies and bodies[0].evidence >= bodies[1].evidence + MARGIN):
+        return bodies[0]
+    return None
+
+
+def _is_strict(view: ViewState) -> bool:
+    return view.rms_residual <= STRICT_RESIDUAL[0] + STRICT_RESIDUAL[1] * view.scale
 
 
 def _may_be_one_body(lights: Sequence[Light]) -> bool:
