@@ -22,9 +22,11 @@ from mvuav_ros.vision.image import ImageError
 _ENCAPSULATION = b'\0\1\0\0'  # Plain CDR, little endian
 MAX_NAME = 1024
 """Bytes; a longer frame_id or encoding is damage, and is not carried on into every result."""
-_BIG_ENDIAN, _LITTLE_ENDIAN = (0, 6), (1, 7)  # Second byte of plain CDR, version 1 and 2
+_ORDERS = {b'\0\0': '>', b'\0\1': '<', b'\0\6': '>', b'\0\7': '<'}
+"""Of numbers, by how plain CDR of version 1 and 2 begins."""
 _LENGTH = struct.Struct('<I')
 _STAMP = struct.Struct('<iI')
+_STAMPS = {start: struct.Struct(f'{order}iI') for start, order in _ORDERS.items()}
 _SIZES = {'B': 1, 'f': 4, 'i': 4, 'I': 4, 'd': 8, 'Q': 8}
 
 
@@ -96,15 +98,10 @@ class CdrReader:
     """Walks through a message's CDR bytes; alignment counts from the end of the encapsulation."""
 
     def __init__(self, message: bytes | memoryview) -> None:
-        if len(message) < len(_ENCAPSULATION) or message[0] != 0:
-            raise ImageError(f'{len(message)} bytes are no CDR message')
-        if message[1] in _LITTLE_ENDIAN:
-            self._order = '<'
-        elif message[1] in _BIG_ENDIAN:
-            self._order = '>'
-        else:
-            raise ImageError(f'CDR representation {message[1]} is not known')
-        self._view = memoryview(message)
+        start = bytes(message[:2])
+        if len(message) < len(_ENCAPSULATION) or start not in _ORDERS:
+            raise ImageError(f'{len(message)} bytes, {start.hex()} first, are no plain CDR message')
+        self._order, self._view = _ORDERS[start], memoryview(message)
         self._position = len(_ENCAPSULATION)
 
     def numbers(self, layout: str) -> tuple[Any, ...]:
@@ -141,12 +138,26 @@ class CdrReader:
         return taken
 
     def header(self) -> tuple[int, str]:
-        """The stamp (ns) and frame of a std_msgs/Header."""
-        (sec,) = self.numbers('i')
-        (nanosec,) = self.numbers('I')
-        if nanosec >= 1_000_000_000:
-            raise ImageError(f'the stamp has {nanosec} nanoseconds in a second')
-        return sec * 1_000_000_000 + nanosec, self.text('frame_id')
+        """The stamp (ns) and frame of the std_msgs/Header with which the message begins."""
+        stamp_ns = stamp_ns_in(self._view)
+        self._position = len(_ENCAPSULATION) + _STAMP.size
+        return stamp_ns, self.text('frame_id')
+
+
+def stamp_ns_in(message: bytes | memoryview) -> int:
+    """The stamp (ns) of any message in CDR that begins with a header.
+
+    Raises:
+        ImageError: the bytes are no such message.
+    """
+    try:
+        # Not by a `CdrReader`, as every image waits for this.
+        sec, nanosec = _STAMPS[bytes(message[:2])].unpack_from(message, len(_ENCAPSULATION))
+    except (KeyError, struct.error):
+        raise ImageError(f'{len(message)} bytes are no plain CDR message with a stamp') from None
+    if nanosec >= 1_000_000_000:
+        raise ImageError(f'the stamp has {nanosec} nanoseconds in a second')
+    return int(sec * 1_000_000_000 + nanosec)
 
 
 _NUMBERS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}

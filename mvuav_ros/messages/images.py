@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.cdr import CdrReader, CdrWriter
+from mvuav_ros.messages.cdr import CdrReader, CdrWriter, stamp_ns_in
 from mvuav_ros.messages.h264_gaps import PictureNumbers
 from mvuav_ros.messages.image_files import (
     MAX_PIXELS,
@@ -84,15 +84,6 @@ def codec_of(name: str) -> str:
     name = _OTHER_NAMES.get(name, name)
     # Encoders' names begin with the codec's: h264_nvenc.
     return next((codec for codec in _CODECS if name.split('_')[0] == codec), '')
-
-
-def stamp_ns_in(message: bytes | memoryview) -> int:
-    """The stamp (ns) of any serialized message that begins with a header.
-
-    Raises:
-        ImageError: the bytes are no such message.
-    """
-    return CdrReader(message).header()[0]
 
 
 class StampReader:
@@ -269,8 +260,8 @@ def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:
 OPTICAL_FRAME = 'camera_optical_frame'
 """Frame of images whose source names none (REP-103: x right, y down, z ahead)."""
 
-_STAMP = struct.Struct('<iI')
 _STAMP_START, _STAMP_END = 4, 12
+_NANOSECONDS, _NANOSECONDS_START = struct.Struct('<I'), 8
 _NS = 1_000_000_000
 # A frame may come out behind so many others, by the standards of H.264 and H.265.
 _MAX_WAITING = 32
@@ -317,7 +308,8 @@ class _Layout(NamedTuple):
     size: int
     encapsulation: bytes
     fields: bytes
-    frame: Callable[[int, bytes | memoryview], Frame]
+    frame_id: str
+    image: Callable[[bytes | memoryview], Image]
 
 
 class ImageDecoder:
@@ -330,28 +322,27 @@ class ImageDecoder:
     def __init__(self) -> None:
         self._layout: _Layout | None = None
 
-    def decode(self, type_name: str, message: bytes | memoryview) -> Frame:
-        """The frame in a message in CDR; the pixels of an Image are not copied.
+    def decode(self, type_name: str, message: bytes | memoryview) -> tuple[str, Image]:
+        """The frame_id and the image of a message in CDR; pixels of an Image are not copied.
 
         Raises:
             ImageError: the message is damaged, or its image cannot be used.
         """
         if type_name != IMAGE and normalised_type(type_name) != IMAGE:
             coded = view_coded_image(type_name, message)
-            return Frame(coded.stamp_ns, coded.frame_id, decode_compressed_image(coded))
+            return coded.frame_id, decode_compressed_image(coded)
         known = self._layout
         if (
             known is not None
             and len(message) == known.size
             and message[:_STAMP_START] == known.encapsulation
             and message[_STAMP_END : _STAMP_END + len(known.fields)] == known.fields
+            and _NANOSECONDS.unpack_from(message, _NANOSECONDS_START)[0] < _NS
         ):
-            seconds, nanoseconds = _STAMP.unpack_from(message, _STAMP_START)
-            if nanoseconds < _NS:
-                return known.frame(seconds * _NS + nanoseconds, message)
+            return known.frame_id, known.image(message)
         return self._read(message)
 
-    def _read(self, message: bytes | memoryview) -> Frame:
+    def _read(self, message: bytes | memoryview) -> tuple[str, Image]:
         view = view_image(message)
         image = decode_image(view)
         octets, pixels = np.frombuffer(message, np.uint8), image.pixels
@@ -359,15 +350,14 @@ class ImageDecoder:
         if is_little_endian and np.may_share_memory(octets, pixels):
             shape, dtype, strides = pixels.shape, pixels.dtype, pixels.strides
             start = pixels.ctypes.data - octets.ctypes.data
-            frame_id, encoding = view.frame_id, image.encoding
 
-            def frame(stamp_ns: int, message: bytes | memoryview) -> Frame:
-                pixels: Any = np.ndarray(shape, dtype, message, start, strides)
-                return Frame(stamp_ns, frame_id, Image(pixels, encoding))
+            def image_in(message: bytes | memoryview) -> Image:
+                return Image(np.ndarray(shape, dtype, message, start, strides), image.encoding)
 
             head = bytes(message[:start])
-            self._layout = _Layout(len(message), head[:_STAMP_START], head[_STAMP_END:], frame)
-        return Frame(view.stamp_ns, view.frame_id, image)
+            known = len(message), head[:_STAMP_START], head[_STAMP_END:], view.frame_id
+            self._layout = _Layout(*known, image_in)
+        return view.frame_id, image
 
 
 class VideoDecoder:

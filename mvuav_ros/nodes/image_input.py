@@ -261,10 +261,8 @@ class SynchronizedTopic:
         """Whether an image waits."""
         return self._pairing.held is not None
 
-    def take(self, ready: Sequence[int] | None = None) -> None:
-        """Take in what has come, where this is one of the pointers of what is ready, if given."""
-        if ready is not None and self.subscription.handle.pointer not in ready:
-            return
+    def take(self) -> None:
+        """Take in what has come."""
         while (taken := self.subscription.handle.take_message(self.kind, True)) is not None:
             self._pairing.add_info(*self._decode(taken[0]))
 
@@ -324,8 +322,8 @@ class FrameInput(ABC):
         """What became of images so far; to be called now and then, from one thread."""
 
     @abstractmethod
-    def _arrived(self, ready: Sequence[int]) -> Iterable[ReceivedImage]:
-        """The images that are there; the pointers are those of subscriptions that are ready."""
+    def _arrived(self) -> Iterable[ReceivedImage]:
+        """The images that are there."""
 
     def start(self) -> None:
         """Begin to take images."""
@@ -366,19 +364,17 @@ class FrameInput(ABC):
             handles.enter_context(context)
             count = len(self._subscriptions)
             wait_set = rclpy_implementation.WaitSet(count, 1, 0, 0, 0, 0, context)
-            while not self._stopping.is_set():
+            while not self._stopping.is_set() and self._node.context.ok():
                 wait_set.clear_entities()
                 for subscription in self._subscriptions:
                     wait_set.add_subscription(subscription.handle)
                 wait_set.add_guard_condition(self._wake.handle)
                 holds = any(topic.holds for topic in self.synchronized)
                 wait_set.wait(_HELD_WAIT_NS if holds else _LONGEST_WAIT_NS)
-                if not self._node.context.ok():
-                    return
-                ready = wait_set.get_ready_entities('subscription')
+                # Whichever it was: to ask which ones are ready takes as long as to take them.
                 for topic in self.synchronized:
-                    topic.take(ready)
-                images = self._arrived(ready)
+                    topic.take()
+                images = self._arrived()
                 for topic in self.synchronized:
                     images = topic.completed(images)
                 for image in images:
@@ -422,7 +418,7 @@ class IntraProcessInput(FrameInput):
         """What became of frames so far."""
         return InputState(self.topic, ['this process'], self._events)
 
-    def _arrived(self, ready: Sequence[int]) -> Iterator[ReceivedImage]:
+    def _arrived(self) -> Iterator[ReceivedImage]:
         """One after the other: while one is answered, others may have to go."""
         while not self._stopping.is_set():
             with self._lock:
@@ -534,10 +530,8 @@ class ImageInput(FrameInput):
                 return ''
         return why
 
-    def _arrived(self, ready: Sequence[int]) -> list[ReceivedImage]:
+    def _arrived(self) -> list[ReceivedImage]:
         images: list[ReceivedImage] = []
-        if self._subscription.handle.pointer not in ready:
-            return images
         take, kind = self._subscription.handle.take_message, self._kind
         # Bounded, as a publisher could be as fast as we are.
         for _ in range(self._subscription.qos_profile.depth or _DEPTH):

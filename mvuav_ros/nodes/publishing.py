@@ -222,7 +222,8 @@ class FrameDecoder:
             coded.stamp_ns = received.stamp_ns
             yield from self._of_video(coded, received)
         elif not received.is_skipped:
-            yield _completed(self._images.decode(self._type, data), received)
+            frame_id, image = self._images.decode(self._type, data)
+            yield Frame(received.stamp_ns, frame_id, image, received.camera, received.attitude)
 
     def _of_video(self, packet: CodedImage, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
         if received.follows_loss:

@@ -14,7 +14,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, ImageDecoder, stamp_ns_in
+from mvuav_ros.messages.cdr import stamp_ns_in
+from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, ImageDecoder
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.registry import PROCESSORS
@@ -69,7 +70,7 @@ def streams_of(node: LiveNode) -> list[ImageStream]:
 
 def decode(stream: ImageStream, data: bytes) -> Image:
     """A serialized message's image; ImageError where it cannot be used."""
-    return ImageDecoder().decode(COMPRESSED_IMAGE if stream.compressed else IMAGE, data).image
+    return ImageDecoder().decode(COMPRESSED_IMAGE if stream.compressed else IMAGE, data)[1]
 
 
 def encode_jpeg(image: Image) -> bytes:

@@ -69,11 +69,11 @@ class EncodedFrame:
         try:
             if not -_END_OF_TIME <= self.stamp_ns // _NS < _END_OF_TIME:
                 raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
-            frame = _DECODER.decode(self.recorded.type, self.recorded.data)
+            frame_id, image = _DECODER.decode(self.recorded.type, self.recorded.data)
         except ImageError as error:
             return BadFrame(self.stamp_ns, str(error))
         beside = self.camera, self.attitude, self.static_transforms
-        return Frame(self.stamp_ns, frame.frame_id, frame.image, *beside)
+        return Frame(self.stamp_ns, frame_id, image, *beside)
 
 
 def choose_image_topic(

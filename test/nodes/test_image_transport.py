@@ -89,7 +89,7 @@ def test_no_attitude_is_lost_while_an_image_is_answered(graph: Graph) -> None:
     known = topic._pairing._infos
 
     def all_are_known() -> bool:
-        topic.take([topic.subscription.handle.pointer])
+        topic.take()
         return len(known) == 60
 
     with topic.subscription.handle:
@@ -110,7 +110,7 @@ def test_an_image_finds_what_came_while_the_one_before_was_answered(graph: Graph
 
     with topic.subscription.handle:
         publish(1, 0.1)
-        topic.take([topic.subscription.handle.pointer])
+        topic.take()
         answered = topic.completed(images)
         first = next(answered)
         publish(2, 0.2)

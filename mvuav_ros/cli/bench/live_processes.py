@@ -23,8 +23,8 @@ from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.cli.bench.live import FLOOR
 from mvuav_ros.cli.bench.scenes import FRAMES, lights_above_runway
-from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.images import serialize_compressed_image, serialize_image, stamp_ns_in
+from mvuav_ros.messages.cdr import cdr_header, stamp_ns_in
+from mvuav_ros.messages.images import serialize_compressed_image, serialize_image
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes.publishing import as_encoding
 from mvuav_ros.nodes.running import prepare_transport
