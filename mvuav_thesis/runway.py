@@ -31,7 +31,7 @@ from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.results import RunwayResult
-from mvuav_ros.vision.runway.statistics import RunwaySummary
+from mvuav_ros.vision.runway.statistics import RunwayStatistics
 from mvuav_thesis import known
 from mvuav_thesis.comparison import METHOD, SHIPPED, Claim, Compared
 from mvuav_thesis.plan import Plan, thesis_detector, words
@@ -66,13 +66,13 @@ class RunwayRun(LineErrors):
             result (mode approach distinguishes them); None where an edge was not on the frame.
         wrong: by frame, whether a row said that it holds an edge and held none.
         images: those asked for.
-        summary: the detector's own statistics.
+        statistics: of its lines, as the node has them.
     """
 
     right: list[bool | None] = field(default_factory=list)
     wrong: list[bool] = field(default_factory=list)
     images: list[LineImage] = field(default_factory=list)
-    summary: RunwaySummary = field(init=False)
+    statistics: RunwayStatistics = field(default_factory=RunwayStatistics)
 
     def add(self, found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[LineMatch]:
         """Hold the first two rows, the edges in mode approach, against the true edges as well."""
@@ -108,6 +108,7 @@ def fly_runway(task: RunwayTask) -> FlownRunway:
         true = [_at_row(line, task.row) for line in lines]
         for name, detector in detectors.items():
             result = detector.process(image, frame.stamp_ns)
+            runs[name].statistics.add(result.lines)
             runs[name].add([NormalForm(line.rho, line.theta) for line in result.lines], true)
             if index in task.images:
                 segments = np.array([(t.x1, t.y1, t.x2, t.y2) for t in lines if t.visible])
@@ -116,8 +117,6 @@ def fly_runway(task: RunwayTask) -> FlownRunway:
                 overlay = np.asarray(cv2.cvtColor(shown, cv2.COLOR_BGR2RGB), np.uint8)
                 kept = LineImage(flight.time(index), overlay, segments.reshape(-1, 4))
                 runs[name].images.append(kept)
-    for name, detector in detectors.items():
-        runs[name].summary = detector.statistics()
     return FlownRunway(task.flight, runs)
 
 
@@ -357,7 +356,7 @@ def figure_4_30(flight: FlownRunway) -> Table:
 
 def gui_numbers(run: RunwayRun) -> dict[str, float]:
     """A detector's statistics under the names of Fig. 4.30's cells."""
-    summary = run.summary
+    summary = run.statistics.summary()
     scale = 150.0 / summary.frames if summary.frames else math.nan
     numbers = {
         'Rho flag, frames of 150': scale * summary.rho_flags,
@@ -377,7 +376,7 @@ def flags_table(scenes: Mapping[str, FlownRunway]) -> Table:
     rows = []
     fewer = 0
     for scene, flight in scenes.items():
-        summaries = {name: flight.runs[name].summary for name in _COMPARED}
+        summaries = {name: flight.runs[name].statistics.summary() for name in _COMPARED}
         fewer += summaries[SHIPPED].corrected < summaries[THESIS_YAML].corrected
         for name, summary in summaries.items():
             counts = (summary.rho_flags, summary.theta_flags, summary.corrected)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -37,6 +37,7 @@ from mvuav_ros.vision.integrity import RunwayLevels, runway_levels
 from mvuav_ros.vision.runway.debug_images import draw_confined, draw_edges, draw_hough, draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.results import RunwayResult
+from mvuav_ros.vision.runway.statistics import RunwayStatistics
 
 # The thesis's video windows two to five.
 _Drawings = dict[str, tuple[Callable[[Any], Any], str]]
@@ -115,6 +116,7 @@ class RunwayDetectorProcessor(Processor):
         super().__init__(parameters)
         self._thesis = RunwayDetector(replace(self._parameters, mode='thesis'))
         self._approach = ApproachDetector(parameters)
+        self._statistics = RunwayStatistics()
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
         self._set_topics({**type(self).topics, **_DETECTIONS})
 
@@ -153,20 +155,19 @@ class RunwayDetectorProcessor(Processor):
 
     def reset_statistics(self) -> None:
         """Begin the statistics at zero."""
-        self._thesis.reset_statistics()
-        self._approach.reset_statistics()
+        self._statistics.reset()
 
     def periodic(self, header: bytes) -> list[Output]:
         """See `Processor.periodic`."""
-        detector = self._approach if self._parameters.mode == 'approach' else self._thesis
-        return [Output('statistics', partial(encode_statistics, detector.statistics(), header))]
+        summary = self._statistics.summary()
+        return [Output('statistics', partial(encode_statistics, summary, header))]
 
     def _forget(self) -> None:
         self._newest = None
         self._thesis.reset()
         self._approach.reset()
 
-    def _process(self, frame: Frame, header: bytes) -> list[Output]:
+    def _process(self, frame: Frame, header: bytes) -> Iterator[Output]:
         result: RunwayResult | ApproachResult
         camera, image = self._camera, frame.image
         unusable = '' if camera is None else camera.objection(image.width, image.height)
@@ -179,20 +180,19 @@ class RunwayDetectorProcessor(Processor):
         else:
             result = self._thesis.process(image, frame.stamp_ns)
             self.status = result.status
-        outputs = [
-            Output('line_params', partial(encode_line_params, result, header)),
-            Output('lines', partial(encode_lines, result, header, None if unusable else camera)),
-            Output('corrections', partial(encode_corrections, result, header)),
-            Output('vanishing_point', partial(encode_vanishing_point, result, header)),
-            Output('integrity', partial(self._encode_integrity, result, header)),
-        ]
+        self._newest = (result, header)
+        yield Output('line_params', partial(encode_line_params, result, header))
+        yield Output('lines', partial(encode_lines, result, header, None if unusable else camera))
+        yield Output('corrections', partial(encode_corrections, result, header))
+        yield Output('vanishing_point', partial(encode_vanishing_point, result, header))
+        yield Output('integrity', partial(self._encode_integrity, result, header))
         if detections.TYPES:
             make = partial(detections.encode_runway, result, self._parameters.target, header)
-            outputs.append(Output('detections', make))
+            yield Output('detections', make)
         if isinstance(result, ApproachResult) and result.guidance is not None:
-            outputs += self._poses(result.guidance, frame)
-        self._newest = (result, header)
-        return outputs
+            yield from self._poses(result.guidance, frame)
+        # Last, so that no result waits for it.
+        self._statistics.add(result.lines)
 
     def _attitude(self, frame: Frame) -> Attitude | None:
         """The body's, or where /tf_static has the camera's mount that of the camera's own axes."""
@@ -220,16 +220,15 @@ class RunwayDetectorProcessor(Processor):
             levels = runway_levels(covariance, result.confidence, given.integrity_risk)
         return encode_integrity(levels, given.alert_limit, given.integrity_risk, header)
 
-    def _poses(self, guidance: Guidance, frame: Frame) -> list[Output]:
+    def _poses(self, guidance: Guidance, frame: Frame) -> Iterator[Output]:
         """The camera in the runway's frame; as others take it only where all of it is known."""
         name = self._parameters.runway_frame
         runway_header = cdr_header(frame.stamp_ns, name)
-        outputs = [Output('pose', partial(encode_pose, guidance, runway_header))]
+        yield Output('pose', partial(encode_pose, guidance, runway_header))
         camera = poses.camera_in_runway(guidance)
-        if not camera.known:
-            return outputs
-        runway = replace(camera, rotation=camera.rotation @ OPTICAL_FROM_BODY.T).inverse
-        return outputs + self._placements(camera, runway, name, frame)
+        if camera.known:
+            runway = replace(camera, rotation=camera.rotation @ OPTICAL_FROM_BODY.T).inverse
+            yield from self._placements(camera, runway, name, frame)
 
     def draw(self, debug: Collection[str]) -> list[Output]:
         """See `Processor.draw`."""

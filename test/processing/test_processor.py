@@ -86,6 +86,35 @@ def test_markers_can_be_sent_before_the_pose_is_worked_out(monkeypatch):
     assert estimated
 
 
+def test_lines_are_sent_before_they_are_counted():
+    """Known lines do not hang on the statistics, nor these on them; frames without lines count."""
+    processor = RunwayDetectorProcessor(RunwayDetectorParameters(num_peaks=1))
+
+    def counts():
+        summary = processor._statistics.summary()
+        return summary.frames, summary.rho_flags
+
+    def show(step, column=None):
+        pixels = np.full((240, 320), 60, np.uint8)
+        if column is not None:
+            pixels[:, column : column + 3] = 220
+        yield from processor.process(Frame(step, 'camera', Image(pixels, 'mono8')))
+
+    outputs = show(1)
+    assert next(outputs).topic == 'line_params' and counts() == (0, 0)
+    list(outputs)
+    assert counts() == (1, 0)
+    for step in (2, 3):
+        list(show(step, 100))
+    processor.reset_statistics()
+    assert counts() == (0, 0)
+    list(show(4, 250))
+    assert counts() == (1, 1)
+    processor.reset()
+    list(show(5, 250))
+    assert counts() == (2, 1)
+
+
 def test_a_calibration_that_cannot_be_used_is_none():
     """All zeros, as a driver without a calibration has it, were 'K and d (without a name)'."""
     processor = RunwayDetectorProcessor()

@@ -37,7 +37,6 @@ from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.correction import jumps
 from mvuav_ros.vision.runway.normal_form import NO_ENDS, NormalForm, clip_segment
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
-from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
 Segment = tuple[Point, Point]
 _UPSIDE_DOWN = 'the attitude says that the camera is upside down'
@@ -66,7 +65,6 @@ class ApproachDetector:
         self._parameters = RunwayDetectorParameters.given(parameters)
         self._mount = mount_matrix(self._parameters.camera_mount_rpy_deg)
         self.attitude_problem = ''
-        self._statistics = RunwayStatistics()
         self._camera: CameraModel | None = None
         self.reset()
 
@@ -87,21 +85,13 @@ class ApproachDetector:
         self._camera = CameraModel.given(camera)
 
     def reset(self) -> None:
-        """Forget earlier frames; statistics and calibration stay."""
+        """Forget earlier frames; the calibration stays."""
         self._size: tuple[int, int] | None = None
         self._last_stamp_ns: int | None = None
         self._finder = Finder(self._parameters.target)
         self._had_attitude = False
         self._shown: FollowedStrip | None = None
         self._last: dict[LineRole, NormalForm] = {}
-
-    def reset_statistics(self) -> None:
-        """Begin the statistics at zero."""
-        self._statistics.reset()
-
-    def statistics(self) -> RunwaySummary:
-        """Statistics of the frames since construction or `reset_statistics`."""
-        return self._statistics.summary()
 
     def process(
         self,
@@ -253,7 +243,6 @@ class ApproachDetector:
             ends = clip_segment(*upper, *lower, width - 1.0, height - 1.0) or NO_ENDS
             number = votes[index] if index < len(votes) else math.nan
             rows.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
-        self._statistics.add(rows)
         return tuple(rows)
 
     def _checked_camera(self) -> CameraModel | None:

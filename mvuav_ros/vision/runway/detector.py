@@ -14,7 +14,6 @@ from mvuav_ros.vision.runway.hough import HoughGrid, HoughVideo
 from mvuav_ros.vision.runway.normal_form import NormalForm, segment_ends
 from mvuav_ros.vision.runway.peaks import find_peaks
 from mvuav_ros.vision.runway.results import RunwayLine, RunwayResult, RunwayWorkings
-from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
 
 class RunwayDetector:
@@ -44,7 +43,6 @@ class RunwayDetector:
         self._parameters = _of_thesis(parameters)
         self._last_stamp_ns: int | None = None
         self._correction = RhoThetaCorrection(self._parameters)
-        self._statistics = RunwayStatistics()
         self._hough: HoughVideo | None = None
         self._grid_key: tuple[int, int, float, float] | None = None
         self._frame_size: tuple[int, int] | None = None
@@ -67,18 +65,10 @@ class RunwayDetector:
         self._correction.configure(self._parameters)
 
     def reset(self) -> None:
-        """Forget the lines of earlier frames; statistics go on."""
+        """Forget the lines of earlier frames."""
         self._correction.reset()
         self._frame_size = None
         self._last_stamp_ns = None
-
-    def reset_statistics(self) -> None:
-        """Begin the statistics at zero; known lines stay."""
-        self._statistics.reset()
-
-    def statistics(self) -> RunwaySummary:
-        """Statistics of the frames since construction or `reset_statistics`."""
-        return self._statistics.summary()
 
     def process(self, image: Image | Pixels, stamp_ns: int) -> RunwayResult:
         """Find the lines of the next frame.
@@ -114,7 +104,6 @@ class RunwayDetector:
         rows = self._correction.correct(measured)
         votes = [float(peak.votes) for peak in workings.peaks]
         lines = tuple(_line(row, measured, votes, width, height) for row in rows)
-        self._statistics.add(lines)
         return RunwayResult(stamp_ns, width, height, (first, last), lines, status, workings)
 
     def _rows(self, height: int, width: int) -> tuple[int, int, str]:
