@@ -173,9 +173,9 @@ class VisionNode(ManagedNode):
         if self._input is None:
             state = self.lifecycle_state
             return status(DiagnosticStatus.OK, name, state, {'state': state})
-        images = self._input.poll()
+        images, notes = self._input.poll(), self._notes()
         with self._answerer.lock:
-            said = self._status.report(name, images, self._notes())
+            said = self._status.report(name, images, notes)
         if said.level == DiagnosticStatus.OK and self.overrides_problem:
             said.level = DiagnosticStatus.WARN
         self._report_silence(images)
