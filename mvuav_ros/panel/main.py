@@ -10,12 +10,14 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
+from mvuav_ros.nodes.running import USERS_MISTAKES, explained, parse_arguments
+
 PORT = 8642
 
 
 def main() -> None:
     """Run the node."""
-    arguments = _parse()
+    arguments = parse_arguments(_parser())
     try:
         # Before ROS: without the extra nothing is to be started.
         import nicegui  # noqa: F401
@@ -29,12 +31,9 @@ def main() -> None:
     _serve(arguments, listening)
 
 
-def _parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='tuning_panel',
-        description='Serves a page that tunes running marker_tracker and runway_detector nodes.',
-        epilog='Arguments of ROS follow --ros-args.',
-    )
+def _parser() -> argparse.ArgumentParser:
+    what = 'Serves a page that tunes running marker_tracker and runway_detector nodes.'
+    parser = argparse.ArgumentParser('tuning_panel', description=what)
     what = 'address to serve on; any other than loopback asks visitors for a token'
     parser.add_argument('--host', default='127.0.0.1', help=what)
     parser.add_argument('--port', type=_port, default=PORT, help='TCP port (%(default)s); 0: free')
@@ -43,10 +42,7 @@ def _parse() -> argparse.Namespace:
     parser.add_argument('--folder', type=Path, default=folder, help=what)
     what = 'a recording, or a folder of them, for runs; repeatable (default: the sample bags)'
     parser.add_argument('--bags', type=_existing, action='append', help=what)
-    # By hand: argparse refuses the -- that may end them, and rclpy would start before --help.
-    words = sys.argv[1:]
-    own = words.index('--ros-args') if '--ros-args' in words else len(words)
-    return parser.parse_args(words[:own], argparse.Namespace(ros_args=words[own:]))
+    return parser
 
 
 def _port(text: str) -> int:
@@ -78,7 +74,6 @@ def _address(host: str, port: int, token: str) -> str:
 
 def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
     import uvicorn
-    from rclpy.impl.implementation_singleton import rclpy_implementation
 
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
@@ -88,9 +83,9 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
 
     tune_process()
     try:
-        ros = RosThread('tuning_panel', arguments.ros_args)
-    except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
-        print(error, file=sys.stderr)
+        ros = RosThread('tuning_panel')
+    except USERS_MISTAKES as error:
+        print(explained(error), file=sys.stderr)
         sys.exit(2)
     token = make_token(arguments.host)
     folder: Path = arguments.folder.expanduser().resolve()
