@@ -143,8 +143,9 @@ class ParameterSet:
 
     @classmethod
     def specs(cls) -> tuple[ParameterSpec, ...]:
-        """The parameters in order of declaration."""
-        return tuple(ParameterSpec(name=f.name, **f.metadata[_SPEC]) for f in fields(cls))
+        """The parameters in order of declaration, those of a base that are by keyword last."""
+        ordered = sorted(fields(cls), key=lambda field: bool(field.kw_only))
+        return tuple(ParameterSpec(name=f.name, **f.metadata[_SPEC]) for f in ordered)
 
     @classmethod
     def spec(cls, name: str) -> ParameterSpec:

@@ -7,12 +7,8 @@ from functools import cached_property, partial
 
 from mvuav_ros.parameters.common_parameters import (
     DetectorParameters,
-    base_frame,
-    camera_frame,
-    camera_mount_rpy_deg,
-    camera_mount_xyz,
+    PosedParameters,
     check_frames,
-    publish_tf,
 )
 from mvuav_ros.parameters.declaration import ParameterError, parameter
 
@@ -28,8 +24,10 @@ _integrity = partial(parameter, stage='Integrity', counts=({'mode': ('detect', '
 
 
 @dataclass(frozen=True)
-class MarkerTrackerParameters(DetectorParameters):
+class MarkerTrackerParameters(DetectorParameters, PosedParameters):
     """How markers are found, labelled, predicted and tracked."""
+
+    declared = {'stage': 'Pose'}
 
     mode: str = parameter(
         'track',
@@ -141,11 +139,6 @@ class MarkerTrackerParameters(DetectorParameters):
         'that see the same body need a name for each.',
         read_only=True,
     )
-    publish_tf: str = publish_tf(_pose, 'body_frame')
-    camera_frame: str = camera_frame(_pose)
-    base_frame: str = base_frame(_pose)
-    camera_mount_xyz: tuple[float, float, float] = camera_mount_xyz(_pose)
-    camera_mount_rpy_deg: tuple[float, float, float] = camera_mount_rpy_deg(_pose, 'base_frame')
     integrity_risk: float = _integrity(
         1e-7,
         'Probability per frame with which an error of the pose may exceed its protection level on '

@@ -7,12 +7,8 @@ from functools import partial
 
 from mvuav_ros.parameters.common_parameters import (
     DetectorParameters,
-    base_frame,
-    camera_frame,
-    camera_mount_rpy_deg,
-    camera_mount_xyz,
+    PosedParameters,
     check_frames,
-    publish_tf,
 )
 from mvuav_ros.parameters.declaration import ParameterError, parameter
 
@@ -29,8 +25,10 @@ _correction = partial(parameter, stage='Correction')
 
 
 @dataclass(frozen=True)
-class RunwayDetectorParameters(DetectorParameters):
+class RunwayDetectorParameters(DetectorParameters, PosedParameters):
     """Where and how runway lines are searched, and when a measured line is rejected."""
+
+    declared = {'stage': 'Approach', 'counts': _APPROACH}
 
     mode: str = parameter(
         'thesis',
@@ -61,9 +59,6 @@ class RunwayDetectorParameters(DetectorParameters):
         'the far end, y left, z up.',
         read_only=True,
     )
-    publish_tf: str = publish_tf(_approach, 'runway_frame')
-    camera_frame: str = camera_frame(_approach)
-    base_frame: str = base_frame(_approach)
     min_confidence: float = _approach(
         0.5,
         'Below this probability mode approach reports no runway; its rows are then NaN.',
@@ -76,10 +71,6 @@ class RunwayDetectorParameters(DetectorParameters):
         'Source of the horizon in mode approach. auto: imu while it is published, else the image; '
         'imu: the same, with a warning on /diagnostics while imu is missing; image: never imu.',
         choices=('auto', 'imu', 'image'),
-    )
-    camera_mount_xyz: tuple[float, float, float] = camera_mount_xyz(_approach)
-    camera_mount_rpy_deg: tuple[float, float, float] = camera_mount_rpy_deg(
-        _approach, 'the horizon from imu and for base_frame'
     )
     integrity_risk: float = _integrity(
         0.05,

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from mvuav_ros.parameters.common_parameters import autostart, check_frames
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
+from mvuav_ros.parameters.common_parameters import ManagedParameters, check_frames
+from mvuav_ros.parameters.declaration import ParameterError, parameter
 
 _at_start = partial(parameter, read_only=True)
 
 
 @dataclass(frozen=True)
-class VideoSourceParameters(ParameterSet):
+class VideoSourceParameters(ManagedParameters):
     """Where images come from and how they are published."""
 
     source: str = _at_start(
@@ -88,7 +88,6 @@ class VideoSourceParameters(ParameterSet):
         'frames is lost; 0: start at once. A camera never waits.',
         (0, 100),
     )
-    autostart: bool = autostart()
 
     def _check_together(self) -> None:
         check_frames(self, 'frame_id')
