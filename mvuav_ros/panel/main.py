@@ -25,8 +25,9 @@ def main() -> None:
         sys.exit('tuning_panel needs NiceGUI: pip install "mvuav_ros[panel]"')
     try:
         listening = _listen(arguments.host, arguments.port)
-    except OSError as error:
-        print(f'{error.strerror}; choose another --host or --port', file=sys.stderr)
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, 'strerror', error)
+        print(f'{reason}; choose another --host or --port', file=sys.stderr)
         sys.exit(2)
     _serve(arguments, listening)
 
@@ -36,19 +37,13 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser('tuning_panel', description=what)
     what = 'address to serve on; any other than loopback asks visitors for a token'
     parser.add_argument('--host', default='127.0.0.1', help=what)
-    parser.add_argument('--port', type=_port, default=PORT, help='TCP port (%(default)s); 0: free')
+    parser.add_argument('--port', type=int, default=PORT, help='TCP port (%(default)s); 0: free')
     folder = Path(os.environ.get('XDG_DATA_HOME') or Path.home() / '.local' / 'share') / 'mvuav_ros'
     what = 'folder for saved sets and runs (%(default)s)'
     parser.add_argument('--folder', type=Path, default=folder, help=what)
     what = 'a recording, or a folder of them, for runs; repeatable (default: the sample bags)'
     parser.add_argument('--bags', type=_existing, action='append', help=what)
     return parser
-
-
-def _port(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or not 0 <= int(text) <= 65_535:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a port (0 to 65535)')
-    return int(text)
 
 
 def _existing(text: str) -> Path:

@@ -52,21 +52,15 @@ def examine(rig: MarkerRig) -> tuple[str, ...]:
         return (f'{len(rig.names)} markers are too few for a pose, which needs four',)
     if len(rig.names) > MAX_NAMED:
         return (f'{len(rig.names)} markers are too many: names can be given to {MAX_NAMED}',)
-    if is_straight(rig):
+    if dimensions(rig) < 2:
         return ('all markers lie on one line: there is no pose',)
     return tuple(f'the shape is symmetric: {symmetry}' for symmetry in symmetries(rig))
 
 
-def is_straight(rig: MarkerRig) -> bool:
-    """Whether all markers lie on one line."""
+def dimensions(rig: MarkerRig) -> int:
+    """Of the markers: 1 where all lie on one line; 2 in one plane: two tilts look nearly alike."""
     lengths = np.linalg.svd(rig.positions - rig.middle, compute_uv=False)
-    return bool(lengths[1] <= STRAIGHT * lengths[0])
-
-
-def is_flat(rig: MarkerRig) -> bool:
-    """Whether all markers lie in one plane, so that two tilts look nearly the same."""
-    lengths = np.linalg.svd(rig.positions - rig.middle, compute_uv=False)
-    return len(lengths) < 3 or bool(lengths[2] < STRAIGHT * lengths[0])
+    return int((lengths > STRAIGHT * lengths[0]).sum())
 
 
 def symmetries(rig: MarkerRig) -> list[Symmetry]:
