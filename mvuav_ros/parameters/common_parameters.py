@@ -7,12 +7,7 @@ from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, ClassVar
 
-from mvuav_ros.parameters.declaration import (
-    ParameterError,
-    ParameterSet,
-    ParameterSpec,
-    parameter,
-)
+from mvuav_ros.parameters.declaration import ParameterSet, ParameterSpec, parameter
 
 TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
 """Of images, beside the raw ones: each is published below the topic of those."""
@@ -79,13 +74,16 @@ class PosedParameters(ParameterSet):
         booleans=('off', 'camera_to_body'),
     )
     camera_frame: str = _at_start(
-        '', "Name of the camera's optical frame on /tf; empty: the image's own frame_id."
+        '',
+        "Name of the camera's optical frame on /tf; empty: the image's own frame_id.",
+        is_frame=True,
     )
     base_frame: str = _at_start(
         '',
         "Frame of the vehicle, such as base_link: ~/vision_pose is then the vehicle's pose, by the "
         "camera's mount: camera_mount_xyz and camera_mount_rpy_deg, or if both are 0 /tf_static; "
         "nothing until that is known. Empty: it is the pose of the camera's body axes.",
+        is_frame=True,
     )
     camera_mount_xyz: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0),
@@ -108,10 +106,3 @@ class PosedParameters(ParameterSet):
         ours = {field.name for field in fields(PosedParameters)}
         declared = partial(replace, **cls.declared)
         return tuple(declared(s) if s.name in ours else s for s in super().specs())
-
-
-def check_frames(parameters: ParameterSet, *names: str) -> None:
-    """Raise a `ParameterError` where a frame begins with a slash, which tf2 does not take."""
-    for name in names:
-        if str(getattr(parameters, name)).startswith('/'):
-            raise ParameterError(name, 'must not begin with a slash: tf2 takes no such frame')

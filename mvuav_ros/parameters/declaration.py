@@ -48,6 +48,7 @@ class ParameterSpec:
     counts: tuple[Condition, ...] = ()  # if any, one must hold for an effect
     booleans: tuple[str, str] | None = None  # the choices that false and true stand for as well
     is_file: bool = False  # names one, unless it is empty
+    is_frame: bool = False  # names one of tf2, likewise
 
     @property
     def type(self) -> type[bool | int | float | str | tuple[float, ...]]:
@@ -106,6 +107,8 @@ class ParameterSpec:
     def _checked(self, value: Any) -> Any:
         if isinstance(value, float) and not math.isfinite(value):
             raise ParameterError(self.name, f'must be a finite number, not {value}')
+        if self.is_frame and value.startswith('/'):
+            raise ParameterError(self.name, 'must not begin with a slash: tf2 takes no such frame')
         is_unknown = self.choices and value not in self.choices
         is_small = self.minimum is not None and value < self.minimum
         is_large = self.maximum is not None and value > self.maximum

@@ -5,11 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-from mvuav_ros.parameters.common_parameters import (
-    DetectorParameters,
-    PosedParameters,
-    check_frames,
-)
+from mvuav_ros.parameters.common_parameters import DetectorParameters, PosedParameters
 from mvuav_ros.parameters.declaration import ParameterError, parameter
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
@@ -138,6 +134,7 @@ class MarkerTrackerParameters(DetectorParameters, PosedParameters):
         "Name of the body's frame, in ~/vision_pose and on /tf; empty: the rig's name. Two cameras "
         'that see the same body need a name for each.',
         read_only=True,
+        is_frame=True,
     )
     integrity_risk: float = _integrity(
         1e-7,
@@ -228,7 +225,6 @@ class MarkerTrackerParameters(DetectorParameters, PosedParameters):
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
 
     def _check_together(self) -> None:
-        check_frames(self, 'body_frame', 'camera_frame', 'base_frame')
         if self.max_area and self.max_area < self.min_area:
             raise ParameterError(
                 'max_area',

@@ -5,11 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from mvuav_ros.parameters.common_parameters import (
-    DetectorParameters,
-    PosedParameters,
-    check_frames,
-)
+from mvuav_ros.parameters.common_parameters import DetectorParameters, PosedParameters
 from mvuav_ros.parameters.declaration import ParameterError, parameter
 
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
@@ -58,6 +54,7 @@ class RunwayDetectorParameters(DetectorParameters, PosedParameters):
         'Frame of ~/pose: origin on the centreline at the near end, x along the centreline towards '
         'the far end, y left, z up.',
         read_only=True,
+        is_frame=True,
     )
     min_confidence: float = _approach(
         0.5,
@@ -246,7 +243,6 @@ class RunwayDetectorParameters(DetectorParameters, PosedParameters):
     def _check_together(self) -> None:
         if not self.runway_frame:
             raise ParameterError('runway_frame', 'must not be empty')
-        check_frames(self, 'runway_frame', 'camera_frame', 'base_frame')
         if self.opening_shape in ('disk', 'diamond') and self.opening_length > MAX_ROUND:
             raise ParameterError(
                 'opening_length',
