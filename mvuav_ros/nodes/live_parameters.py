@@ -168,8 +168,8 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
         read_only=spec.read_only,
         additional_constraints=spec.constraint,
     )
-    if spec.minimum is not None and spec.maximum is not None:
-        low, high = spec.minimum, spec.maximum
+    if spec.limits is not None:
+        low, high = spec.limits
         if spec.type is float:
             ends = FloatingPointRange(from_value=float(low), to_value=float(high))
             descriptor.floating_point_range = [ends]
