@@ -224,15 +224,8 @@ class DetectorStatus:
     def _input_problems(self, images: InputState) -> list[str]:
         """What became of images in the last seconds, and the remedy."""
         events = images.events
-        counts = {
-            'alternations': events.alternations,
-            'lost': events.lost,
-            'missing': events.missing,
-            'skipped': events.skipped,
-            'errors': events.errors,
-            'unstamped': events.unstamped,
-            'left out': self._statistics.stamps.frames_left_out,
-        }
+        counts = {name: n for name, n in vars(events).items() if isinstance(n, int)}
+        counts['left_out'] = self._statistics.stamps.frames_left_out
         self._history.append(counts)
         recent = {name: count - self._history[0][name] for name, count in counts.items()}
         self._lost = recent['lost']
@@ -242,9 +235,9 @@ class DetectorStatus:
             problems.append(f'{self._lost} images lost in transport: {_lost_why(events)}')
         if skipped:
             problems.append(f'too slow for the camera: {skipped} images skipped; {SLOW_REMEDY}')
-        elif recent['left out'] and not recent['lost']:
+        elif recent['left_out'] and not recent['lost']:
             problems.append(
-                f'gaps in the stamps: {recent["left out"]} images are missing, although no message '
+                f'gaps in the stamps: {recent["left_out"]} images are missing, although no message '
                 'was lost; the camera, its driver or the recording dropped them'
             )
         # After a crash the graph has the old publisher for a while, beside the one that follows it.

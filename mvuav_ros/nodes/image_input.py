@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from threading import Event, Lock, Thread
 from typing import Any, NamedTuple
@@ -186,11 +186,10 @@ def subscribe(
     kind: type,
     topic: str,
     *,
-    raw: bool = False,
     depth: int = _DEPTH,
     reliability: ReliabilityPolicy | None = None,
 ) -> Any:
-    """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes.
+    """A subscription to bytes, with the QoS of sensor data and ``qos_overrides``.
 
     A ``reliability`` wins over what the ``qos_overrides`` say of that.
     """
@@ -211,7 +210,7 @@ def subscribe(
         # Fast DDS, and again and again until this thread has taken them.
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         qos_overriding_options=overridable,
-        raw=raw,
+        raw=True,
     )
 
 
@@ -246,7 +245,7 @@ class SynchronizedTopic:
         self, node: Node, kind: type[CameraInfo | Imu], topic: str, is_awaited: Callable[[], bool]
     ) -> None:
         """Subscribe; ``is_awaited`` says whether images are to wait, now."""
-        self.subscription = subscribe(node, kind, topic, raw=True, depth=_SYNCHRONIZED_DEPTH)
+        self.subscription = subscribe(node, kind, topic, depth=_SYNCHRONIZED_DEPTH)
         self.kind, self._is_awaited = kind, is_awaited
         self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
         self._decode: Callable[[bytes], tuple[int, Any]] = decode_imu
@@ -296,25 +295,24 @@ _HELD_WAIT_NS = 5_000_000
 _PAUSE_AFTER_ERROR = 0.1
 
 
+@dataclass(eq=False)
 class FrameInput(ABC):
     """Images from wherever they come, handed on in a thread of its own with what belongs to them.
 
     The topics that images may wait for are closed with this.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        name: str,
-        on_image: Callable[[ReceivedImage], None],
-        synchronized: Sequence[SynchronizedTopic],
-    ) -> None:
+    node: Node
+    name: str  # of the topic
+    on_image: Callable[[ReceivedImage], None]
+    synchronized: Sequence[SynchronizedTopic] = ()
+
+    def __post_init__(self) -> None:
         self._events = InputEvents()
-        self._node, self._on_image = node, on_image
-        self.topic, self.synchronized = node.resolve_topic_name(name), synchronized
-        self._subscriptions: list[Any] = [topic.subscription for topic in synchronized]
+        self.topic = self.node.resolve_topic_name(self.name)
+        self._subscriptions: list[Any] = [topic.subscription for topic in self.synchronized]
         self._stopping = Event()
-        self._wake = GuardCondition(None, None, context=node.context)
+        self._wake = GuardCondition(None, None, context=self.node.context)
         self._thread: Thread | None = None
 
     @abstractmethod
@@ -335,7 +333,7 @@ class FrameInput(ABC):
         """End the thread, then the subscriptions; images that come later are left."""
         self._end_thread()
         for each in self._subscriptions:
-            self._node.destroy_subscription(each)
+            self.node.destroy_subscription(each)
         self._wake.destroy()
 
     def _end_thread(self) -> None:
@@ -346,7 +344,7 @@ class FrameInput(ABC):
             self._thread = None
 
     def _run(self) -> None:
-        while not self._stopping.is_set() and self._node.context.ok():
+        while not self._stopping.is_set() and self.node.context.ok():
             try:
                 self._take_until_stopped()
             except Exception as error:
@@ -356,7 +354,7 @@ class FrameInput(ABC):
                 self._stopping.wait(_PAUSE_AFTER_ERROR)
 
     def _take_until_stopped(self) -> None:
-        context = self._node.context.handle
+        context = self.node.context.handle
         assert context is not None
         with ExitStack() as handles:
             for entity in (*self._subscriptions, self._wake):
@@ -364,7 +362,7 @@ class FrameInput(ABC):
             handles.enter_context(context)
             count = len(self._subscriptions)
             wait_set = rclpy_implementation.WaitSet(count, 1, 0, 0, 0, 0, context)
-            while not self._stopping.is_set() and self._node.context.ok():
+            while not self._stopping.is_set() and self.node.context.ok():
                 wait_set.clear_entities()
                 for subscription in self._subscriptions:
                     wait_set.add_subscription(subscription.handle)
@@ -378,23 +376,18 @@ class FrameInput(ABC):
                 for topic in self.synchronized:
                     images = topic.completed(images)
                 for image in images:
-                    self._on_image(image)
+                    self.on_image(image)
 
 
+@dataclass(eq=False)
 class IntraProcessInput(FrameInput):
     """Takes frames from the source's thread; nothing is copied, as nobody writes to the pixels.
 
     A detector that is too slow loses the oldest frames, and the source never waits for it.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        name: str,
-        on_image: Callable[[ReceivedImage], None],
-        synchronized: Sequence[SynchronizedTopic] = (),
-    ) -> None:
-        super().__init__(node, name, on_image, synchronized)
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self._waiting: deque[ReceivedImage] = deque(maxlen=_DEPTH)
         self._lock = Lock()
 
@@ -428,6 +421,7 @@ class IntraProcessInput(FrameInput):
             yield image
 
 
+@dataclass(eq=False)
 class ImageInput(FrameInput):
     """Subscribes to images and hands over each as bytes.
 
@@ -439,26 +433,19 @@ class ImageInput(FrameInput):
     are skipped and counted, once it is clear that a backlog does not get smaller by itself.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        name: str,
-        kind: type,
-        on_image: Callable[[ReceivedImage], None],
-        synchronized: Sequence[SynchronizedTopic],
-    ) -> None:
-        """Subscribe to an `image_topic`."""
-        super().__init__(node, name, on_image, synchronized)
-        self._name, self._kind, self._stamps = name, kind, StampReader()
+    kind: type = field(kw_only=True)  # of the messages, see `image_topic`
+
+    def __post_init__(self) -> None:
+        """Subscribe."""
+        super().__post_init__()
+        self._stamps = StampReader()
         self._lost_before = 0
         self._backlog = Backlog()
         self._subscribe()
 
     def _subscribe(self, reliability: ReliabilityPolicy | None = None) -> None:
         self._asked = reliability
-        self._subscription = subscribe(
-            self._node, self._kind, self._name, raw=True, reliability=reliability
-        )
+        self._subscription = subscribe(self.node, self.kind, self.name, reliability=reliability)
         self._subscriptions = [self._subscription, *(c.subscription for c in self.synchronized)]
         self._lost = status_of(self._subscription, 'MESSAGE_LOST')
         self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
@@ -469,10 +456,10 @@ class ImageInput(FrameInput):
         is_reliable = reliability is ReliabilityPolicy.RELIABLE
         why = 'images are lost' if is_reliable else 'no publisher is reliable any more'
         how = 'reliably' if is_reliable else 'as best effort'
-        self._node.get_logger().info(f'{why}: {self.topic} is asked for {how} now')
+        self.node.get_logger().info(f'{why}: {self.topic} is asked for {how} now')
         self._lost_before = self._events.lost
         self._end_thread()
-        self._node.destroy_subscription(self._subscription)
+        self.node.destroy_subscription(self._subscription)
         self._subscribe(reliability)
         self.start()
 
@@ -489,9 +476,9 @@ class ImageInput(FrameInput):
             self._events.lost = self._lost_before + int(self._lost.take_event().total_count)
         if self._incompatible is not None:
             self._events.incompatible = int(self._incompatible.take_event().total_count)
-        infos = self._node.get_publishers_info_by_topic(self.topic)
+        infos = self.node.get_publishers_info_by_topic(self.topic)
         names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
-        others = [] if infos else published_topics(self._node, Image, CompressedImage)
+        others = [] if infos else published_topics(self.node, Image, CompressedImage)
         state = InputState(self.topic, names, self._events, self._obstacle(infos), others)
         better = self._better({info.qos_profile.reliability for info in infos})
         if better is not None:
@@ -509,13 +496,13 @@ class ImageInput(FrameInput):
             return ReliabilityPolicy.BEST_EFFORT if is_none else None
         is_lossy = self._subscription.qos_profile.reliability != ReliabilityPolicy.RELIABLE
         gains = is_lossy and theirs == {ReliabilityPolicy.RELIABLE}
-        if not gains or _override(self.topic) in self._node._parameter_overrides:
+        if not gains or _override(self.topic) in self.node._parameter_overrides:
             return None
         return ReliabilityPolicy.RELIABLE if self._events.lost > self._lost_before else None
 
     def _obstacle(self, infos: Sequence[TopicEndpointInfo]) -> str:
         """Why no image of these publishers can come; empty where one's can."""
-        wanted = type_name(self._kind)
+        wanted = type_name(self.kind)
         profile, why = self._subscription.qos_profile, ''
         for info in infos:
             level, reason = qos_check_compatible(info.qos_profile, profile)
@@ -532,7 +519,7 @@ class ImageInput(FrameInput):
 
     def _arrived(self) -> list[ReceivedImage]:
         images: list[ReceivedImage] = []
-        take, kind = self._subscription.handle.take_message, self._kind
+        take, kind = self._subscription.handle.take_message, self.kind
         # Bounded, as a publisher could be as fast as we are.
         for _ in range(self._subscription.qos_profile.depth or _DEPTH):
             taken = take(kind, True)
@@ -569,4 +556,4 @@ class ImageInput(FrameInput):
         *older, newest = images
         self._events.skipped += len(older)
         skipped = [image._replace(is_skipped=True) for image in older]
-        return [*skipped, newest] if self._kind is not Image else [newest]
+        return [*skipped, newest] if self.kind is not Image else [newest]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from itertools import pairwise
@@ -108,13 +108,8 @@ class LiveParameters(Generic[P]):
         """
         self._specs = {spec.name: spec for spec in parameters_type.specs()}
         self._on_change = on_change
-        given: dict[str, object] = {}
-        for name, spec in self._specs.items():
-            # To see what was given: rclpy would raise on an integer for a float.
-            free = ParameterDescriptor(dynamic_typing=True)
-            given[name] = node.declare_parameter(name, _for_ros(spec.default), free).value
-            node.undeclare_parameter(name)
-        self.current = parameters_type.from_mapping(given)
+        # Not by declaring them: rclpy would raise on an integer for a float.
+        self.current = parameters_type.from_mapping(self._ours(node._parameter_overrides.values()))
         for name, spec in self._specs.items():
             value = _for_ros(getattr(self.current, name))
             node.declare_parameter(name, value, _descriptor(spec), ignore_override=True)
@@ -131,7 +126,7 @@ class LiveParameters(Generic[P]):
             if spec.read_only and not name.startswith(_AT_THE_START):
                 self._node.describe_parameter(name).read_only = frozen
 
-    def _ours(self, parameters: Sequence[Parameter]) -> dict[str, object]:
+    def _ours(self, parameters: Iterable[Parameter]) -> dict[str, object]:
         return {p.name: p.value for p in parameters if p.name in self._specs}
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
@@ -173,8 +168,8 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
         read_only=spec.read_only,
         additional_constraints=spec.constraint,
     )
-    if spec.minimum is not None and spec.maximum is not None:
-        low, high = spec.minimum, spec.maximum
+    if spec.limits is not None:
+        low, high = spec.limits
         if spec.type is float:
             ends = FloatingPointRange(from_value=float(low), to_value=float(high))
             descriptor.floating_point_range = [ends]

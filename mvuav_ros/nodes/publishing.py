@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from threading import Lock
 from typing import Any
 
@@ -109,25 +109,22 @@ _NO_CALIBRATION: tuple[Any, ...] = ((0.0,) * 9, (), '', (0.0,) * 9, (0.0,) * 12)
 """K, d, its model, R and P."""
 
 
+@dataclass(eq=False)
 class FramePublisher:
     """Publishes frames where somebody listens, and hands them to detectors of this process."""
 
-    def __init__(
-        self,
-        node: Node,
-        calibration: CameraModel | None,
-        listeners: Sequence[Callable[[Frame], None]],
-    ) -> None:
-        """Make the topics; without a calibration frames keep their own, if they have one."""
-        self._node = node
-        self._calibration = calibration
-        self._listeners = listeners
+    node: Node
+    calibration: CameraModel | None  # None: frames keep their own, if they have one
+    listeners: Sequence[Callable[[Frame], None]]
+
+    def __post_init__(self) -> None:
+        """Make the topics."""
         # Before the images, so that whoever sees those has seen these.
-        self._infos = create_result_publisher(node, CameraInfo, camera_info_topic(node))
-        self._images = create_result_publisher(node, RosImage, 'image_raw')
+        self._infos = create_result_publisher(self.node, CameraInfo, camera_info_topic(self.node))
+        self._images = create_result_publisher(self.node, RosImage, 'image_raw')
         # Resolved first, so that a remapping of image_raw moves the compressed topic along.
-        compressed = node.resolve_topic_name('image_raw') + '/compressed'
-        self._compressed = create_result_publisher(node, CompressedImage, compressed)
+        compressed = self.node.resolve_topic_name('image_raw') + '/compressed'
+        self._compressed = create_result_publisher(self.node, CompressedImage, compressed)
         self._decoder = CameraInfoDecoder(str(self._images.topic_name))
 
     @property
@@ -138,7 +135,7 @@ class FramePublisher:
     def destroy(self) -> None:
         """Take the topics off the graph."""
         for publisher in (self._infos, self._images, self._compressed):
-            self._node.destroy_publisher(publisher)
+            self.node.destroy_publisher(publisher)
 
     def publish(self, frame: Frame, given: VideoSourceParameters) -> Image:
         """Send a frame as the parameters have it; returns its image, or raises an `ImageError`."""
@@ -146,7 +143,7 @@ class FramePublisher:
         # A video begins at 0, which would say that there is no stamp.
         stamp_ns = frame.stamp_ns or 1
         if given.stamp == 'now':
-            stamp_ns = self._node.get_clock().now().nanoseconds
+            stamp_ns = self.node.get_clock().now().nanoseconds
         frame_id = given.frame_id or frame.frame_id
         # First, so that no image has to wait for it.
         self._publish_info(frame, image, stamp_ns, frame_id)
@@ -159,15 +156,15 @@ class FramePublisher:
 
     def _publish_info(self, frame: Frame, image: Image, stamp_ns: int, frame_id: str) -> None:
         heard = is_heard(self._infos)
-        if not heard and not self._listeners:
+        if not heard and not self.listeners:
             return
-        camera = self._calibration or frame.camera
+        camera = self.calibration or frame.camera
         if camera is None:
             # All-zero matrices say that the camera is not calibrated.
             camera = CameraModel(image.width, image.height, *_NO_CALIBRATION)
         info = encode_camera_info(camera, cdr_header(stamp_ns, frame_id))
         beside = self._decoder.decode(info)[1], frame.attitude, frame.static_transforms
-        for listener in self._listeners:
+        for listener in self.listeners:
             listener(Frame(stamp_ns, frame_id, image, *beside))
         if heard:
             self._infos.publish(info)

@@ -80,7 +80,7 @@ _LOG_INTERVAL = 5.0
 _PAUSE_AFTER_ERROR = 0.02
 _LONGEST_CLEANUP = 8.0
 """Seconds; a camera or a server that never answers must not keep a process that is to end."""
-_USERS_MISTAKES = (
+USERS_MISTAKES = (
     ParameterError,
     SourceError,
     NameValidationException,
@@ -163,9 +163,9 @@ def run_nodes(names: Sequence[str]) -> int:
         status = int(not stop.made)
         if status and not any(node.failed for node in nodes):
             # rclpy has no exception of its own for this.
-            if not isinstance(error, _USERS_MISTAKES) and 'QoS override' not in str(error):
+            if not isinstance(error, USERS_MISTAKES) and 'QoS override' not in str(error):
                 raise
-            print(_explained(error), file=sys.stderr)
+            print(explained(error), file=sys.stderr)
             status = 2
     finally:
         stop.end(status)
@@ -181,7 +181,8 @@ def run_nodes(names: Sequence[str]) -> int:
 _UNREADABLE = re.compile(r"parse .*: '(?:--params-file|-p) (.*)'\. Error: (.*?), at \S+:\d+")
 
 
-def _explained(error: Exception) -> str:
+def explained(error: Exception) -> str:
+    """One of `USERS_MISTAKES` in words for who made it."""
     if found := _UNREADABLE.search(str(error)):
         # What rcl says is for those who know its C code.
         given, why = found.groups()
@@ -248,7 +249,7 @@ def nodes_of(names: Sequence[str]) -> Callable[[], list[ManagedNode]]:
 
 
 def _run(name: str) -> None:
-    _parse(ArgumentParser(name))
+    parse_arguments(ArgumentParser(name))
     sys.exit(run_nodes([name]))
 
 
@@ -257,7 +258,7 @@ def vision_process() -> None:
     parser = ArgumentParser('vision_process', description='Several nodes in one process.')
     words = f'separated by commas, of {", ".join(NODES)}; all unless given'
     parser.add_argument('--nodes', default=','.join(NODES), help=words)
-    names = [name.strip() for name in _parse(parser).nodes.split(',')]
+    names = [name.strip() for name in parse_arguments(parser).nodes.split(',')]
     if unknown := [name for name in names if name not in NODES]:
         parser.error(f'--nodes: {unknown[0]!r} is not one of {", ".join(NODES)}')
     sys.exit(run_nodes(names))
@@ -276,7 +277,7 @@ def own_arguments() -> list[str]:
     return own
 
 
-def _parse(parser: ArgumentParser) -> Namespace:
+def parse_arguments(parser: ArgumentParser) -> Namespace:
     """A process's own arguments; those of ROS without --ros-args would do nothing: refused."""
     parser.epilog = 'Arguments of ROS follow --ros-args: -p NAME:=VALUE, --params-file FILE …'
     own, strange = parser.parse_known_args(own_arguments())

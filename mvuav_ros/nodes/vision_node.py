@@ -89,7 +89,7 @@ class VisionNode(ManagedNode):
         if self._handed_over:
             self._input = IntraProcessInput(self, name, answer, synchronized)
         else:
-            self._input = ImageInput(self, name, kind, answer, synchronized)
+            self._input = ImageInput(self, name, answer, synchronized, kind=kind)
         self._input.start()
         self._announce(self._input.topic)
 

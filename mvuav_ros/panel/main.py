@@ -10,12 +10,14 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
+from mvuav_ros.nodes.running import USERS_MISTAKES, explained, parse_arguments
+
 PORT = 8642
 
 
 def main() -> None:
     """Run the node."""
-    arguments = _parse()
+    arguments = parse_arguments(_parser())
     try:
         # Before ROS: without the extra nothing is to be started.
         import nicegui  # noqa: F401
@@ -23,36 +25,25 @@ def main() -> None:
         sys.exit('tuning_panel needs NiceGUI: pip install "mvuav_ros[panel]"')
     try:
         listening = _listen(arguments.host, arguments.port)
-    except OSError as error:
-        print(f'{error.strerror}; choose another --host or --port', file=sys.stderr)
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, 'strerror', error)
+        print(f'{reason}; choose another --host or --port', file=sys.stderr)
         sys.exit(2)
     _serve(arguments, listening)
 
 
-def _parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='tuning_panel',
-        description='Serves a page that tunes running marker_tracker and runway_detector nodes.',
-        epilog='Arguments of ROS follow --ros-args.',
-    )
+def _parser() -> argparse.ArgumentParser:
+    what = 'Serves a page that tunes running marker_tracker and runway_detector nodes.'
+    parser = argparse.ArgumentParser('tuning_panel', description=what)
     what = 'address to serve on; any other than loopback asks visitors for a token'
     parser.add_argument('--host', default='127.0.0.1', help=what)
-    parser.add_argument('--port', type=_port, default=PORT, help='TCP port (%(default)s); 0: free')
+    parser.add_argument('--port', type=int, default=PORT, help='TCP port (%(default)s); 0: free')
     folder = Path(os.environ.get('XDG_DATA_HOME') or Path.home() / '.local' / 'share') / 'mvuav_ros'
     what = 'folder for saved sets and runs (%(default)s)'
     parser.add_argument('--folder', type=Path, default=folder, help=what)
     what = 'a recording, or a folder of them, for runs; repeatable (default: the sample bags)'
     parser.add_argument('--bags', type=_existing, action='append', help=what)
-    # By hand: argparse refuses the -- that may end them, and rclpy would start before --help.
-    words = sys.argv[1:]
-    own = words.index('--ros-args') if '--ros-args' in words else len(words)
-    return parser.parse_args(words[:own], argparse.Namespace(ros_args=words[own:]))
-
-
-def _port(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or not 0 <= int(text) <= 65_535:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a port (0 to 65535)')
-    return int(text)
+    return parser
 
 
 def _existing(text: str) -> Path:
@@ -78,7 +69,6 @@ def _address(host: str, port: int, token: str) -> str:
 
 def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
     import uvicorn
-    from rclpy.impl.implementation_singleton import rclpy_implementation
 
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
@@ -88,9 +78,9 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
 
     tune_process()
     try:
-        ros = RosThread('tuning_panel', arguments.ros_args)
-    except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
-        print(error, file=sys.stderr)
+        ros = RosThread('tuning_panel')
+    except USERS_MISTAKES as error:
+        print(explained(error), file=sys.stderr)
         sys.exit(2)
     token = make_token(arguments.host)
     folder: Path = arguments.folder.expanduser().resolve()

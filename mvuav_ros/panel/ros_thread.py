@@ -29,10 +29,10 @@ class RosThread:
     rclpy lets other threads make and end subscriptions and clients while one spins.
     """
 
-    def __init__(self, name: str, arguments: list[str]) -> None:
-        """Start ROS and a node of this name; ``arguments`` begin with ``--ros-args``."""
+    def __init__(self, name: str) -> None:
+        """Start ROS, with its arguments on the command line, and a node of this name."""
         # Signals belong to the web server, which ends us in order.
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self.node: Node = rclpy.create_node(name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)

@@ -33,6 +33,8 @@ REPORT = 'report'
 _SUMMARY = 'run.json'
 _MAX_BAGS, _MAX_METRICS = 500, 200
 _MAX_SUMMARY = 1_000_000
+_WORDS = ('source', 'settings', 'image_topic', 'imu_topic', 'lost', 'version')
+"""Fields of a run that are text."""
 _MAX_TIME = 253_402_300_799.0
 """s since the epoch: the end of the year 9999."""
 _ENDING_TIME = 5.0
@@ -235,7 +237,6 @@ def _read(path: Path) -> Run:
         # The folder's name counts: a user may have renamed it.
         name=checked_name(path.parent.name),
         kind=PROCESSORS[content['kind']].name,
-        source=words(content['source'], sanitized.LONGEST_DESCRIPTION),
         parameters={
             words(name): value
             for name, given in dict(content['parameters']).items()
@@ -245,14 +246,11 @@ def _read(path: Path) -> Run:
             Metric(words(m['group']), words(m['name']), words(m['unit']), number(m['value']))
             for m in content['metrics'][:_MAX_METRICS]
         ),
-        version=words(content['version']),
         made=made,
         frames=int(frames),
         answered=int(answered),
-        settings=words(content.get('settings', '')),
-        image_topic=words(content.get('image_topic', '')),
-        imu_topic=words(content.get('imu_topic', '')),
-        lost=words(content.get('lost', ''), sanitized.LONGEST_DESCRIPTION),
+        # Those that older versions did not write are empty.
+        **{each: words(content.get(each, ''), sanitized.LONGEST_DESCRIPTION) for each in _WORDS},
     )
 
 

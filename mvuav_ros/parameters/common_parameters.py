@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
-from mvuav_ros.parameters.declaration import (
-    ParameterError,
-    ParameterSet,
-    ParameterSpec,
-    parameter,
-)
+from mvuav_ros.parameters.declaration import ParameterSet, ParameterSpec, parameter
 
 TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
 """Of images, beside the raw ones: each is published below the topic of those."""
 _node = partial(parameter, stage='Node')
 
 
-def autostart(stage: str = '') -> Any:
-    """Whether a node starts by itself."""
-    return parameter(
+@dataclass(frozen=True, kw_only=True)
+class ManagedParameters(ParameterSet):
+    """What every node has."""
+
+    autostart: bool = _node(
         True,
         'Configure and activate at the start. false: wait for a lifecycle manager, or for '
         '`ros2 lifecycle set`.',
         read_only=True,
-        stage=stage,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectorParameters(ParameterSet):
-    """What every detector has; a subclass adds its own, which come first."""
+class DetectorParameters(ManagedParameters):
+    """What every detector has."""
 
     image_transport: str = _node(
         'raw',
@@ -54,70 +50,59 @@ class DetectorParameters(ParameterSet):
         limits=(0, 64),
         usual=(0, 16),
     )
-    autostart: bool = autostart('Node')
-
-    @classmethod
-    def specs(cls) -> tuple[ParameterSpec, ...]:
-        """See `ParameterSet.specs`."""
-        return tuple(sorted(super().specs(), key=lambda spec: spec.stage == 'Node'))
 
 
-def publish_tf(make: Callable[..., Any], target: str) -> Any:
-    """Whether and which way a pose goes out on /tf; ``make`` declares, ``target`` is its name."""
-    return make(
+_at_start = partial(parameter, read_only=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosedParameters(ParameterSet):
+    """What a detector with a pose has as well: the frames that the pose is between.
+
+    They are alike but for ``declared``: what else a detector says of all of them.
+    """
+
+    declared: ClassVar[Mapping[str, Any]]
+
+    publish_tf: str = _at_start(
         'camera_to_body',
-        f'The pose on /tf, where all of it is known; needs tf2_msgs. camera_to_body: {target} as '
-        'child of the camera, for a camera that hangs in a tree of its own. body_to_camera: '
-        f'base_frame, or without one the camera, as child of {target}. off: nothing.',
+        'The pose on /tf, where all of it is known; needs tf2_msgs. camera_to_body: body_frame or '
+        'runway_frame as child of the camera, for a camera that hangs in a tree of its own. '
+        'body_to_camera: base_frame, or without one the camera, as child of that frame. off: '
+        'nothing.',
         choices=('camera_to_body', 'body_to_camera', 'off'),
         booleans=('off', 'camera_to_body'),
-        read_only=True,
     )
-
-
-def camera_frame(make: Callable[..., Any]) -> Any:
-    """The camera's name on /tf."""
-    return make(
+    camera_frame: str = _at_start(
         '',
         "Name of the camera's optical frame on /tf; empty: the image's own frame_id.",
-        read_only=True,
+        is_frame=True,
     )
-
-
-def base_frame(make: Callable[..., Any]) -> Any:
-    """Whose pose ``~/vision_pose`` is."""
-    return make(
+    base_frame: str = _at_start(
         '',
         "Frame of the vehicle, such as base_link: ~/vision_pose is then the vehicle's pose, by the "
         "camera's mount: camera_mount_xyz and camera_mount_rpy_deg, or if both are 0 /tf_static; "
         "nothing until that is known. Empty: it is the pose of the camera's body axes.",
-        read_only=True,
+        is_frame=True,
     )
-
-
-def camera_mount_xyz(make: Callable[..., Any]) -> Any:
-    """Where the camera is on the vehicle."""
-    return make(
+    camera_mount_xyz: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0),
         'Position of the camera on the vehicle (REP 103: x forward, y left, z up), for base_frame.',
         limits=(-1_000.0, 1_000.0),
         unit='m',
     )
-
-
-def camera_mount_rpy_deg(make: Callable[..., Any], uses: str) -> Any:
-    """How the camera is turned on the vehicle."""
-    return make(
+    camera_mount_rpy_deg: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0),
         'Roll, pitch and yaw of the camera on the vehicle (REP 103, fixed axes; all 0: it looks '
-        f"along the vehicle's x; pitch 20: 20 degrees down), for {uses}.",
+        "along the vehicle's x; pitch 20: 20 degrees down), for base_frame, and in runway_detector "
+        'for the horizon from imu.',
         limits=(-180.0, 180.0),
         unit='°',
     )
 
-
-def check_frames(parameters: ParameterSet, *names: str) -> None:
-    """Raise a `ParameterError` where a frame begins with a slash, which tf2 does not take."""
-    for name in names:
-        if str(getattr(parameters, name)).startswith('/'):
-            raise ParameterError(name, 'must not begin with a slash: tf2 takes no such frame')
+    @classmethod
+    def specs(cls) -> tuple[ParameterSpec, ...]:
+        """See `ParameterSet.specs`."""
+        ours = {field.name for field in fields(PosedParameters)}
+        declared = partial(replace, **cls.declared)
+        return tuple(declared(s) if s.name in ours else s for s in super().specs())

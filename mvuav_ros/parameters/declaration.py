@@ -38,8 +38,7 @@ class ParameterSpec:
     description: str
     unit: str = ''
     thesis: str = ''  # the thesis's name and value
-    minimum: float | None = None  # inclusive, as is the maximum
-    maximum: float | None = None
+    limits: tuple[float, float] | None = None  # the least and greatest value
     choices: tuple[str, ...] = ()
     odd: bool = False
     read_only: bool = False
@@ -48,6 +47,7 @@ class ParameterSpec:
     counts: tuple[Condition, ...] = ()  # if any, one must hold for an effect
     booleans: tuple[str, str] | None = None  # the choices that false and true stand for as well
     is_file: bool = False  # names one, unless it is empty
+    is_frame: bool = False  # names one of tf2, likewise
 
     @property
     def type(self) -> type[bool | int | float | str | tuple[float, ...]]:
@@ -60,10 +60,8 @@ class ParameterSpec:
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
         words = 'odd' if self.odd else ''
-        if self.minimum is not None and self.maximum is not None:
-            words += f' {_plain(self.minimum)} to {_plain(self.maximum)}'
-        elif self.minimum is not None:
-            words += f' at least {_plain(self.minimum)}'
+        if self.limits is not None:
+            words += f' {" to ".join(map(_plain, self.limits))}'
         return words.strip()
 
     def has_effect(self, values: Mapping[str, Any]) -> bool:
@@ -106,26 +104,23 @@ class ParameterSpec:
     def _checked(self, value: Any) -> Any:
         if isinstance(value, float) and not math.isfinite(value):
             raise ParameterError(self.name, f'must be a finite number, not {value}')
+        if self.is_frame and value.startswith('/'):
+            raise ParameterError(self.name, 'must not begin with a slash: tf2 takes no such frame')
         is_unknown = self.choices and value not in self.choices
-        is_small = self.minimum is not None and value < self.minimum
-        is_large = self.maximum is not None and value > self.maximum
-        if is_unknown or is_small or is_large or (self.odd and value % 2 == 0):
+        is_beyond = self.limits is not None and not self.limits[0] <= value <= self.limits[1]
+        if is_unknown or is_beyond or (self.odd and value % 2 == 0):
             raise ParameterError(self.name, f'must be {self.constraint}, not {value!r}')
         return value
 
 
 def parameter(
-    default: Any,
-    description: str,
-    limits: tuple[float | None, float | None] = (None, None),
-    **constraints: Any,
+    default: Any, description: str, limits: tuple[float, float] | None = None, **more: Any
 ) -> Any:
-    """Declare a field of a `ParameterSet`; the default also gives the type.
+    """Declare a field of a `ParameterSet` by the fields of its `ParameterSpec`.
 
-    ``limits`` are the least and greatest value, if any; the rest are fields of `ParameterSpec`.
+    The default also gives the type.
     """
-    limited = {'minimum': limits[0], 'maximum': limits[1], **constraints}
-    spec = {'default': default, 'description': description, **limited}
+    spec = {'default': default, 'description': description, 'limits': limits, **more}
     return field(default=default, metadata={_SPEC: spec})
 
 
@@ -143,8 +138,9 @@ class ParameterSet:
 
     @classmethod
     def specs(cls) -> tuple[ParameterSpec, ...]:
-        """The parameters in order of declaration."""
-        return tuple(ParameterSpec(name=f.name, **f.metadata[_SPEC]) for f in fields(cls))
+        """The parameters in order of declaration, those of a base that are by keyword last."""
+        ordered = sorted(fields(cls), key=lambda field: bool(field.kw_only))
+        return tuple(ParameterSpec(name=f.name, **f.metadata[_SPEC]) for f in ordered)
 
     @classmethod
     def spec(cls, name: str) -> ParameterSpec:

@@ -5,15 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-from mvuav_ros.parameters.common_parameters import (
-    DetectorParameters,
-    base_frame,
-    camera_frame,
-    camera_mount_rpy_deg,
-    camera_mount_xyz,
-    check_frames,
-    publish_tf,
-)
+from mvuav_ros.parameters.common_parameters import DetectorParameters, PosedParameters
 from mvuav_ros.parameters.declaration import ParameterError, parameter
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
@@ -28,8 +20,10 @@ _integrity = partial(parameter, stage='Integrity', counts=({'mode': ('detect', '
 
 
 @dataclass(frozen=True)
-class MarkerTrackerParameters(DetectorParameters):
+class MarkerTrackerParameters(DetectorParameters, PosedParameters):
     """How markers are found, labelled, predicted and tracked."""
+
+    declared = {'stage': 'Pose'}
 
     mode: str = parameter(
         'track',
@@ -140,12 +134,8 @@ class MarkerTrackerParameters(DetectorParameters):
         "Name of the body's frame, in ~/vision_pose and on /tf; empty: the rig's name. Two cameras "
         'that see the same body need a name for each.',
         read_only=True,
+        is_frame=True,
     )
-    publish_tf: str = publish_tf(_pose, 'body_frame')
-    camera_frame: str = camera_frame(_pose)
-    base_frame: str = base_frame(_pose)
-    camera_mount_xyz: tuple[float, float, float] = camera_mount_xyz(_pose)
-    camera_mount_rpy_deg: tuple[float, float, float] = camera_mount_rpy_deg(_pose, 'base_frame')
     integrity_risk: float = _integrity(
         1e-7,
         'Probability per frame with which an error of the pose may exceed its protection level on '
@@ -235,7 +225,6 @@ class MarkerTrackerParameters(DetectorParameters):
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
 
     def _check_together(self) -> None:
-        check_frames(self, 'body_frame', 'camera_frame', 'base_frame')
         if self.max_area and self.max_area < self.min_area:
             raise ParameterError(
                 'max_area',

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ def _values_of(node: str, sections: Iterable[_Section]) -> dict[str, object]:
     values: dict[str, object] = {}
     for key, section in sections:
         if names_node(key, node):
-            given = _flattened(section)
+            given = dict(_leaves(section, '.'))
             left_out = others if '*' in key.rsplit('/', 1)[-1] else ()
             values.update({name: given[name] for name in given if name not in left_out})
     return values
@@ -79,7 +79,8 @@ def _sections(text: str, name: str) -> Iterator[_Section]:
         raise ParameterError(name, f'is not YAML: {problem}') from error
     if not isinstance(content, dict):
         raise ParameterError(name, 'is not a ROS 2 parameter file')
-    for key, sections in _flattened_nodes(content):
+    # A namespace may be an outer level.
+    for key, sections in _leaves(content, '/', lambda node: not node or 'ros__parameters' in node):
         if not isinstance(sections, dict) or not isinstance(sections.get('ros__parameters'), dict):
             raise ParameterError(name, f'{key} has no ros__parameters')
         yield key, sections['ros__parameters']
@@ -104,24 +105,16 @@ def parse_assignment(text: str) -> tuple[str, str, object]:
         raise ParameterError(text, f'the value {value!r} is not YAML') from error
 
 
-def _flattened_nodes(content: Mapping[Any, Any]) -> Iterable[tuple[str, Any]]:
-    """Node keys, namespaces written as an outer level joined to them."""
-    for key, value in content.items():
-        if isinstance(value, dict) and 'ros__parameters' not in value and value:
-            for inner, section in _flattened_nodes(value):
-                yield f'{key}/{inner.lstrip("/")}', section
+def _leaves(
+    tree: Mapping[Any, Any], sign: str, is_leaf: Callable[[Any], bool] = lambda value: False
+) -> Iterator[tuple[str, Any]]:
+    """What a tree of mappings holds, by the keys on the way there, joined by a sign."""
+    for key, value in tree.items():
+        if isinstance(value, dict) and not is_leaf(value):
+            for inner, leaf in _leaves(value, sign, is_leaf):
+                yield f'{key}{sign}{inner.lstrip(sign)}', leaf
         else:
             yield str(key), value
-
-
-def _flattened(values: Mapping[Any, Any], prefix: str = '') -> dict[str, object]:
-    flat: dict[str, object] = {}
-    for name, value in values.items():
-        if isinstance(value, dict):
-            flat.update(_flattened(value, f'{prefix}{name}.'))
-        else:
-            flat[f'{prefix}{name}'] = value
-    return flat
 
 
 NODE_PARAMETERS: dict[str, type[ParameterSet]] = {

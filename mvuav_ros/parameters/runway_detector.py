@@ -5,15 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from mvuav_ros.parameters.common_parameters import (
-    DetectorParameters,
-    base_frame,
-    camera_frame,
-    camera_mount_rpy_deg,
-    camera_mount_xyz,
-    check_frames,
-    publish_tf,
-)
+from mvuav_ros.parameters.common_parameters import DetectorParameters, PosedParameters
 from mvuav_ros.parameters.declaration import ParameterError, parameter
 
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
@@ -29,8 +21,10 @@ _correction = partial(parameter, stage='Correction')
 
 
 @dataclass(frozen=True)
-class RunwayDetectorParameters(DetectorParameters):
+class RunwayDetectorParameters(DetectorParameters, PosedParameters):
     """Where and how runway lines are searched, and when a measured line is rejected."""
+
+    declared = {'stage': 'Approach', 'counts': _APPROACH}
 
     mode: str = parameter(
         'thesis',
@@ -60,10 +54,8 @@ class RunwayDetectorParameters(DetectorParameters):
         'Frame of ~/pose: origin on the centreline at the near end, x along the centreline towards '
         'the far end, y left, z up.',
         read_only=True,
+        is_frame=True,
     )
-    publish_tf: str = publish_tf(_approach, 'runway_frame')
-    camera_frame: str = camera_frame(_approach)
-    base_frame: str = base_frame(_approach)
     min_confidence: float = _approach(
         0.5,
         'Below this probability mode approach reports no runway; its rows are then NaN.',
@@ -76,10 +68,6 @@ class RunwayDetectorParameters(DetectorParameters):
         'Source of the horizon in mode approach. auto: imu while it is published, else the image; '
         'imu: the same, with a warning on /diagnostics while imu is missing; image: never imu.',
         choices=('auto', 'imu', 'image'),
-    )
-    camera_mount_xyz: tuple[float, float, float] = camera_mount_xyz(_approach)
-    camera_mount_rpy_deg: tuple[float, float, float] = camera_mount_rpy_deg(
-        _approach, 'the horizon from imu and for base_frame'
     )
     integrity_risk: float = _integrity(
         0.05,
@@ -255,7 +243,6 @@ class RunwayDetectorParameters(DetectorParameters):
     def _check_together(self) -> None:
         if not self.runway_frame:
             raise ParameterError('runway_frame', 'must not be empty')
-        check_frames(self, 'runway_frame', 'camera_frame', 'base_frame')
         if self.opening_shape in ('disk', 'diamond') and self.opening_length > MAX_ROUND:
             raise ParameterError(
                 'opening_length',

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from mvuav_ros.parameters.common_parameters import autostart, check_frames
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
+from mvuav_ros.parameters.common_parameters import ManagedParameters
+from mvuav_ros.parameters.declaration import ParameterError, parameter
 
 _at_start = partial(parameter, read_only=True)
 
 
 @dataclass(frozen=True)
-class VideoSourceParameters(ParameterSet):
+class VideoSourceParameters(ManagedParameters):
     """Where images come from and how they are published."""
 
     source: str = _at_start(
@@ -63,7 +63,9 @@ class VideoSourceParameters(ParameterSet):
         thesis='eq. 3.2',
     )
     frame_id: str = parameter(
-        '', "Frame of the published headers; empty: the source's own, or camera_optical_frame."
+        '',
+        "Frame of the published headers; empty: the source's own, or camera_optical_frame.",
+        is_frame=True,
     )
     camera_info_url: str = _at_start(
         '',
@@ -88,10 +90,8 @@ class VideoSourceParameters(ParameterSet):
         'frames is lost; 0: start at once. A camera never waits.',
         (0, 100),
     )
-    autostart: bool = autostart()
 
     def _check_together(self) -> None:
-        check_frames(self, 'frame_id')
         if len(self.pixel_format) not in (0, 4) or not self.pixel_format.isascii():
             raise ParameterError(
                 'pixel_format', f'must be four letters, as in YUYV, not {self.pixel_format!r}'

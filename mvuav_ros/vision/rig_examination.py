@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations, product
+from operator import ne
 
 import cv2
 import numpy as np
@@ -52,21 +53,15 @@ def examine(rig: MarkerRig) -> tuple[str, ...]:
         return (f'{len(rig.names)} markers are too few for a pose, which needs four',)
     if len(rig.names) > MAX_NAMED:
         return (f'{len(rig.names)} markers are too many: names can be given to {MAX_NAMED}',)
-    if is_straight(rig):
+    if dimensions(rig) < 2:
         return ('all markers lie on one line: there is no pose',)
     return tuple(f'the shape is symmetric: {symmetry}' for symmetry in symmetries(rig))
 
 
-def is_straight(rig: MarkerRig) -> bool:
-    """Whether all markers lie on one line."""
+def dimensions(rig: MarkerRig) -> int:
+    """Of the markers: 1 where all lie on one line; 2 in one plane: two tilts look nearly alike."""
     lengths = np.linalg.svd(rig.positions - rig.middle, compute_uv=False)
-    return bool(lengths[1] <= STRAIGHT * lengths[0])
-
-
-def is_flat(rig: MarkerRig) -> bool:
-    """Whether all markers lie in one plane, so that two tilts look nearly the same."""
-    lengths = np.linalg.svd(rig.positions - rig.middle, compute_uv=False)
-    return len(lengths) < 3 or bool(lengths[2] < STRAIGHT * lengths[0])
+    return int((lengths > STRAIGHT * lengths[0]).sum())
 
 
 def symmetries(rig: MarkerRig) -> list[Symmetry]:
@@ -215,19 +210,13 @@ def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Con
 
 def _exchanges(count: int) -> Iterator[tuple[int, ...]]:
     """Two names exchanged, three in a cycle, and two pairs."""
-    identity = list(range(count))
-    for a, b in combinations(range(count), 2):
-        order = identity.copy()
-        order[a], order[b] = b, a
-        yield tuple(order)
-        if count > _MAX_MARKERS:
-            continue
-        for c, d in combinations(range(a + 1, count), 2):
-            if b not in (c, d):
-                yield tuple({c: d, d: c}.get(index, other) for index, other in enumerate(order))
-        for c in range(b + 1, count):
-            for cycle in ({a: b, b: c, c: a}, {a: c, c: b, b: a}):
-                yield tuple(cycle.get(index, index) for index in identity)
+    for moved in (2,) if count > _MAX_MARKERS else (2, 3, 4):
+        for names in combinations(range(count), moved):
+            for others in permutations(names):
+                order = dict(zip(names, others, strict=True))
+                is_pairs = all(order[other] == name for name, other in order.items())
+                if all(map(ne, names, others)) and (moved < 4 or is_pairs):
+                    yield tuple(order.get(index, index) for index in range(count))
 
 
 def _least_residual(points: Array, seen: Array, camera: CameraModel) -> float:

@@ -15,9 +15,6 @@ from support.graph import Graph
 from support.marker_scenes import draw, tanker_at
 from support.places import ROOT
 
-from mvuav_ros.sources.files import VideoFile
-from mvuav_ros.vision.board import Board
-
 EXAMPLES = sorted(path.stem for path in (ROOT / 'examples').glob('*.py'))
 
 
@@ -66,16 +63,6 @@ def test_approach_with_guidance():
     assert all(np.isfinite(float(line.split('confidence ')[1].split()[0])) for line in out)
     offset, height = (float(word.split()[1]) for word in out[-1].split(', ')[:2])
     assert offset == pytest.approx(7.0, abs=1.0) and height == pytest.approx(42.9, abs=4.0)
-
-
-def test_render_a_board_video(tmp_path):
-    flight = 'sim:tanker?fov_deg=60&frames=1'
-    out = run('render_a_board_video', flight, tmp_path / 'board.mp4')
-    assert out.startswith('true focal length 554.3 554.3,')
-    source = VideoFile(tmp_path / 'board.mp4')
-    assert source.count == 20 * 8
-    stills = [frame.image.gray() for frame in source.frames()][::8]
-    assert sum(Board(9, 6, 0.03).find(image) is not None for image in stills) >= 10
 
 
 def test_print_live_results():

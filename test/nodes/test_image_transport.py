@@ -63,7 +63,7 @@ def test_what_the_user_says_of_a_topic_holds_when_it_is_subscribed_anew(graph: G
     given = [Parameter('qos_overrides./image_raw.subscription.depth', value=50)]
     node = rclpy.create_node('other', context=graph.probe.context, parameter_overrides=given)
     for reliability in (None, ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT):
-        subscription = subscribe(node, Image, 'image_raw', raw=True, reliability=reliability)
+        subscription = subscribe(node, Image, 'image_raw', reliability=reliability)
         assert subscription.qos_profile.depth == 50
         asked = reliability or ReliabilityPolicy.BEST_EFFORT
         assert subscription.qos_profile.reliability == asked
@@ -133,7 +133,7 @@ def test_images_without_a_stamp_count_from_their_sending(graph: Graph) -> None:
     """As in a replay from their recording; all but the first were refused."""
     received: list[ReceivedImage] = []
     node = graph.add_node('other')
-    images = ImageInput(node, 'image_raw', Image, received.append, [])
+    images = ImageInput(node, 'image_raw', received.append, kind=Image)
     images.start()
     publisher = graph.probe.create_publisher(Image, 'image_raw', 10)
     graph.until(lambda: publisher.get_subscription_count() == 1, 'the subscription')

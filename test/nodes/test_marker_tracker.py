@@ -191,9 +191,9 @@ def test_every_parameter_is_declared_with_its_documentation(graph):
         assert descriptor.name == spec.name
         assert descriptor.description.startswith(spec.description)
         assert descriptor.read_only == spec.read_only
-        if spec.maximum is not None and spec.type is not tuple:
+        if spec.limits is not None and spec.type is not tuple:
             (limits,) = descriptor.floating_point_range or descriptor.integer_range
-            assert (limits.from_value, limits.to_value) == (spec.minimum, spec.maximum)
+            assert (limits.from_value, limits.to_value) == spec.limits
 
 
 def test_services(graph):

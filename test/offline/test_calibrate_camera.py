@@ -7,10 +7,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from support.board_video import BoardVideo
 from support.boards import BOARD
 
 from mvuav_ros.offline.calibrate_camera import search_board
-from mvuav_ros.simulation.board_video import BoardVideo
 from mvuav_ros.sources.opening import open_source
 
 

@@ -51,7 +51,7 @@ def test_every_position_of_a_slider_is_a_value_that_the_node_takes(spec):
 def test_a_slider_spans_what_is_usual_and_a_hand_can_set_the_default(spec):
     scale = scale_of(spec)
     low, high = spec.usual
-    assert spec.minimum <= low <= spec.default <= high <= spec.maximum
+    assert spec.limits[0] <= low <= spec.default <= high <= spec.limits[1]
     assert scale[0] == pytest.approx(low) and scale[-1] == pytest.approx(high)
     place = position_on(scale, spec.default)
     assert scale[place] == pytest.approx(spec.default)

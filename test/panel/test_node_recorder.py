@@ -23,7 +23,7 @@ TOPICS = {'/nose/image_raw': RosImage, '/nose/camera_info': CameraInfo, '/nose/i
 def ros(monkeypatch):
     graph = Graph()
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain_id))
-    ros = RosThread('ours', [])
+    ros = RosThread('ours')
     yield ros
     ros.stop()
     graph.close()

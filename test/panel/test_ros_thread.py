@@ -24,7 +24,7 @@ def graph():
 @pytest.fixture
 def ros(graph, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain_id))
-    ros = RosThread('ours', [])
+    ros = RosThread('ours')
     yield ros
     ros.stop()
 

@@ -60,7 +60,7 @@ class TutorialRun:
 
     def __init__(self, folder: Path, domain_id: int, *, prepared: bool = True) -> None:
         """Prepare the folder: the repository's files, and ``out/tutorial`` when prepared."""
-        for name in ('bags', 'config', 'examples', 'test', 'launch'):
+        for name in ('bags', 'config', 'examples', 'test', 'tools', 'launch'):
             (folder / name).symlink_to(ROOT / name)
         if prepared:
             (folder / 'out' / 'tutorial').mkdir(parents=True)

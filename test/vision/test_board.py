@@ -1,11 +1,17 @@
 """Boards found in images, and views that differ."""
 
+import os
+import subprocess
+import sys
+
 import cv2
 import numpy as np
 import pytest
+from support.board_video import BoardVideo
 from support.boards import BOARD, LENSES, SIZE, view_of
+from support.places import ROOT
 
-from mvuav_ros.simulation.board_video import BoardVideo
+from mvuav_ros.sources.files import VideoFile
 from mvuav_ros.vision.board import Board, BoardError, different_views, sharpness
 from mvuav_ros.vision.camera import CameraModel
 
@@ -124,3 +130,15 @@ def test_views_that_differ_are_chosen_and_those_alike_are_not():
     assert sorted(index // 3 for index in chosen) == [0, 1, 2, 3, 4]
     assert len(different_views(views, SIZE, 3, 0.03)) == 3
     assert different_views(views[:3], SIZE, 20, 0.03) in ([0], [1], [2])
+
+
+def test_the_video_of_the_tutorial_shows_the_board(tmp_path):
+    flight, video = 'sim:tanker?fov_deg=60&frames=1', tmp_path / 'board.mp4'
+    command = [sys.executable, 'tools/render_board_video.py', flight, video]
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    out = subprocess.check_output(command, cwd=ROOT, env=environment, text=True)
+    assert out.startswith('true focal length 554.3 554.3,')
+    source = VideoFile(video)
+    assert source.count == 20 * 8
+    stills = [frame.image.gray() for frame in source.frames()][::8]
+    assert sum(BOARD.find(image) is not None for image in stills) >= 10

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig, parse_rig
-from mvuav_ros.vision.rig_examination import examine, is_flat, is_straight, symmetries
+from mvuav_ros.vision.rig_examination import dimensions, examine, symmetries
 
 
 def rig(**places):
@@ -33,16 +33,16 @@ CUBE = rig(
 
 def test_the_tanker_leaves_no_doubt():
     assert examine(TANKER_747) == ()
-    assert not is_flat(TANKER_747)
+    assert dimensions(TANKER_747) == 3
 
 
 def test_too_few_markers_and_a_line_give_no_pose():
     assert 'too few' in examine(rig(a=(0, 1, 0), b=(0, 2, 0)))[0]
     line = rig(a=(0, 1, 0), b=(1, 2, 0), c=(3, 4, 0), d=(4, 5, 0.01))
-    assert is_straight(line)
+    assert dimensions(line) == 1
     # A file is refused that has all in one place; a program may leave it to be filled in.
     place = (0.0, 0.0, 0.0)
-    assert is_straight(MarkerRig('empty', tuple((name, place) for name in 'abcd'), place, place))
+    assert not dimensions(MarkerRig('empty', tuple((n, place) for n in 'abcd'), place, place))
     assert 'one line' in examine(line)[0]
 
 

@@ -155,7 +155,7 @@ def check(
     from mvuav_ros.simulation.pinhole import pinhole_camera
     from mvuav_ros.vision.reprojection import MIN_MARKERS
     from mvuav_ros.vision.rig import RigError, load_rig
-    from mvuav_ros.vision.rig_examination import examine, is_flat, is_straight, pose_error
+    from mvuav_ros.vision.rig_examination import dimensions, examine, pose_error
 
     for value in distance or ():
         if not 0 < value < math.inf:
@@ -167,13 +167,13 @@ def check(
     words = f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across'
     if len(body.names) == MIN_MARKERS:
         words += ': names, but no pose, which takes four'
-    elif len(body.names) > MIN_MARKERS and is_flat(body):
+    elif len(body.names) > MIN_MARKERS and dimensions(body) < 3:
         words += ', all in one plane: the tilt is ambiguous'
     say(words)
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
-    if len(body.names) >= MIN_MARKERS and not is_straight(body):
+    if len(body.names) >= MIN_MARKERS and dimensions(body) > 1:
         camera = pinhole_camera(width, round(0.75 * width), fov)
         distances = distance or [body.size * reach for reach in _REACHES]
         errors = [pose_error(body, camera, value, noise) for value in distances]

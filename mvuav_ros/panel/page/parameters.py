@@ -23,12 +23,7 @@ from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.parameters.declaration import Value
-
-_STAGES = [
-    *('Mode', 'Image', 'Edges', 'Hough', 'Detection', 'Tracking', 'Pose', 'Approach', 'Integrity'),
-    *('unknown', 'Correction', OTHER, 'Node', EVERY_NODE),
-]
-"""In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
+from mvuav_ros.processing.registry import PROCESSORS
 
 
 class ParameterRow:
@@ -252,8 +247,9 @@ class Parameters:
         with el.box('heads').props('aria-hidden=true'):
             for head in ('parameter', 'now', 'new'):
                 el.text(head)
-        rank = {stage: number for number, stage in enumerate(_STAGES)}
-        controls = sorted(self._node.controls, key=lambda c: rank.get(c.stage, rank['unknown']))
+        declared = PROCESSORS[self._node.kind].parameters_type.specs()
+        stages = [*dict.fromkeys(spec.stage for spec in declared), OTHER, EVERY_NODE]
+        controls = sorted(self._node.controls, key=lambda control: stages.index(control.stage))
         for stage, group in groupby(controls, key=lambda control: control.stage):
             # Goes away with its last visible row; see the style sheet.
             with ui.expansion(stage).classes('stage-rows').props('dense') as rows:

@@ -13,10 +13,11 @@ from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.vision.rig import TANKER_747
 
 Point = tuple[float, float, float]
 _PORT, _STARBOARD, _WHITE = '#e02020', '#10b040', '#ffffff'
-"""Navigation lights: red left, green right, white behind."""
+"""Lights: red left, green right, white in the middle."""
 _BODY, _CAMERA, _ASPHALT = '#8a97a6', '#0b62b8', '#5a6068'
 _AXES, _MAX_VIEW = 12.0, 25.0
 _TANKER = (
@@ -27,11 +28,6 @@ _TANKER = (
     ((-32.0, 0.0, 2.0), (-37.0, 11.0, 3.0), 0.8),
     ((-32.0, 0.0, 2.0), (-37.0, -11.0, 3.0), 0.8),
     ((-32.0, 0.0, 1.0), (-36.5, 0.0, 13.0), 0.8),
-)
-_LIGHTS = (
-    (_PORT, (-12.0, 29.8, 1.0)),
-    (_STARBOARD, (-12.0, -29.8, 1.0)),
-    (_WHITE, (-37.0, 0.0, 0.0)),
 )
 _RATES = {True: 20, False: 0.5}
 """Images of the scene per second, on the screen and off it, where a browser still draws them."""
@@ -84,8 +80,9 @@ class PoseScene:
                 scene.axes_helper(2 * _AXES)
                 for start, end, radius in _TANKER:
                     _rod(scene, start, end, radius)
-                for color, place in _LIGHTS:
-                    scene.sphere(2.0).material(color).move(*place)
+                for _, (x, y, z) in TANKER_747.markers:
+                    color = _PORT if y > 0 else _STARBOARD if y < 0 else _WHITE
+                    scene.sphere(2.0).material(color).move(x, y, z)
             with scene.group() as self._runway:
                 scene.axes_helper(_AXES)
                 self._strip = scene.box(_RUNWAY_LENGTH, 1.0, 0.1).material(_ASPHALT)

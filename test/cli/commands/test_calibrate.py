@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from support.board_video import BoardVideo
 from support.boards import BOARD
 from support.coded_videos import write_video
 from support.commands import mvuav
 from support.places import ROOT
 
-from mvuav_ros.simulation.board_video import BoardVideo
 from mvuav_ros.sources.calibration import load_calibration
 
 TANKER = ROOT / 'config' / 'tanker_747.yaml'

@@ -1,17 +1,22 @@
-"""A checkerboard before the camera of a flight: python examples/render_a_board_video.py FLIGHT OUT.
+"""A checkerboard before the camera of a flight, as a video of 11 s.
 
-FLIGHT is a recording with its calibration, OUT.mp4 a video of 11 s.
+    python tools/render_board_video.py FLIGHT OUT.mp4
+
+FLIGHT is a recording with its calibration.
 """
 
 import sys
+from pathlib import Path
 
 import av
 
-from mvuav_ros.simulation.board_video import BoardVideo
 from mvuav_ros.sources.opening import open_source
 
+sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
+from support.board_video import BoardVideo
+
 if len(sys.argv) != 3:
-    sys.exit('usage: python examples/render_a_board_video.py FLIGHT OUT.mp4')
+    sys.exit('usage: python tools/render_board_video.py FLIGHT OUT.mp4')
 lens = next(open_source(sys.argv[1]).frames()).camera
 video = BoardVideo(seed=1, places=20, lens=lens)
 with av.open(sys.argv[2], 'w') as container:
