@@ -4,11 +4,19 @@ from __future__ import annotations
 
 _MESSAGES = ('_msgs', '_srvs', '_interfaces')
 """How the names of ROS's message packages end."""
-_PIP = {'cv2': 'opencv-python-headless', 'yaml': 'PyYAML', 'mcap_ros2': 'mcap-ros2-support'}
+_PIP = {
+    'cv2': 'opencv-python-headless',
+    'yaml': 'PyYAML',
+    'mcap_ros2': 'mcap-ros2-support',
+    'distributed': '"mvuav_ros[dask]", here and on the workers',
+    'fsspec': '"mvuav_ros[remote]"',
+    'pyarrow': '"mvuav_ros[parquet]"',
+}
 """PyPI's name of a module, where it is another."""
 _OWN = {'mvuav_thesis': 'pip install ./mvuav_thesis in a checkout of mvuav_ros'}
 """Optional parts of this repository."""
 _APT = {
+    'av': 'python3-av',
     'cv2': 'python3-opencv',
     'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',

@@ -35,6 +35,7 @@ def run(missing, *arguments):
         ('yaml', ('video_source',), 'needs yaml: apt install python3-yaml'),
         ('matplotlib', ('mvuav', 'demo'), 'demo needs matplotlib: apt install python3-matplotlib'),
         ('matplotlib', ('mvuav', 'evaluate', 'bags/tanker.mcap'), 'evaluate needs matplotlib'),
+        ('fsspec', ('mvuav', 'info', 's3://a/b.mcap'), 'fsspec: pip install "mvuav_ros[remote]"'),
         ('sensor_msgs', ('mvuav', 'replay', 'bags/tanker.mcap', '-o', 'x.mcap'), 'needs ROS 2'),
     ],
 )

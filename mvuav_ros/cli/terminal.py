@@ -5,8 +5,8 @@ Nothing else of the command line prints: what comes from files passes `visible` 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Container, Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -14,7 +14,6 @@ from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.account import Account
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.progress import Progress
 
 
@@ -48,12 +47,26 @@ def frame_progress(*, thread: bool = True) -> Progress:
     )
 
 
-def table_console(width: int) -> Console:
-    """For tables on stdout, of this width where that is a pipe, which has none itself."""
-    from rich.console import Console
+def print_table(
+    headings: Sequence[str], rows: Iterable[Sequence[str]], width: int, numbers: Container[str] = ()
+) -> None:
+    """Print a table; ``width`` is that of a pipe, which has none itself.
 
+    Columns of ``numbers`` are justified to the right.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for heading in headings:
+        justify: Any = 'right' if heading in numbers else 'left'
+        table.add_column(heading, justify=justify, overflow='fold')
+    for row in rows:
+        table.add_row(*map(visible, row))
     console = Console(markup=False, highlight=False)
-    return console if console.is_terminal else Console(markup=False, highlight=False, width=width)
+    if not console.is_terminal:
+        console.width = width
+    console.print(table)
 
 
 def say(*lines: object, err: bool = False) -> None:

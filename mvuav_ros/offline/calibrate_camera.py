@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.offline.report import Figure, Report, Section, Table
-from mvuav_ros.offline.report_figures import (
-    COLORS,
-    INK,
-    draw_residuals,
-    drawing,
-    label,
-    label_image,
-)
+from mvuav_ros.offline.report_figures import COLORS, INK, drawing, label, residual_figure
 from mvuav_ros.sources.source import FrameSource, SourceError, nothing_to_read
 from mvuav_ros.vision.board import Board, BoardView, different_views, in_eight_bits, sharpness
 from mvuav_ros.vision.camera import CalibrationError
@@ -232,19 +225,17 @@ def report_of(
 def _coverage_figure(
     views: Sequence[BoardView], size: tuple[int, int], found: CameraCalibration
 ) -> Figure:
-    scale = 0.04 * size[0] / max(3.0 * found.rms, 1e-9)
-    with drawing(9.6, 9.6 * size[1] / size[0]) as canvas:
-        axes = canvas.figure.add_subplot()
-        for view, residual, use in zip(views, found.residuals, found.used, strict=True):
-            draw_residuals(axes, view.pixels, residual, scale, COLORS[0] if use else COLORS[1])
-        label_image(axes, *size)
-    return canvas.as_figure(
-        'residuals',
+    return residual_figure(
         'Where corners were seen, and their residuals',
+        size,
+        found.rms,
+        [
+            (view.pixels, residual, COLORS[0] if use else COLORS[1], '')
+            for view, residual, use in zip(views, found.residuals, found.used, strict=True)
+        ],
         'corners over the image, each with an arrow',
-        f'Arrows are seen minus projected, {scale:.0f} times as long as in the image. They should '
-        'point anywhere: arrows that agree with their neighbours show a lens of another model or '
-        'a bent board. Where no corner was, the lens is extrapolated. Orange: views left out.',
+        'a lens of another model or a bent board. Where no corner was, the lens is extrapolated. '
+        'Orange: views left out.',
     )
 
 

@@ -9,15 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mvuav_ros.offline.report import Figure, Report, Section, Table
-from mvuav_ros.offline.report_figures import (
-    COLORS,
-    SOFT,
-    draw_residuals,
-    drawing,
-    label,
-    label_image,
-    legend_below,
-)
+from mvuav_ros.offline.report_figures import COLORS, SOFT, drawing, label, residual_figure
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.tracking import track
 from mvuav_ros.sources.source import FrameSource, SourceError, nothing_to_read
@@ -218,25 +210,20 @@ def report_of(name: str, made: CalibratedRig) -> Report:
 
 
 def _residual_figure(made: CalibratedRig) -> Figure:
-    found, camera = made.found, made.camera
-    scale = 0.03 * camera.width / max(3.0 * found.noise, 1e-9)
-    with drawing(9.6, 9.6 * camera.height / camera.width + 0.4) as canvas:
-        axes = canvas.figure.add_subplot()
-        every = -(-int(found.used.sum()) // _DRAWN)
-        for index, name in enumerate(made.rig.names):
-            mine = np.flatnonzero(found.used & (made.detections.markers == index))[::every]
-            seen, residuals = made.detections.pixels[mine], found.residuals[mine]
-            color = COLORS[index % len(COLORS)]
-            draw_residuals(axes, seen, residuals, scale, color, name)
-        label_image(axes, camera.width, camera.height)
-        legend_below(canvas.figure, axes)
-    return canvas.as_figure(
-        'residuals',
+    found, detections = made.found, made.detections
+    every = -(-int(found.used.sum()) // _DRAWN)
+    residuals = []
+    for index, name in enumerate(made.rig.names):
+        mine = np.flatnonzero(found.used & (detections.markers == index))[::every]
+        color = COLORS[index % len(COLORS)]
+        residuals.append((detections.pixels[mine], found.residuals[mine], color, name))
+    return residual_figure(
         'Residuals of the lights',
+        (made.camera.width, made.camera.height),
+        found.noise,
+        residuals,
         'arrows over the image',
-        f'Arrows are seen minus projected, {scale:.0f} times as long as in the image. They should '
-        'point anywhere: arrows that agree with their neighbours show a wrong camera calibration, '
-        'a body that bends, or lights that look different from aside.',
+        'a wrong camera calibration, a body that bends, or lights that look different from aside.',
     )
 
 

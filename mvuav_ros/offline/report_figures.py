@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -94,20 +94,37 @@ def label(axes: Axes, title: str = '', x: str = '', y: str = '') -> None:
     axes.set_ylabel(y)
 
 
-def draw_residuals(
-    axes: Axes, pixels: Any, residuals: Any, scale: float, color: str, name: str = ''
-) -> None:
-    """Arrows at pixels (n, 2), which are the residuals (n, 2) so many times as long."""
-    arrows = *pixels.T, *(residuals * scale).T
-    axes.quiver(
-        *arrows, color=color, angles='xy', scale_units='xy', scale=1.0, width=0.0012, label=name
-    )
+Residuals = tuple[Any, Any, str, str]
+"""Pixels (n, 2), their residuals (n, 2), px; colour, and name, which may be empty."""
 
 
-def label_image(axes: Axes, width: int, height: int) -> None:
-    """Axes as those of an image, px."""
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect='equal')
-    label(axes, '', 'u [px]', 'v [px]')
+def residual_figure(
+    title: str,
+    size: tuple[int, int],
+    deviation: float,
+    residuals: Iterable[Residuals],
+    alt: str,
+    meaning: str,
+) -> report.Figure:
+    """Residuals as arrows over an image of that size, px.
+
+    Those of three times the ``deviation`` are a twenty-fifth of the width long.
+    ``alt`` says what the figure shows, ``meaning`` what arrows show that agree.
+    """
+    width, height = size
+    scale = 0.04 * width / max(3.0 * deviation, 1e-9)
+    with drawing(9.6, 9.6 * height / width + 0.4) as canvas:
+        axes = canvas.figure.add_subplot()
+        for pixels, errors, color, name in residuals:
+            arrows: Any = {'angles': 'xy', 'scale_units': 'xy', 'scale': 1.0, 'width': 0.0012}
+            axes.quiver(*pixels.T, *(errors * scale).T, color=color, label=name, **arrows)
+        axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect='equal')
+        label(axes, '', 'u [px]', 'v [px]')
+        if axes.get_legend_handles_labels()[1]:
+            legend_below(canvas.figure, axes)
+    note = f'Arrows are seen minus projected, {scale:.0f} times as long as in the image. They '
+    note += 'should point anywhere: arrows that agree with their neighbours show '
+    return canvas.as_figure('residuals', title, alt, note + meaning)
 
 
 def legend_below(figure: Figure, *panels: Axes, columns: int = 6) -> None:

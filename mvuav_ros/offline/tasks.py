@@ -24,7 +24,7 @@ from mvuav_ros.offline.processes import (
 )
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
 from mvuav_ros.processing.process_tuning import keep_freed_memory
-from mvuav_ros.recordings.account import SourceError, collect
+from mvuav_ros.recordings.account import SourceError, collect, needed_for
 
 _POLL = 0.1
 _CONNECT_TIME = 10
@@ -78,12 +78,8 @@ def run_on_cluster(
 
 
 def _connect(address: str) -> tuple[Any, Any]:
-    try:
+    with needed_for('--dask'):
         distributed: Any = import_module('distributed')
-    except ImportError as error:
-        raise SourceError(
-            f'--dask needs Dask: pip install "mvuav_ros[dask]", here and on the workers ({error})'
-        ) from error
     # It would log attempt after attempt, with tracebacks.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     try:

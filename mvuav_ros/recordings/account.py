@@ -11,6 +11,7 @@ from contextvars import ContextVar
 from typing import Any
 
 from mvuav_ros.messages.untrusted import MAX_LINE, words
+from mvuav_ros.missing_module import explain_missing_module
 
 _MAX_TEXTS = 200
 _MAX_ENTRIES = 10_000
@@ -28,6 +29,15 @@ class SourceError(Exception):
 
 class RecordingError(SourceError):
     """A recording that cannot be read or written."""
+
+
+@contextmanager
+def needed_for(what: str) -> Iterator[None]:
+    """Around imports of what need not be installed: a RecordingError says how to install it."""
+    try:
+        yield
+    except ImportError as error:
+        raise RecordingError(explain_missing_module(what, error)) from error
 
 
 class Account:

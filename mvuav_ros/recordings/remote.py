@@ -10,7 +10,7 @@ from secrets import token_hex
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.account import RecordingError, needed_for
 
 _URL = re.compile(r'[a-z][a-z0-9+.-]+://', re.IGNORECASE)
 _READ_ONLY = ('http', 'https')
@@ -148,12 +148,8 @@ def _refuse_read_only(url: str) -> None:
 @contextmanager
 def reached(url: str, done: str) -> Iterator[tuple[Any, str]]:
     """The file system of an URL, and the path in it; whatever goes wrong is a RecordingError."""
-    try:
+    with needed_for(url):
         import fsspec
-    except ImportError as error:
-        raise RecordingError(
-            f'{url}: URLs need fsspec: pip install "mvuav_ros[remote]" ({error})'
-        ) from error
     try:
         system, path = fsspec.core.url_to_fs(url)
         yield system, str(path)

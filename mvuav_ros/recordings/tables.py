@@ -18,7 +18,7 @@ from secrets import token_hex
 from typing import Any, ClassVar
 
 from mvuav_ros.messages.untrusted import MalformedMessageError
-from mvuav_ros.recordings.account import Account, RecordingError, counted
+from mvuav_ros.recordings.account import Account, RecordingError, counted, needed_for
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.remote import write_text
 from mvuav_ros.recordings.result_rows import (
@@ -122,13 +122,9 @@ class Parquet(Table):
     ending = 'parquet'
 
     def __init__(self, path: Path, columns: Columns) -> None:
-        try:
+        with needed_for('parquet'):
             import pyarrow
             import pyarrow.parquet
-        except ImportError as error:
-            raise RecordingError(
-                f'parquet needs PyArrow: pip install "mvuav_ros[parquet]" ({error})'
-            ) from error
         super().__init__(path, columns)
         self._arrow = pyarrow
         self._rows: list[Row] = []

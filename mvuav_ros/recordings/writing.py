@@ -9,9 +9,8 @@ import threading
 import time
 import zlib
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
-from itertools import count
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -27,6 +26,7 @@ from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import MCAP_START as MAGIC
 from mvuav_ros.recordings.mcap_file import HEADER, MESSAGE_HEADER
+from mvuav_ros.recordings.stored_file import RecordedMessage
 
 
 class OutputFile:
@@ -77,184 +77,28 @@ class OutputFile:
             raise
         self.size += len(data)
 
-    @property
-    def is_there(self) -> bool:
-        """Whether the file is still the one of that name."""
-        try:
-            return os.path.samestat(os.fstat(self._file), self.path.lstat())
-        except OSError:
-            return False
-
-    def close(self) -> None:
-        """Let go of the file.
+    def close(self, *, keep: bool = True) -> None:
+        """Let go of the file, or remove it: it would be in the way of the next attempt.
 
         Raises:
             OSError: the operating system says only now that it could not write, or the file is not
                 there any more: another program has put its own in its place.
         """
         try:
-            if not self.is_there:
+            if not self._is_there:
                 raise OSError(errno.ESTALE, 'another program has replaced it meanwhile')
+            if not keep:
+                self.path.unlink(missing_ok=True)
         finally:
             os.close(self._file)
 
-    def failure(self, error: Exception, messages: int) -> RecordingError:
-        """The error in words for the user; so many messages are in the file."""
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        kept = '; what it holds so far can be read' if messages else ''
-        return RecordingError(f'{reason}: {self.path} cannot be written{kept}')
-
-
-_LEVEL = 1
-_INDEX_ENTRY = struct.Struct('<QQ')
-_INDEX_HEADER = struct.Struct('<HI')
-_SUMMARY = (
-    *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS),
-    *(Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
-)
-
-
-class Chunk:
-    """Records on their way into the file; times in ns, sizes in bytes."""
-
-    def __init__(self) -> None:
-        self._records = bytearray()
-        self.entries: dict[int, bytearray] = {}
-        self.message_count = 0
-        self.start_ns = (1 << 64) - 1
-        self.end_ns = 0
-
     @property
-    def size(self) -> int:
-        """Bytes before compression."""
-        return len(self._records)
-
-    def define(self, record: McapRecord) -> None:
-        """Add a schema or channel."""
-        self._records += record_bytes(record)
-
-    def add(
-        self, channel: int, number: int, stamp_ns: int, publish_ns: int, data: bytes | memoryview
-    ) -> int:
-        """Add a message, logged and published at these times; returns the size by now."""
-        offset = len(self._records)
-        entries = self.entries.setdefault(channel, bytearray())
-        indexed = len(entries)
+    def _is_there(self) -> bool:
+        """Whether the file is still the one of that name."""
         try:
-            self._records += HEADER.pack(Opcode.MESSAGE, MESSAGE_HEADER.size + len(data))
-            self._records += MESSAGE_HEADER.pack(channel, number, stamp_ns, publish_ns)
-            self._records += data
-            entries += _INDEX_ENTRY.pack(stamp_ns, offset)
-            self.message_count += 1
-        except BaseException:  # Ctrl-C too must leave only whole messages
-            del self._records[offset:]
-            del entries[indexed:]
-            raise
-        self.start_ns, self.end_ns = min(self.start_ns, stamp_ns), max(self.end_ns, stamp_ns)
-        return len(self._records)
-
-    def takes(self, stamp_ns: int) -> bool:
-        """Whether a message of that time keeps the chunk within its span of time."""
-        if self.message_count == 0:
-            return True
-        return self.end_ns - _CHUNK_NS < stamp_ns < self.start_ns + _CHUNK_NS
-
-    def encode(self, offset: int) -> tuple[bytes, records.ChunkIndex]:
-        """What is to be written at ``offset`` of the file, and the index record for its end."""
-        start_ns = self.start_ns if self.entries else 0
-        data = zstandard.ZstdCompressor(level=_LEVEL).compress(self._records)
-        checksum = zlib.crc32(self._records)
-        chunk = records.Chunk('zstd', data, self.end_ns, start_ns, checksum, self.size)
-        pieces = [record_bytes(chunk)]
-        chunk_length = length = len(pieces[0])
-        offsets: dict[int, int] = {}
-        for key, entries in self.entries.items():
-            offsets[key] = offset + length
-            body = _INDEX_HEADER.pack(key, len(entries)) + entries
-            pieces += [HEADER.pack(Opcode.MESSAGE_INDEX, len(body)), body]
-            length += HEADER.size + len(body)
-        index = records.ChunkIndex(
-            chunk_length=chunk_length,
-            chunk_start_offset=offset,
-            compression=chunk.compression,
-            compressed_size=len(data),
-            message_end_time=self.end_ns,
-            message_index_length=length - chunk_length,
-            message_index_offsets=offsets,
-            message_start_time=start_ns,
-            uncompressed_size=self.size,
-        )
-        return b''.join(pieces), index
-
-
-class _Summary:
-    """What stands at a file's end; kept as bytes, as there is a chunk for every half second.
-
-    ``statistics`` has the messages that were added by now.
-    """
-
-    def __init__(self) -> None:
-        self._groups = {opcode: bytearray() for opcode in _SUMMARY}
-        self._counts: Counter[Opcode] = Counter()
-        self.statistics = records.Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
-
-    def add(self, opcode: Opcode, record: McapRecord) -> None:
-        self._groups[opcode] += record_bytes(record)
-        self._counts[opcode] += 1
-
-    def add_chunk(self, chunk: Chunk, index: records.ChunkIndex) -> None:
-        self.add(Opcode.CHUNK_INDEX, index)
-        if not chunk.entries:
-            return
-        statistics = self.statistics
-        if statistics.message_count == 0 or chunk.start_ns < statistics.message_start_time:
-            statistics.message_start_time = chunk.start_ns
-        statistics.message_end_time = max(statistics.message_end_time, chunk.end_ns)
-        counts = statistics.channel_message_counts
-        for key, entries in chunk.entries.items():
-            added = len(entries) // _INDEX_ENTRY.size
-            statistics.message_count += added
-            counts[key] = counts.get(key, 0) + added
-
-    def add_extra(self, record: Attachment | Metadata, offset: int) -> bytes:
-        """An attachment or metadata as it is to be written at ``offset``."""
-        data = record_bytes(record)
-        if isinstance(record, Metadata):
-            self.add(Opcode.METADATA_INDEX, records.MetadataIndex(offset, len(data), record.name))
-            return data
-        about = record.log_time, record.create_time, len(record.data), record.name
-        attached = records.AttachmentIndex(offset, len(data), *about, record.media_type)
-        self.add(Opcode.ATTACHMENT_INDEX, attached)
-        return data
-
-    def encode(self, offset: int) -> bytes:
-        """Everything from the data's end to the file's end, to be written at ``offset``."""
-        counts = self._counts
-        self.statistics.schema_count = counts[Opcode.SCHEMA]
-        self.statistics.channel_count = counts[Opcode.CHANNEL]
-        self.statistics.chunk_count = counts[Opcode.CHUNK_INDEX]
-        self.statistics.attachment_count = counts[Opcode.ATTACHMENT_INDEX]
-        self.statistics.metadata_count = counts[Opcode.METADATA_INDEX]
-        self.add(Opcode.STATISTICS, self.statistics)
-        data_end = record_bytes(records.DataEnd(0))
-        start = offset + len(data_end)
-        summary = offsets = b''
-        for opcode, group in self._groups.items():
-            if group:
-                group_start = start + len(summary)
-                offsets += record_bytes(records.SummaryOffset(opcode, group_start, len(group)))
-                summary += group
-        footer = record_bytes(records.Footer(start, start + len(summary), 0))[:-4]
-        summary += offsets
-        crc = struct.pack('<I', zlib.crc32(footer, zlib.crc32(summary)))
-        return data_end + summary + footer + crc + MAGIC
-
-
-def record_bytes(record: McapRecord) -> bytes:
-    """One record as it stands in the file."""
-    builder: Any = RecordBuilder()
-    record.write(builder)
-    return bytes(builder.end())
+            return os.path.samestat(os.fstat(self._file), self.path.lstat())
+        except OSError:
+            return False
 
 
 _CHUNK_BYTES = 1 << 20
@@ -278,6 +122,193 @@ RELIABLE_QOS = """\
 """
 
 
+class _Chunk:
+    """Messages on their way into the file; ``size`` in bytes."""
+
+    def __init__(self) -> None:
+        self.messages: list[RecordedMessage] = []
+        self.size = 0
+        self.start_ns = self.end_ns = 0
+
+    def add(self, message: RecordedMessage) -> None:
+        """Take one more; appending it is a single step, so that Ctrl-C leaves only whole ones."""
+        stamp_ns = message.stamp_ns
+        if not self.messages:
+            self.start_ns = self.end_ns = stamp_ns
+        self.start_ns, self.end_ns = min(self.start_ns, stamp_ns), max(self.end_ns, stamp_ns)
+        self.size += MESSAGE_HEADER.size + len(message.data)
+        self.messages.append(message)
+
+    def takes(self, stamp_ns: int) -> bool:
+        """Whether a message of that time keeps the chunk within its span of time."""
+        is_near = self.end_ns - _CHUNK_NS < stamp_ns < self.start_ns + _CHUNK_NS
+        return is_near or not self.messages
+
+
+_Channel = tuple[str, str, Schema | None]
+"""Topic, type, and definition, None where it is Jazzy's."""
+
+
+_LEVEL = 1
+_SUMMARY = (
+    *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS),
+    *(Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
+)
+_builder: Any = RecordBuilder
+"""The library's, which has no types."""
+
+
+def record_bytes(record: McapRecord) -> bytes:
+    """One record as it stands in the file."""
+    content = _builder()
+    record.write(content)
+    return bytes(content.end())
+
+
+class McapPart:
+    """One mcap file; the ``messages`` in it by now are from ``start_ns`` to ``end_ns``.
+
+    ``channels`` has the number and QoS of each, ``counts`` its messages by the number.
+    """
+
+    def __init__(
+        self, path: Path, overwrite: bool, metadata: Mapping[str, Mapping[str, str]]
+    ) -> None:
+        """Create the file with the records of ``metadata`` by name; errors as of `OutputFile`."""
+        self.file = OutputFile(path, overwrite)
+        self.messages = self.start_ns = self.end_ns = 0
+        self.channels: dict[_Channel, tuple[int, str]] = {}
+        self.counts: Counter[int] = Counter()
+        self._schemas: dict[tuple[str, Schema | None], int] = {}
+        # Kept as bytes, as there is a chunk for every half second.
+        self._summary = {opcode: _builder() for opcode in _SUMMARY}
+        self._listed: Counter[Opcode] = Counter()
+        try:
+            self.file.append(MAGIC + record_bytes(records.Header('ros2', 'mvuav_ros')))
+            for name, values in metadata.items():
+                self._append_extra(Metadata(name, dict(values)))
+        except OSError as error:
+            self.file.close(keep=False)
+            raise self.failure(error) from None
+
+    def write(self, chunk: _Chunk) -> None:
+        """Write the messages of a chunk; OSError where it fails, and then none of them."""
+        raw, indexes = self._content(chunk)
+        data = zstandard.ZstdCompressor(level=_LEVEL).compress(raw)
+        times, checksum = (chunk.end_ns, chunk.start_ns), zlib.crc32(raw)
+        packed = _builder()
+        records.Chunk('zstd', data, *times, checksum, len(raw)).write(packed)
+        length, offset, offsets = packed.count, self.file.size, dict[int, int]()
+        for channel, index in indexes.items():
+            offsets[channel] = offset + packed.count
+            index.write(packed)
+        listed = records.ChunkIndex(
+            chunk_length=length,
+            chunk_start_offset=offset,
+            compression='zstd',
+            compressed_size=len(data),
+            message_end_time=chunk.end_ns,
+            message_index_length=packed.count - length,
+            message_index_offsets=offsets,
+            message_start_time=chunk.start_ns,
+            uncompressed_size=len(raw),
+        )
+        self.file.append(packed.end())
+        self._list(Opcode.CHUNK_INDEX, listed)
+        self.start_ns = min(self.start_ns, chunk.start_ns) if self.messages else chunk.start_ns
+        self.end_ns = max(self.end_ns, chunk.end_ns)
+        self.messages += len(chunk.messages)
+
+    def _content(self, chunk: _Chunk) -> tuple[bytes, dict[int, records.MessageIndex]]:
+        """A chunk's records, and where in them each channel's messages are."""
+        content, indexes = _builder(), dict[int, records.MessageIndex]()
+        for topic, kind, logged_ns, data, schema, qos, published_ns, number in chunk.messages:
+            key = topic, kind, schema
+            if key not in self.channels:
+                self.channels[key] = self._define(content, *key, qos), qos
+            channel, _ = self.channels[key]
+            self.counts[channel] += 1
+            number = self.counts[channel] if number is None else number
+            published_ns = logged_ns if published_ns is None else published_ns
+            index = indexes.setdefault(channel, records.MessageIndex(channel, []))
+            index.records.append((logged_ns, content.count))
+            content.write(HEADER.pack(Opcode.MESSAGE, MESSAGE_HEADER.size + len(data)))
+            content.write(MESSAGE_HEADER.pack(channel, number, logged_ns, published_ns))
+            content.write(data)
+        return content.end(), indexes
+
+    def _define(self, content: Any, topic: str, type: str, schema: Schema | None, qos: str) -> int:
+        """Define a channel in a chunk; its number."""
+        kind = normalised_type(type)
+        text = schema or schema_of(kind)
+        if (kind, text) not in self._schemas:
+            number = self._schemas[kind, text] = len(self._schemas) + 1
+            encoding, definition = text or ('', '')
+            record = records.Schema(number, definition.encode(), encoding, kind)
+            record.write(content)
+            self._list(Opcode.SCHEMA, record)
+        metadata = {'offered_qos_profiles': qos}
+        if text == schema_of(kind) and type_hash(kind):
+            metadata['topic_type_hash'] = type_hash(kind)
+        number = len(self.channels) + 1
+        channel = records.Channel(number, topic, 'cdr', metadata, self._schemas[kind, text])
+        channel.write(content)
+        self._list(Opcode.CHANNEL, channel)
+        return number
+
+    def _append_extra(self, record: Attachment | Metadata) -> None:
+        offset, data = self.file.size, record_bytes(record)
+        self.file.append(data)
+        if isinstance(record, Metadata):
+            index = records.MetadataIndex(offset, len(data), record.name)
+            self._list(Opcode.METADATA_INDEX, index)
+        else:
+            about = record.log_time, record.create_time, len(record.data), record.name
+            attached = records.AttachmentIndex(offset, len(data), *about, record.media_type)
+            self._list(Opcode.ATTACHMENT_INDEX, attached)
+
+    def _list(self, opcode: Opcode, record: McapRecord) -> None:
+        """Keep a record for the file's end."""
+        record.write(self._summary[opcode])
+        self._listed[opcode] += 1
+
+    def complete(self, extras: Iterable[Attachment | Metadata]) -> None:
+        """Write the last records, and the end; OSError where it fails."""
+        for record in extras:
+            self._append_extra(record)
+        statistics = records.Statistics(
+            attachment_count=self._listed[Opcode.ATTACHMENT_INDEX],
+            channel_count=self._listed[Opcode.CHANNEL],
+            channel_message_counts=dict(self.counts),
+            chunk_count=self._listed[Opcode.CHUNK_INDEX],
+            message_count=self.messages,
+            message_end_time=self.end_ns,
+            message_start_time=self.start_ns,
+            metadata_count=self._listed[Opcode.METADATA_INDEX],
+            schema_count=self._listed[Opcode.SCHEMA],
+        )
+        self._list(Opcode.STATISTICS, statistics)
+        data_end = record_bytes(records.DataEnd(0))
+        start, summary, offsets = self.file.size + len(data_end), b'', b''
+        for opcode, group in self._summary.items():
+            if group.count:
+                place = start + len(summary), group.count
+                offsets += record_bytes(records.SummaryOffset(opcode, *place))
+                summary += group.end()
+        footer = record_bytes(records.Footer(start, start + len(summary), 0))[:-4]
+        checksum = zlib.crc32(footer, zlib.crc32(summary + offsets))
+        end = footer + struct.pack('<I', checksum) + MAGIC
+        self.file.append(data_end + summary + offsets + end)
+
+    def failure(self, error: Exception) -> RecordingError:
+        """The error in words for the user."""
+        if isinstance(error, RecordingError):
+            return error
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        kept = '; what it holds so far can be read' if self.messages else ''
+        return RecordingError(f'{reason}: {self.file.path} cannot be written{kept}')
+
+
 class RecordingWriter(AbstractContextManager['RecordingWriter']):
     """Writes messages to a .mcap file with zstd chunks and embedded schemas.
 
@@ -288,6 +319,7 @@ class RecordingWriter(AbstractContextManager['RecordingWriter']):
 
     Attributes:
         path: of the file.
+        parts: the file; of a folder as rosbag2 makes it each file by now.
         moved: messages from before 1970, which were given the time 0.
         extras: attachments and metadata that are written at the end.
     """
@@ -297,8 +329,11 @@ class RecordingWriter(AbstractContextManager['RecordingWriter']):
         path: str | os.PathLike[str],
         overwrite: bool = False,
         metadata: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+        split_bytes: int = 0,
     ) -> None:
         """Create the file, whose name ends in '.mcap', with the records of ``metadata`` by name.
+
+        The next part begins when one has reached ``split_bytes``; 0: never.
 
         Raises:
             RecordingError: the file exists or cannot be created.
@@ -306,28 +341,22 @@ class RecordingWriter(AbstractContextManager['RecordingWriter']):
         self.path = Path(path)
         self.moved = 0
         self.extras: Iterable[Attachment | Metadata] = ()
-        self._file = OutputFile(self.path, overwrite)
-        self._summary = _Summary()
-        self._schemas: dict[tuple[str, Schema | None], int] = {}
-        # A channel's number, and those of its messages.
-        self._channels: dict[tuple[str, str, Schema | None], tuple[int, Iterator[int]]] = {}
+        self._split_bytes = split_bytes
+        self._given = overwrite, metadata
+        self.parts = [McapPart(self._part_path(0), *self._given)]
         # The last one is being filled; appending an empty one hands it over in a single step,
         # so that Ctrl-C at any moment loses and doubles nothing.
-        self._chunks = deque([Chunk()])
+        self._chunks = deque([_Chunk()])
         self._since = 0.0
         self._changed = threading.Condition()
         self._closed = False
         self._error: Exception | None = None
-        start = MAGIC + record_bytes(records.Header('ros2', 'mvuav_ros'))
-        for name, values in metadata.items():
-            start += self._summary.add_extra(Metadata(name, dict(values)), len(start))
-        try:
-            self._file.append(start)
-        except OSError as error:
-            self._let_go(complete=False)
-            raise self._file.failure(error, 0) from None
         self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
         self._thread.start()
+
+    def _part_path(self, number: int) -> Path:
+        """Where a part lies; there is only one."""
+        return self.path
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and issubclass(kind, Exception):
@@ -338,13 +367,8 @@ class RecordingWriter(AbstractContextManager['RecordingWriter']):
 
     @property
     def size(self) -> int:
-        """Bytes in the file by now."""
-        return self._file.size
-
-    @property
-    def statistics(self) -> records.Statistics:
-        """Numbers and times of the messages in the file by now; of all once it is closed."""
-        return self._summary.statistics
+        """Bytes in the file, or files, by now."""
+        return sum(part.file.size for part in self.parts)
 
     def write(
         self,
@@ -370,25 +394,18 @@ class RecordingWriter(AbstractContextManager['RecordingWriter']):
             if self._error is not None or self._closed:
                 self._raise_error()
                 raise RecordingError(f'{self.path} is already closed')
-            channel = self._channels.get((topic, type, schema))
-            if channel is None:
-                channel = self._new_channel(topic, type, schema, qos)
             # ROS clocks start at zero; an mcap file holds no earlier time.
             self.moved += stamp_ns < 0
             stamp_ns = max(stamp_ns, 0)
-            publish_ns = stamp_ns if publish_ns is None else publish_ns
-            chunk = self._chunks[-1]
-            # Of one stamp are all results of a frame.
-            if not (chunk.start_ns == stamp_ns == chunk.end_ns or chunk.takes(stamp_ns)):
+            if not self._chunks[-1].takes(stamp_ns):
                 self._hand_over()
-                chunk = self._chunks[-1]
-            if chunk.message_count == 0:
+            chunk = self._chunks[-1]
+            if not chunk.messages:
                 self._since = time.monotonic()
                 self._changed.notify_all()
-            channel_id, numbers = channel
-            number = next(numbers)
-            number = number if sequence is None else sequence
-            if chunk.add(channel_id, number, stamp_ns, publish_ns, cdr) >= _CHUNK_BYTES:
+            of = schema, qos, publish_ns, sequence
+            chunk.add(RecordedMessage(topic, type, stamp_ns, cdr, *of))
+            if chunk.size >= _CHUNK_BYTES:
                 self._hand_over()
 
     def close(self, *, complete: bool = True) -> None:
@@ -403,84 +420,56 @@ class RecordingWriter(AbstractContextManager['RecordingWriter']):
             self._closed = True
             self._changed.notify_all()
         self._thread.join()
+        part = self.parts[-1]
         try:
             if complete and self._error is None:
-                for record in self.extras:
-                    self._file.append(self._summary.add_extra(record, self._file.size))
-                self._file.append(self._summary.encode(self._file.size))
+                part.complete(self.extras)
         except OSError as error:
             self._error = error
-        self._let_go(complete)
-        self._raise_error()
-
-    def _let_go(self, complete: bool) -> None:
-        is_ours = self._file.is_there
         try:
-            self._file.close()
+            part.file.close(keep=part.messages > 0 or (complete and self._error is None))
         except OSError as error:
             self._error = self._error or error
-        if is_ours and not self.statistics.message_count and (self._error or not complete):
-            # Nothing to be kept, and in the way of the next attempt.
-            with suppress(OSError):
-                self.path.unlink()
-
-    def _new_channel(
-        self, topic: str, type: str, schema: Schema | None, qos: str
-    ) -> tuple[int, Iterator[int]]:
-        kind = normalised_type(type)
-        text = schema or schema_of(kind)
-        schema_id = self._schemas.get((kind, text))
-        if schema_id is None:
-            schema_id = self._schemas[kind, text] = len(self._schemas) + 1
-            encoding, definition = text or ('', '')
-            record = records.Schema(schema_id, definition.encode(), encoding, kind)
-            self._chunks[-1].define(record)
-            self._summary.add(Opcode.SCHEMA, record)
-        metadata = {'offered_qos_profiles': qos}
-        if text == schema_of(kind) and type_hash(kind):
-            metadata['topic_type_hash'] = type_hash(kind)
-        number = len(self._channels) + 1
-        channel = records.Channel(number, topic, 'cdr', metadata, schema_id)
-        self._chunks[-1].define(channel)
-        self._summary.add(Opcode.CHANNEL, channel)
-        return self._channels.setdefault((topic, type, schema), (channel.id, count(1)))
+        self._raise_error()
 
     def _hand_over(self) -> None:
         """Begin a new chunk, once the thread keeps up; the lock is held."""
         while len(self._chunks) > _MAX_WAITING and self._error is None:
             self._changed.wait()
         self._raise_error()
-        if self._chunks[-1].message_count:
-            self._chunks.append(Chunk())
+        if self._chunks[-1].messages:
+            self._chunks.append(_Chunk())
             self._changed.notify_all()
 
     def _run(self) -> None:
         while (chunk := self._next_chunk()) is not None:
             try:
-                data, index = chunk.encode(self._file.size)
-                self._file.append(data)
-                self._summary.add_chunk(chunk, index)
+                if 0 < self._split_bytes <= self.parts[-1].file.size:
+                    self.parts[-1].complete(())
+                    self.parts[-1].file.close()
+                    self.parts.append(McapPart(self._part_path(len(self.parts)), *self._given))
+                self.parts[-1].write(chunk)
             except Exception as error:
                 with self._changed:
                     self._error = error
                     self._changed.notify_all()
                 return
 
-    def _next_chunk(self) -> Chunk | None:
+    def _next_chunk(self) -> _Chunk | None:
         with self._changed:
             while len(self._chunks) == 1 and not self._closed:
-                if self._chunks[0].message_count == 0:
+                if not self._chunks[0].messages:
                     self._changed.wait()
                     continue
                 left = self._since + _CHUNK_WALL_S - time.monotonic()
                 if left > 0:
                     self._changed.wait(left)
                 else:
-                    self._chunks.append(Chunk())
+                    self._chunks.append(_Chunk())
             chunk = self._chunks.popleft() if self._chunks else None
             self._changed.notify_all()
-            return chunk if chunk is not None and chunk.size else None
+            return chunk if chunk is not None and chunk.messages else None
 
     def _raise_error(self) -> None:
         if self._error is not None:
-            raise self._file.failure(self._error, self.statistics.message_count)
+            raise self.parts[-1].failure(self._error)

@@ -15,7 +15,7 @@ from mvuav_ros.messages.h264_gaps import PictureNumbers
 from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file, tiff_images
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.untrusted import words
-from mvuav_ros.recordings.account import Account, counted
+from mvuav_ros.recordings.account import Account, counted, needed_for
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, natural_key, start_of
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import Image, ImageError
@@ -114,13 +114,8 @@ class VideoFile(FrameSource):
         self.count: int | None = self._promised or round(duration_s * own_rate) or None
 
     def _open(self) -> Any:
-        try:
+        with needed_for(f'video {self._path}'):
             import av
-        except ImportError as error:
-            raise SourceError(
-                f'{self._path}: reading videos needs PyAV: pip install av, or apt install '
-                f'python3-av ({error})'
-            ) from error
         try:
             # A playlist must not lead to other machines, nor a frame be larger than it says.
             limits = {'protocol_whitelist': 'file', 'max_pixels': str(MAX_PIXELS)}

@@ -58,8 +58,8 @@ def judged(*arguments, **options):
 
 def test_the_flight_it_was_tuned_on(footage):
     score = judged(footage, 'approach_run1', horizon=True)
-    assert score.both >= 0.90
-    assert score.wrong <= 0.02
+    assert score.shares['both_found'] >= 0.90
+    assert score.shares['wrong'] <= 0.02
     assert score.first_report <= 25
 
 
@@ -70,23 +70,23 @@ def test_the_flight_it_was_tuned_on(footage):
 def test_a_flight_that_nothing_was_tuned_on(footage, horizon, gray):
     """Dusk, in colour and turned grey."""
     score = judged(footage, 'approach_run2', horizon=horizon, gray=gray)
-    assert score.both >= (0.80 if horizon else 0.60)
-    assert score.wrong <= 0.02
+    assert score.shares['both_found'] >= (0.80 if horizon else 0.60)
+    assert score.shares['wrong'] <= 0.02
     assert score.first_report <= 25
 
 
 @pytest.mark.parametrize(('horizon', 'least'), [(True, 0.80), (False, 0.60)])
 def test_a_grey_camera_at_another_airport(footage, horizon, least):
     score = judged(footage, 'approach_run5', horizon=horizon)
-    assert score.both >= least
-    assert score.wrong <= 0.02
+    assert score.shares['both_found'] >= least
+    assert score.shares['wrong'] <= 0.02
 
 
 @pytest.mark.parametrize('start', [60, 150, 240])
 def test_a_flight_may_begin_anywhere(footage, start):
     """Nothing is known but what the first 24 frames showed."""
     part = slice(start, start + 60)
-    assert judged(footage, 'approach_run3', horizon=False, part=part).both >= 0.90
+    assert judged(footage, 'approach_run3', horizon=False, part=part).shares['both_found'] >= 0.90
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import os
 import resource
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -14,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from rosbags import rosbag2
@@ -74,6 +76,13 @@ def test_read_back_by_everyone(tmp_path: Path) -> None:
             STORE.hash_rihs01(IMAGE),
             STORE.hash_rihs01('std_msgs/msg/String'),
         }
+        for chunk in summary.chunk_indexes:
+            # A chunk is half a second of the messages' own time, however fast they are written.
+            assert chunk.message_end_time - chunk.message_start_time < 500_000_000
+            for channel, offset in chunk.message_index_offsets.items():
+                stream.seek(offset)
+                opcode, _, indexed_channel = struct.unpack('<BQH', stream.read(11))
+                assert (opcode, indexed_channel) == (Opcode.MESSAGE_INDEX, channel)
         # Backwards is only possible through the chunk and message indexes.
         (_, _, message), *_ = indexed.iter_messages([TOPIC], reverse=True)
         assert message.data == SAMPLES[599].data

@@ -15,11 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 import zstandard
-from mcap.records import Channel, Header, Message, Schema
+from mcap._chunk_builder import ChunkBuilder
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Chunk, Header, Message, Schema
 from mcap.writer import Writer as McapWriter
 
 from mvuav_ros.recordings.mcap_file import HEADER, MAGIC
-from mvuav_ros.recordings.writing import Chunk, RecordingWriter, record_bytes
+from mvuav_ros.recordings.writing import RecordingWriter
 from support.recording_samples import (
     IMAGE,
     START_NS,
@@ -160,21 +162,25 @@ def evil_names(folder: Path) -> Known:
 
 def _mcap(path: Path, chunks: list[list[object]], times: tuple[int, int] | None = None) -> Path:
     """A file without a summary of chunks with these records and indexes."""
-    content = MAGIC + record_bytes(Header('ros2', 'test'))
+    content = RecordBuilder()
+    content.write(MAGIC)
+    Header('ros2', 'test').write(content)
     for records in chunks:
-        chunk = Chunk()
+        chunk = ChunkBuilder()
         for record in records:
             if isinstance(record, Message):
-                times_ns = record.log_time, record.publish_time
-                chunk.add(record.channel_id, record.sequence, *times_ns, record.data)
+                chunk.add_message(record)
             elif isinstance(record, bytes):
-                chunk._records += record
+                chunk.record_writer.write(record)
             else:
-                chunk.define(record)
-        if times is not None:
-            chunk.start_ns, chunk.end_ns = times
-        content += chunk.encode(len(content))[0]
-    path.write_bytes(content)
+                record.write(chunk.record_writer)
+        data = chunk.end()
+        start_ns, end_ns = times or (chunk.message_start_time, chunk.message_end_time)
+        packed = zstandard.compress(data)
+        Chunk('zstd', packed, end_ns, start_ns, zlib.crc32(data), len(data)).write(content)
+        for index in chunk.message_indices.values():
+            index.write(content)
+    path.write_bytes(content.end())
     return path
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
 from mvuav_ros.cli.options import Json
-from mvuav_ros.cli.terminal import frame_progress, table_console
+from mvuav_ros.cli.terminal import frame_progress, print_table, say
 from mvuav_ros.recordings.remote import write_whole
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ _LIVE_HEADINGS = (
     'answer p50', 'decode', 'process', 'publish', 'CPU', 'MB', '',
 )  # fmt: skip
 _LEGEND = 'Times in ms; CPU per image, all threads; memory at the end; +: the other node runs too.'
-_WORDS = ('node', 'image', 'case', 'beside', '')
+_NUMBERS = {*_HEADINGS, *_LIVE_HEADINGS} - {'node', 'image', 'case', 'beside', ''}
 
 
 def bench(
@@ -70,28 +69,17 @@ def bench(
         tracked = progress.track(live, description='bench live')
         results = [r for c in tracked for r in measure_live(c, max(seconds, LIVE_SECONDS))]
     if measured:
-        _print(_HEADINGS, map(_row, measured))
+        print_table(_HEADINGS, map(_row, measured), 160, numbers=_NUMBERS)
     if results:
         # From the camera's stamp to the result's arrival back at the camera; the floor is that to
         # a minimal rclpy subscriber's callback, which answers at once.
-        _print(_LIVE_HEADINGS, map(_live_row, results))
-        table_console(160).print(_LEGEND)
+        print_table(_LIVE_HEADINGS, map(_live_row, results), 160, numbers=_NUMBERS)
+        say(_LEGEND)
     both: list[Measurement | LiveResult] = [*measured, *results]
     if as_json is not None:
         write_whole(as_json, json.dumps([each.figures() for each in both], indent=2) + '\n')
     if check and not all(each.within_limits for each in both):
         raise typer.Exit(1)
-
-
-def _print(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False)
-    for heading in headings:
-        table.add_column(heading, justify='left' if heading in _WORDS else 'right')
-    for row in rows:
-        table.add_row(*row)
-    table_console(160).print(table)
 
 
 def _row(m: Measurement) -> list[str]:

@@ -100,8 +100,9 @@ def corners(
         raise SourceError(f'{labels}: no frame counts, as the first {WARM_UP} do not')
     if as_json is not None:
         write_whole(as_json, json.dumps(score.figures(), indent=2) + '\n')
-    if score.both < minimum:
-        found = f'both edges were found in {100 * score.both:.1f} % of the frames'
+    both = score.shares['both_found']
+    if both < minimum:
+        found = f'both edges were found in {100 * both:.1f} % of the frames'
         raise SourceError(f'{labels}: {found}, less than --minimum')
 
 
@@ -111,13 +112,9 @@ def _report(score: CornersScore) -> None:
     from mvuav_ros.offline.evaluation.corners import WARM_UP
 
     say(f'frames counted {len(score.counted)} (from the {WARM_UP + 1}th)')
-    for name, share in (
-        ('both edges found', score.both),
-        ('left edge found', score.left),
-        ('right edge found', score.right),
-        ('both edges reported', score.reported),
-        ('both edges reported and wrong', score.wrong),
-    ):
+    edges = ('both edges found', 'left edge found', 'right edge found', 'both edges reported')
+    names = (*edges, 'both edges reported and wrong')
+    for name, share in zip(names, score.shares.values(), strict=True):
         say(f'{name} {100 * share:.1f} %')
     say(f'first report in frame {score.first_report or "none"}')
     errors = [frame.error for frame in score.counted if math.isfinite(frame.error)]

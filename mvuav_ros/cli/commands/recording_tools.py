@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mvuav_ros.cli.options import Force, Format, SplitMb, Storage, refuse_to_overwrite
-from mvuav_ros.cli.terminal import frame_progress, say, table_console
+from mvuav_ros.cli.terminal import frame_progress, print_table, say
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.remote import inside, is_url, local_copy, local_output
 
@@ -100,18 +100,13 @@ def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
 
 
 def _print_recording(summary: RecordingSummary) -> None:
-    from rich.table import Table
-
     say(f'{summary.path}: {summary.messages} messages in {summary.duration_s:.2f} s')
-    table = Table(box=None, pad_edge=False)
-    for heading in ('topic', 'type', 'count', 'Hz', 'images', 'warnings'):
-        table.add_column(heading, overflow='fold')
+    rows = []
     for topic in summary.topics[:_MAX_ROWS]:
         images = ', '.join(topic.images.formats) if topic.images else ''
         rate = f'{topic.rate_hz:.2f}' if topic.rate_hz else '-'
-        cells = topic.name, topic.type, str(topic.count), rate, images, _notes(topic)
-        table.add_row(*map(visible, cells))
-    table_console(240).print(table)
+        rows.append((topic.name, topic.type, str(topic.count), rate, images, _notes(topic)))
+    print_table(('topic', 'type', 'count', 'Hz', 'images', 'warnings'), rows, 240)
     if len(summary.topics) > _MAX_ROWS:
         say(f'and {len(summary.topics) - _MAX_ROWS} more topics, which --json lists')
     for skipped in summary.skipped[:_MAX_ROWS]:

@@ -102,6 +102,16 @@ class FrameScore:
         return 'left_off' if left_off else 'right_off' if right_off else ''
 
 
+SHARES: dict[str, Callable[[FrameScore], bool]] = {
+    'both_found': lambda frame: frame.found,
+    'left_found': lambda frame: frame.left <= frame.tolerance,
+    'right_found': lambda frame: frame.right <= frame.tolerance,
+    'reported': lambda frame: frame.reported,
+    'wrong': lambda frame: frame.reported and not frame.found,
+}
+"""What frames are counted for: edges found, both edges reported, and that but one of them wrong."""
+
+
 @dataclass(frozen=True)
 class CornersScore:
     """A run's frames in order; the first `WARM_UP` do not count in the shares."""
@@ -114,33 +124,13 @@ class CornersScore:
         return self.frames[WARM_UP:]
 
     @property
-    def left(self) -> float:
-        """Share of frames with the left edge found; NaN without frames."""
-        return self._share(lambda frame: frame.left <= frame.tolerance)
-
-    @property
-    def right(self) -> float:
-        """Share of frames with the right edge found."""
-        return self._share(lambda frame: frame.right <= frame.tolerance)
-
-    @property
-    def both(self) -> float:
-        """Share of frames with both edges found."""
-        return self._share(lambda frame: frame.found)
-
-    @property
-    def reported(self) -> float:
-        """Share of frames with a line reported for both edges."""
-        return self._share(lambda frame: frame.reported)
-
-    @property
-    def wrong(self) -> float:
-        """Share of frames with both edges reported, and at least one of them wrong."""
-        return self._share(lambda frame: frame.reported and not frame.found)
-
-    def _share(self, is_so: Callable[[FrameScore], bool]) -> float:
+    def shares(self) -> dict[str, float]:
+        """Shares of the frames that count, as `SHARES` names them; NaN without frames."""
         counted = self.counted
-        return sum(map(is_so, counted)) / len(counted) if counted else math.nan
+        return {
+            name: sum(map(is_so, counted)) / len(counted) if counted else math.nan
+            for name, is_so in SHARES.items()
+        }
 
     @property
     def first_report(self) -> int | None:
@@ -156,11 +146,7 @@ class CornersScore:
     def figures(self) -> dict[str, object]:
         """For a JSON file; null where no line was reported."""
         return {
-            'both_found': self.both,
-            'left_found': self.left,
-            'right_found': self.right,
-            'reported': self.reported,
-            'wrong': self.wrong,
+            **self.shares,
             'first_report': self.first_report,
             'failures': self.failures,
             'warm_up': WARM_UP,

@@ -26,7 +26,7 @@ from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.layout import SIMULATED, absolute_place, fingerprint
 from mvuav_ros.recordings.remote import is_url, local_output, size_at
-from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
+from mvuav_ros.recordings.rosbag2_folder import open_writer
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
 from mvuav_ros.sources.bag import BagImages
@@ -372,7 +372,7 @@ class _Output:
                 self._account.note(('status', node), f'{node}, every frame: {"; ".join(parts)}')
 
     @cached_property
-    def _writer(self) -> RecordingWriter | Rosbag2Writer:
+    def _writer(self) -> RecordingWriter:
         job = self._job
         metadata = {DESCRIPTION: description(job.source, job.settings)}
         path = self._outputs.enter_context(local_output(job.output))

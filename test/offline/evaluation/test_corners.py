@@ -71,10 +71,10 @@ def test_a_line_without_its_role_and_a_missing_one_count_nothing():
 def test_frames_before_the_25th_do_not_count():
     bad, good = FrameScore('x', 9.0, 0.0, 3.0), FrameScore('x', 1.0, 2.0, 3.0)
     assert WARM_UP == 24
-    assert CornersScore((bad,) * 24 + (good,) * 3).both == 1.0
-    assert CornersScore((good,) * 24 + (bad, good)).both == 0.5
-    assert CornersScore((good,) * 24 + (bad, good)).right == 1.0
-    assert math.isnan(CornersScore((good,) * 24).both)
+    assert CornersScore((bad,) * 24 + (good,) * 3).shares['both_found'] == 1.0
+    assert CornersScore((good,) * 24 + (bad, good)).shares['both_found'] == 0.5
+    assert CornersScore((good,) * 24 + (bad, good)).shares['right_found'] == 1.0
+    assert math.isnan(CornersScore((good,) * 24).shares['both_found'])
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,11 @@ def test_wrong_is_what_is_reported_and_not_found():
     missing = FrameScore('x', math.inf, 1.0, 3.0)
     wrong, good = FrameScore('x', 9.0, 1.0, 3.0, 0.7), FrameScore('x', 1.0, 1.0, 3.0, 0.9)
     score = CornersScore((missing,) * 24 + (missing, wrong, good, good))
-    assert (score.reported, score.wrong, score.both) == (0.75, 0.25, 0.5)
+    assert (score.shares['reported'], score.shares['wrong'], score.shares['both_found']) == (
+        0.75,
+        0.25,
+        0.5,
+    )
     assert score.first_report == 26
     assert CornersScore((missing,)).first_report is None
     assert score.figures()['frames'][25]['confidence'] == 0.7
