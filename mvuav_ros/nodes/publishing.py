@@ -140,8 +140,7 @@ class FramePublisher:
     def publish(self, frame: Frame, given: VideoSourceParameters) -> Image:
         """Send a frame as the parameters have it; returns its image, or raises an `ImageError`."""
         image = as_encoding(frame.image, given.encoding).gamma_corrected(given.gamma)
-        # A video begins at 0, which would say that there is no stamp.
-        stamp_ns = frame.stamp_ns or 1
+        stamp_ns = frame.stamp_ns
         if given.stamp == 'now':
             stamp_ns = self.node.get_clock().now().nanoseconds
         frame_id = given.frame_id or frame.frame_id

@@ -17,7 +17,7 @@ from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account, counted, needed_for
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, natural_key, start_of
-from mvuav_ros.sources.source import FrameSource, SourceError
+from mvuav_ros.sources.source import BEGINNING_NS, FrameSource, SourceError
 from mvuav_ros.vision.image import Image, ImageError
 
 # Of the most pixels, four channels of 16 bits.
@@ -49,8 +49,8 @@ class ImageFolder(FrameSource):
         assert self.rate is not None
         self.account.kept = 0
         for index, file in enumerate(self._files):
-            stamp_ns = round(index * 1e9 / self.rate)
-            if 0 < stamp_ns < round(self.start_s * 1e9):
+            stamp_ns = round(index * 1e9 / self.rate) or BEGINNING_NS
+            if index and stamp_ns < round(self.start_s * 1e9):
                 continue
             try:
                 if file.stat().st_size > _MAX_FILE:
@@ -299,7 +299,7 @@ class _Stamps:
         if stamp_ns <= self._previous_ns:  # a broken file; time goes on
             stamp_ns = self._previous_ns + round(1e9 / self._rate)
         self._previous_ns = stamp_ns
-        return stamp_ns
+        return stamp_ns or BEGINNING_NS
 
 
 def _place(path: Path) -> str | BinaryIO:

@@ -31,6 +31,10 @@ class FrameSource(Protocol):
         return
 
 
+BEGINNING_NS = 1
+"""Stamp of the first frame where none has a stamp of its own: in ROS, 0 says that there is none."""
+
+
 def nothing_to_read(source: FrameSource) -> SourceError:
     """The error of a source none of whose images could be read, with what was noted of them."""
     words = f'{source.name}: there is no image to read'
@@ -63,7 +67,7 @@ class Selection:
         """The frames in the stretch of time, of a source whose stamps rise."""
         window: tuple[int | None, int | None] | None = None
         for frame in frames:
-            window = window or self.window_ns(frame.stamp_ns)
+            window = window or self.window_ns(frame.stamp_ns - BEGINNING_NS)
             start, end = window
             if end is not None and frame.stamp_ns >= end:
                 return

@@ -21,7 +21,7 @@ from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.recordings.layout import fingerprint
 from mvuav_ros.sources.files import ImageFolder, VideoFile
 from mvuav_ros.sources.opening import looks_like_bag, open_source, planned_flight
-from mvuav_ros.sources.source import SourceError
+from mvuav_ros.sources.source import BEGINNING_NS, SourceError
 from mvuav_ros.sources.v4l2_camera import Camera
 
 
@@ -44,7 +44,7 @@ def test_images_come_in_the_order_of_their_numbers(tmp_path):
     source = open_source(str(write_images(tmp_path / 'images')))
     frames = list(source.frames())
     assert [int(f.image.pixels[0, 0]) for f in frames] == list(range(12))
-    assert [f.stamp_ns for f in frames] == [round(i * 1e9 / 30) for i in range(12)]
+    assert [f.stamp_ns for f in frames] == [round(i * 1e9 / 30) or BEGINNING_NS for i in range(12)]
     assert source.count == 12
     assert source.rate == 30.0
 
@@ -60,7 +60,7 @@ def test_hidden_files_are_no_images(tmp_path):
 
 def test_a_rate_for_images(tmp_path):
     source = open_source(str(write_images(tmp_path / 'images')), rate=10.0)
-    assert [f.stamp_ns for f in source.frames()][:3] == [0, 100_000_000, 200_000_000]
+    assert [f.stamp_ns for f in source.frames()][:3] == [1, 100_000_000, 200_000_000]
 
 
 def test_a_glob_and_a_single_image(tmp_path):
@@ -98,7 +98,7 @@ def test_a_video_and_its_own_rate(tmp_path):
     assert isinstance(source, VideoFile)
     for _ in range(2):
         frames = list(source.frames())
-        assert [f.stamp_ns for f in frames] == [i * 50_000_000 for i in range(10)]
+        assert [f.stamp_ns for f in frames] == [i * 50_000_000 or BEGINNING_NS for i in range(10)]
         assert frames[0].image.encoding == 'bgr8'
     assert source.account.errors == []
     assert source.count == 10

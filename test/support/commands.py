@@ -21,8 +21,11 @@ from support.places import ROOT
 from support.recording_samples import START_NS, STEP_NS, cdr, image
 
 MARKERS = '/marker_tracker/markers'
+NO_CAMERA = 'no pose: no calibration comes with the images, and --camera-info names none\n'
+NO_POSE = f'note: marker_tracker, every frame: {NO_CAMERA}'
 NO_LIGHT = (
-    'note: marker_tracker, every frame: 0 of 5 markers in view; no pixel is above the threshold\n'
+    'note: marker_tracker, every frame: 0 of 5 markers in view; no pixel is above the threshold; '
+    f'{NO_CAMERA}'
 )
 """What a replay of dark images says at its end."""
 COMMAND = [sys.executable, '-m', 'mvuav_ros', 'mvuav']

@@ -171,6 +171,7 @@ def replay(text: str, settings: ReplaySettings) -> EvaluationRun:
                 seconds += [step.seconds] if step.seconds else []
                 for name, _, data in step.messages:
                     run.take(name, data)
+        outcome.note_statuses(source.account)
         run.end(source.account)
     run.frames, run.rejected = outcome.frames, outcome.frames - outcome.processed
     if not outcome.processed:

@@ -128,6 +128,8 @@ class ReplayOutcome:
     done_before: bool = False
     interrupted: bool = False  # the end was asked for; the file is complete up to there
     failure: str = ''  # why it came to nothing, in words
+    # What each node has said of every frame, by its name; the parts as keys, in their order.
+    always: dict[str, dict[str, None]] = field(default_factory=dict)
 
     @property
     def lossy(self) -> bool:
@@ -135,8 +137,8 @@ class ReplayOutcome:
         return bool(self.rejected or self.errors)
 
     def record(self) -> dict[str, Any]:
-        """All of it but the account, as JSON knows it."""
-        return {name: value for name, value in vars(self).items() if name != 'account'}
+        """All of it but what its account says, as JSON knows it."""
+        return {name: vars(self)[name] for name in vars(self).keys() - {'account', 'always'}}
 
     def count(self, results: FrameResults) -> None:
         """Take in a frame; very many different reasons are counted as one."""
@@ -145,6 +147,16 @@ class ReplayOutcome:
         for reason in results.reasons:
             full = reason not in self.rejected and len(self.rejected) >= _MAX_REASONS
             self.rejected['other reasons' if full else reason] += 1
+        for node, status in results.statuses.items():
+            parts = dict.fromkeys(filter(None, status.split('; ')))
+            known = self.always.setdefault(node, parts)
+            self.always[node] = {part: None for part in known if part in parts}
+
+    def note_statuses(self, account: Account) -> None:
+        """Say what each node has said of every frame: a mistake in the settings, as a rule."""
+        for node, parts in self.always.items():
+            if parts:
+                account.note(('status', node), f'{node}, every frame: {"; ".join(parts)}')
 
 
 _MAX_REASONS = 100
@@ -303,7 +315,7 @@ def run_job(
                     progress(JobProgress(source.name, outcome.frames, source.count))
                     reported = time.monotonic()
             else:
-                output.note_statuses()
+                outcome.note_statuses(source.account)
         finally:
             outcome.account = source.account
             outcome.errors, outcome.warnings = source.account.errors, source.account.warnings
@@ -343,7 +355,6 @@ class _Output:
         self._results = tuple(f'/{name}/' for name in job.settings.parameters)
         self._job, self._outputs = job, outputs
         self._logged_ns: int | None = None
-        self._always: dict[str, dict[str, None]] = {}
 
     def take(self, step: FrameResults | RecordedMessage) -> None:
         if isinstance(step, FrameResults):
@@ -353,10 +364,6 @@ class _Output:
                 self._writer.write(topic, kind, logged_ns, data, sequence=number)
             if step.is_frame:
                 self.outcome.count(step)
-                for node, status in step.statuses.items():
-                    parts = dict.fromkeys(filter(None, status.split('; ')))
-                    known = self._always.setdefault(node, parts)
-                    self._always[node] = {part: None for part in known if part in parts}
             return
         self._logged_ns = step.stamp_ns
         if step.topic.startswith(self._results):
@@ -364,12 +371,6 @@ class _Output:
             self._account.note(('left out', step.topic), said)
         else:
             self._writer.write(*step)
-
-    def note_statuses(self) -> None:
-        """Say what each node has said of every frame: a mistake in the settings, as a rule."""
-        for node, parts in self._always.items():
-            if parts:
-                self._account.note(('status', node), f'{node}, every frame: {"; ".join(parts)}')
 
     @cached_property
     def _writer(self) -> RecordingWriter:

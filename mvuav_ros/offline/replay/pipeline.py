@@ -24,6 +24,7 @@ _MAX_UNDER_WAY, _MIN_UNDER_WAY = 16, 3
 """Frames that are decoded ahead of the one that is written."""
 _MAX_BYTES = 48 << 20
 """Of their messages and images, once there are `_MIN_UNDER_WAY`."""
+_NO_CAMERA = 'no pose: no calibration comes with the images, and --camera-info names none'
 DEFECT = 'internal error of'
 """What the reason begins with where the fault is ours."""
 
@@ -187,7 +188,8 @@ def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
     start = time.perf_counter()
     try:
         results.messages += _messages(processor, processor.process(frame))
-        said = processor.status, processor.frames_problem
+        camera = _NO_CAMERA if processor.lacks_camera_info else ''
+        said = processor.status, processor.frames_problem, camera
         results.statuses[processor.name] = '; '.join(filter(None, said))
         if debug:
             results.messages += _messages(processor, processor.draw(processor.debug_topics))

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.commands import mvuav
+from support.commands import NO_POSE, mvuav
 from support.flights import write_bag
 from support.places import ROOT
 from typer.testing import CliRunner
@@ -309,6 +309,16 @@ def test_evaluate_runs_the_node_where_the_bag_has_no_results(tmp_path):
     bag = write_bag(tmp_path / 'flight.mcap', results=False)
     assert run('evaluate', bag, '-o', tmp_path / 'out').exit_code == 0
     assert (tmp_path / 'out' / 'roll_over_time.png').exists()
+
+
+def test_evaluate_says_that_there_is_no_pose_without_a_calibration(tmp_path):
+    bag, plain = write_bag(tmp_path / 'flight.mcap', results=False), tmp_path / 'plain.mcap'
+    with open_recording(bag) as recording, RecordingWriter(plain) as writer:
+        for message in recording.messages():
+            if message.topic != '/camera_info':
+                writer.write(*message)
+    assert 'no pose' not in mvuav('evaluate', bag, '-o', tmp_path / 'a').err
+    assert mvuav('evaluate', plain, '-o', tmp_path / 'b').err == NO_POSE
 
 
 @pytest.mark.parametrize('results', [True, False])

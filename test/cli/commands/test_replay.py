@@ -16,6 +16,7 @@ from support.coded_videos import image as coded_image
 from support.commands import (
     MARKERS,
     NO_LIGHT,
+    NO_POSE,
     counts,
     mvuav,
     mvuav_process,
@@ -45,6 +46,7 @@ from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.source import BEGINNING_NS
 
 NODE = ('--nodes', 'marker_tracker')
 SAMPLES = image_samples(30)
@@ -90,7 +92,7 @@ def test_every_frame_has_an_answer_with_its_stamp(bag: Path, tmp_path: Path) -> 
     run = mvuav('replay', bag, '-o', out)
     # What the other node lacks differs from frame to frame.
     throughout = 'note: runway_detector, every frame: rows 50 to 130 are outside the 48 rows\n'
-    assert (run.status, run.err) == (0, throughout)
+    assert (run.status, run.err) == (0, NO_POSE + throughout)
     assert run.out == f'{out}: results for 30 of 30 frames\n'
     assert stamps(out) == [sample.stamp_ns for sample in SAMPLES]
     assert stamps(out, '/runway_detector/line_params') == stamps(out)
@@ -205,7 +207,7 @@ def test_keep_inputs_of_images_are_images(tmp_path: Path, kind: str) -> None:
     out = tmp_path / 'out.mcap'
     run = mvuav('replay', source, '-o', out, *NODE, '--keep-inputs', '--fps', 20)
     assert (run.status, run.err) == (0, NO_LIGHT)
-    expected = [n * 50_000_000 for n in range(10)]
+    expected = [n * 50_000_000 or BEGINNING_NS for n in range(10)]
     assert stamps(out) == stamps(out, '/image_raw') == expected
     kept = [m for m in read(out) if m.topic == '/image_raw']
     for message, frame in zip(kept, frames, strict=True):
@@ -331,7 +333,8 @@ def test_frames_that_cannot_be_used(tmp_path: Path) -> None:
     run = mvuav('replay', bag, '-o', out, *NODE)
     assert run.status == 0
     assert 'results for 28 of 31 frames' in run.out
-    warnings = run.err.splitlines()
+    *warnings, note = run.err.splitlines(keepends=True)
+    assert note == NO_POSE
     assert len(warnings) == 3 and all(line.startswith('warning: 1 without') for line in warnings)
     strict = mvuav('replay', bag, '-o', out, *NODE, '--force', '--strict')
     assert strict.status == 1
@@ -356,7 +359,7 @@ def test_strict_accepts_what_is_whole(tmp_path: Path) -> None:
     (folder / 'metadata.yaml').unlink()
     run = mvuav('replay', folder, '-o', tmp_path / 'out.mcap', *NODE, '--strict')
     assert run.status == 0
-    assert run.err == 'note: bag: metadata.yaml is missing\n'
+    assert run.err == 'note: bag: metadata.yaml is missing\n' + NO_POSE
 
 
 def test_strict_refuses_a_cut_recording(tmp_path: Path) -> None:
@@ -373,7 +376,7 @@ def test_channels_that_are_not_cdr_are_named(tmp_path: Path) -> None:
     bag = write_mcap(tmp_path / 'in.mcap', samples, encodings={'/web': 'json'})
     run = mvuav('replay', bag, '-o', tmp_path / 'out.mcap', *NODE)
     assert run.status == 0
-    assert run.err == 'note: /web is json, not CDR: skipped\n'
+    assert run.err == 'note: /web is json, not CDR: skipped\n' + NO_POSE
 
 
 def test_one_node_refusing_a_frame_does_not_silence_the_other(
