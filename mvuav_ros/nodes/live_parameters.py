@@ -179,11 +179,11 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
     return descriptor
 
 
-def unused_overrides(node: Node, siblings: Sequence[Node]) -> list[str]:
-    """Parameters that were given at the start and are no one's, each with the nearest right name.
+def unused_overrides(node: Node, siblings: Sequence[Node] = ()) -> str:
+    """Say which parameters, given at the start, are no one's, each with the nearest right name.
 
     The command line was given to all ``siblings``, the nodes of the process. Overrides of QoS count
-    only where a node is active, as it declares them with its topics.
+    only where a node is active, as it declares them with its topics. Empty where all are used.
     """
     nodes = {node, *siblings}
     known = {name for each in nodes for name in each._parameters}
@@ -200,7 +200,8 @@ def unused_overrides(node: Node, siblings: Sequence[Node]) -> list[str]:
         else:
             hint = f' (did you mean {near[0]}?)' if near else ''
         said.append(name + hint)
-    return said
+    said += parameter_files(node)[1]
+    return f'parameters without effect: {", ".join(said)}' if said else ''
 
 
 def parameter_files(node: Node) -> tuple[list[str], list[str]]:

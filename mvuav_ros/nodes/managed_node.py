@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files, unused_overrides
+from mvuav_ros.nodes.live_parameters import LiveParameters, unused_overrides
 
 
 class ManagedNode(LifecycleNode):
@@ -22,7 +25,7 @@ class ManagedNode(LifecycleNode):
     """
 
     siblings: Sequence[ManagedNode] = ()  # The nodes of the process, this one included
-    overrides_problem = ''  # Parameters given at the start that have no effect, in words
+    overrides_problem = ''  # What was given at the start and has no effect, in words
     failed = False  # Whether it broke in a way that ends the process with an error
     _live: LiveParameters[Any]
 
@@ -57,8 +60,8 @@ class ManagedNode(LifecycleNode):
 
     def report_parameters(self) -> None:
         """Log what was given at the start and has no effect."""
-        unused = unused_overrides(self, self.siblings) + parameter_files(self)[1]
-        problem = f'parameters without effect: {", ".join(unused)}' if unused else ''
+        unused = unused_overrides(self, self.siblings), _unused_remappings(self, self.siblings)
+        problem = '; '.join(filter(None, unused))
         if problem not in ('', self.overrides_problem):
             self.get_logger().warning(problem)
         self.overrides_problem = problem
@@ -142,3 +145,31 @@ class ManagedNode(LifecycleNode):
                 return response
 
         return answer
+
+
+_INPUTS = 'image_raw', 'camera_info', 'imu'
+"""Of all nodes, though a topic of one of them is there only in some modes."""
+
+
+def _unused_remappings(node: ManagedNode, siblings: Sequence[ManagedNode]) -> str:
+    """Say which rules, such as ``-r image:=/nose/image``, name no topic or service of the process.
+
+    One that turns the two names round counts as such too. Those for a node of that name are left.
+    """
+    nodes = {node, *siblings}
+    if any(each.lifecycle_state not in ('active', 'activating') for each in nodes):
+        return ''  # it has its topics only then
+    names = set[str]()
+    for each in nodes:
+        topics: Iterable[Any] = (*each.publishers, *each.subscriptions)
+        names.update(topic.topic_name for topic in topics)
+        names.update(service.service_name for service in each.services)
+    expand = partial(node.resolve_topic_name, only_expand=True)
+    inputs = {expand(name) for name in _INPUTS}
+    said = []
+    for option, rule in pairwise(sys.argv):
+        old, _, new = rule.partition(':=')
+        if option in ('-r', '--remap') and ':' not in old and not old.startswith('__'):
+            is_used = expand(old) in inputs or expand(new) in names - inputs
+            said += [] if is_used else [rule]
+    return f'remappings without effect: {", ".join(said)}' if said else ''

@@ -27,6 +27,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
 from mvuav_ros.detectors import DETECTORS, load_class
+from mvuav_ros.nodes.live_parameters import unused_overrides
 from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.process_tuning import freeze_garbage, tune_process
@@ -318,6 +319,8 @@ def resume_bag() -> None:
 
     try:
         node.create_subscription(DiagnosticArray, '/diagnostics', follow, 10)
+        if problem := unused_overrides(node):
+            node.get_logger().warning(problem)
         client = node.create_client(kind, f'/{PLAYER}/resume')
         while len(ready) < wanted or not client.service_is_ready():
             rclpy.spin_once(node, timeout_sec=0.1)

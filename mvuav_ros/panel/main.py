@@ -9,27 +9,66 @@ import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mvuav_ros.nodes.running import USERS_MISTAKES, explained, parse_arguments
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+    from mvuav_ros.panel.ros_thread import RosThread
 
 PORT = 8642
 
 
 def main() -> None:
     """Run the node."""
-    arguments = parse_arguments(_parser())
+    parser = _parser()
+    parse_arguments(parser)
     try:
         # Before ROS: without the extra nothing is to be started.
         import nicegui  # noqa: F401
     except ImportError:
         sys.exit('tuning_panel needs NiceGUI: pip install "mvuav_ros[panel]"')
+    from mvuav_ros.panel.ros_thread import RosThread
+    from mvuav_ros.processing.process_tuning import tune_process
+
+    tune_process()
     try:
-        listening = _listen(arguments.host, arguments.port)
-    except (OSError, OverflowError) as error:
-        reason = getattr(error, 'strerror', error)
-        print(f'{reason}; choose another --host or --port', file=sys.stderr)
+        ros = RosThread('tuning_panel')
+    except USERS_MISTAKES as error:
+        print(explained(error), file=sys.stderr)
         sys.exit(2)
-    _serve(arguments, listening)
+    try:
+        arguments = _with_parameters(parser, ros.node)
+        try:
+            listening = _listen(arguments.host, arguments.port)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, 'strerror', error)
+            print(f'{reason}; choose another --host or --port', file=sys.stderr)
+            sys.exit(2)
+        _serve(ros, arguments, listening)
+    finally:
+        ros.stop()
+
+
+def _with_parameters(parser: argparse.ArgumentParser, node: Node) -> argparse.Namespace:
+    """The arguments, those included that came as parameters, ``-p port:=8700``; says which did not.
+
+    They count as if they were written on the command line in place of those there.
+    """
+    from rcl_interfaces.msg import ParameterDescriptor
+
+    from mvuav_ros.nodes.live_parameters import unused_overrides
+
+    words, fixed = [], ParameterDescriptor(read_only=True, dynamic_typing=True)
+    for name, value in vars(parse_arguments(parser)).items():
+        shown = list(map(str, value or ())) if name == 'bags' else str(value)
+        given = node.declare_parameter(name, shown, fixed).value
+        words += [f'--{name}={each}' for each in (given if name == 'bags' else [given])]
+    if problem := unused_overrides(node):
+        node.get_logger().warning(problem)
+    return parser.parse_args(words)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -67,21 +106,13 @@ def _address(host: str, port: int, token: str) -> str:
     return f'http://{name}:{port}/' + (f'?token={token}' if token else '')
 
 
-def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
+def _serve(ros: RosThread, arguments: argparse.Namespace, listening: socket.socket) -> None:
     import uvicorn
 
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
     from mvuav_ros.panel.page.context import Services
-    from mvuav_ros.panel.ros_thread import RosThread
-    from mvuav_ros.processing.process_tuning import tune_process
 
-    tune_process()
-    try:
-        ros = RosThread('tuning_panel')
-    except USERS_MISTAKES as error:
-        print(explained(error), file=sys.stderr)
-        sys.exit(2)
     token = make_token(arguments.host)
     folder: Path = arguments.folder.expanduser().resolve()
     with tempfile.TemporaryDirectory(prefix='tuning_panel_') as scratch:
@@ -97,8 +128,5 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
             ws_per_message_deflate=False,
             timeout_graceful_shutdown=1,
         )
-        try:
-            with suppress(KeyboardInterrupt):
-                uvicorn.Server(config).run(sockets=[listening])
-        finally:
-            ros.stop()
+        with suppress(KeyboardInterrupt):
+            uvicorn.Server(config).run(sockets=[listening])

@@ -49,7 +49,8 @@ class RosThread:
         """End the thread and the node."""
         self._stopping = True
         self._executor.create_task(lambda: None)
-        self._thread.join(2.0)
+        if self._thread.is_alive():
+            self._thread.join(2.0)
         self._executor.shutdown(timeout_sec=1.0)
         self.node.destroy_node()
         rclpy.try_shutdown()

@@ -38,7 +38,8 @@ class Mistakes:
             'qos_overrides./image_raw.subscription.reliability': 'reliable',
         }
         nodes = ('--nodes', f'{MARKERS},{RUNWAY}')
-        self.process = graph.spawn('vision_process', arguments=nodes, **given)
+        remap = 'imu:=/fcu/imu', f'/{MARKERS}/rpy:=/roll', '/nose/image:=image_raw'
+        self.process = graph.spawn('vision_process', arguments=nodes, remap=remap, **given)
         graph.until(lambda: graph.probe.count_subscribers('/image_raw') == 2, 'the detectors')
         self.index = 0
 
@@ -85,6 +86,7 @@ def test_a_running_node_names_each(mistakes):
     graph, probe = mistakes.graph, mistakes.graph.probe
     mistakes.says('nothing publishes /image_raw')
     mistakes.says('treshold (did you mean threshold?)')
+    mistakes.says('remappings without effect: /nose/image:=image_raw')
     mistakes.says('runway_width has no effect: it counts with mode approach', RUNWAY)
     mistakes.while_published(Image, '/nose/image', 'there is /nose/image: remap image_raw')
     words = 'there is /image_raw/compressed: set image_transport to compressed'

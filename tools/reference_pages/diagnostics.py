@@ -104,6 +104,11 @@ MESSAGES = (
         'given at the start, and no parameter of the node, or in a file for another namespace',
         '',
     ),
+    (
+        'remappings without effect: …',
+        'given at the start, and no topic or service of the node, as with the two names reversed',
+        '',
+    ),
     ('… has no effect: it counts with mode …', 'said beside `running`: another mode is set', ''),
     (
         'no /tf: … is a child of … on /tf_static, …',

@@ -45,10 +45,9 @@ def draw_markers(
     """
     canvas = image.bgr().copy()
     size = max(5, round(min(canvas.shape[:2]) / 60))
-    for window in result.windows:
-        cv2.rectangle(
-            canvas, (window.x0 - 1, window.y0 - 1), (window.x1 + 1, window.y1 + 1), WHITE, 1
-        )
+    for x0, x1, y0, y1 in result.windows:
+        if x0 <= x1 and y0 <= y1:
+            cv2.rectangle(canvas, (x0 - 1, y0 - 1), (x1 + 1, y1 + 1), WHITE, 1)
     for marker in result.markers:
         if marker.state is not MarkerState.LOST:
             _draw_marker(canvas, marker, size, names)

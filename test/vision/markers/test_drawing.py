@@ -1,11 +1,13 @@
 """Red left and green right, as an aircraft's navigation lights, in every drawing."""
 
+import math
+
 import numpy as np
 
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.drawing import YELLOW, draw_markers
-from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState, Window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import TANKER_747
 from mvuav_ros.vision.runway.results import LineRole
@@ -52,6 +54,16 @@ def test_the_marks_of_another_rig_have_a_colour_and_a_name_of_their_own():
     for i, color in enumerate(colors):
         apart = [np.abs(np.subtract(color, other)).max() for other in (*colors[:i], yellow)]
         assert min(apart) > 40, (i, color)
+
+
+def test_an_empty_search_window_is_not_drawn():
+    """It was a pixel in the corner, or a line along the border."""
+    image = Image(np.zeros((60, 80), np.uint8), 'mono8')
+    lost = tuple(Marker(index, MarkerState.LOST) for index in range(3))
+    places = (math.inf, 30.0), (-11.0, 30.0), (40.0, 70.0)
+    windows = tuple(Window.around(x, y, 10, (80, 60)) for x, y in places)
+    drawn = draw_markers(image, MarkerResult(lost, windows=windows))
+    assert (drawn == draw_markers(image, MarkerResult(lost))).all()
 
 
 def test_so_are_the_edges_of_a_runway():
