@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -254,6 +254,11 @@ class Frame:
         self.meter = CentroidMeter(image, parameters.threshold, parameters.weighted)
         self.size = self.meter.size
 
+    @cached_property
+    def blobs(self) -> Blobs:
+        """Its bright pieces, however often they are looked at; a `GroupingError` as of `Blobs`."""
+        return Blobs(self.image.gray(), self.parameters)
+
 
 class Light(NamedTuple):
     """A light: x and y (px) where a lens without distortion would show it, and as it is seen."""
@@ -272,7 +277,7 @@ def find_spots(frame: Frame, lens: Lens, around: Sequence[Point] = ()) -> list[L
     Raises:
         GroupingError: the frame is too bright or too noisy to hold markers.
     """
-    blobs = Blobs(frame.image.gray(), frame.parameters)
+    blobs = frame.blobs
     chosen = blobs.may_be_lights()
     if len(chosen) > MAX_MEASURED:
         left, top, width, height, area = blobs.stats[chosen].T

@@ -15,6 +15,7 @@ from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers import lights
 from mvuav_ros.vision.markers.initialization import Attempts
 from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
@@ -560,3 +561,17 @@ def test_names_are_told_with_their_probability():
             assert min(each for each in sure if each == each) > 0.99
     assert all(named)
     assert 0.9 < sure[2] < min(sure[:2])
+
+
+def test_a_frames_lights_are_grouped_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the timeout it was done twice: for the body as it was, and for one from nothing."""
+    grouped: list[int] = []
+    monkeypatch.setattr(
+        lights, 'label', lambda mask, of=lights.label: grouped.append(0) or of(mask)
+    )
+    tracker = MarkerTracker(MarkerTrackerParameters(lost_timeout=0.1))
+    for index in range(20):
+        places = tanker_at() if index < 5 else [(40.0, 40.0), (60.0, 400.0)]
+        grouped.clear()
+        tracker.process(Image(draw(places), 'mono8'), index * 33_333_333)
+        assert len(grouped) == 1 or 1 < index < 5, index
