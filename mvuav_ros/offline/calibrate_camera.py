@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import compress, product
 
 import cv2
 import numpy as np
@@ -29,6 +30,12 @@ _NOT_THE_SAME = 0.004
 _THUMBNAIL = 320  # px
 _SHOWN = 9  # Pictures of views in the report
 _CELLS = 8, 6  # Into which the image is divided for its coverage
+_COLUMNS = {'left': slice(2), '': slice(2, 6), 'right': slice(6, 8)}
+_ROWS = {'top': slice(2), '': slice(2, 4), 'bottom': slice(4, 6)}
+_LITTLE = 0.6
+"""Part of the image below which its coverage is worth a word."""
+_NEAR = 0.8
+"""Part of the image corners' angle off the axis, likewise."""
 
 
 @dataclass
@@ -148,11 +155,32 @@ def calibrate_from(
     return chosen, calibrate_camera([search.views[i] for i in chosen], search.size, model)
 
 
-def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
-    """In which part of the image corners were seen, in cells of an eighth by a sixth of it."""
-    pixels = np.concatenate([view.pixels for view in views])
-    cells = np.clip((pixels / size * _CELLS).astype(int), 0, np.array(_CELLS) - 1)
-    return len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
+def extent(views: Sequence[BoardView], found: CameraCalibration) -> str:
+    """Say where the views in use show corners, and where none does, so that nothing was measured.
+
+    In parts of the image, which count in cells of an eighth by a sixth of it, and in degrees off
+    the camera's axis.
+    """
+    camera = found.camera
+    pixels = np.concatenate([view.pixels for view in compress(views, found.used)])
+    size, cells = np.array((camera.width, camera.height)), np.array(_CELLS)
+    seen = np.zeros(_CELLS, np.bool_)
+    seen[*np.clip((pixels / size * cells).astype(int), 0, cells - 1).T] = True
+    corners = np.array(list(product(*([-0.5, side - 0.5] for side in size))))
+    reach, whole = (
+        float(np.degrees(np.arctan(np.linalg.norm(camera.undistort(places), axis=1))).max())
+        for places in (pixels, corners)
+    )
+    said = f'corners in {100 * seen.mean():.0f} % of the image, up to {reach:.0f} of {whole:.0f} '
+    said += 'degrees off the axis'
+    parts = product(_ROWS.items(), _COLUMNS.items())
+    empty = [f'{y} {x}'.strip() or 'middle' for (y, j), (x, i) in parts if not seen[i, j].any()]
+    if empty:
+        said += f', but none {", ".join(empty)}'
+    if empty or seen.mean() < _LITTLE or reach < _NEAR * whole:
+        said += ': outside the lens is extrapolated, and may be wrong by many px; show the board '
+        said += 'there'
+    return said
 
 
 def describe(found: CameraCalibration) -> Iterator[tuple[str, float, float, str]]:
@@ -204,8 +232,7 @@ def report_of(
         f'Calibration of {name}',
         (
             f'{found.camera.distortion_model}, from {int(found.used.sum())} views; residual '
-            f'{found.rms:.3f} px rms per axis; corners in '
-            f'{100 * coverage(views, search.size):.0f} % of the image.',
+            f'{found.rms:.3f} px rms per axis; {extent(views, found)}.',
         ),
         {
             'source': name,

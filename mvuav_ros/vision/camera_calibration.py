@@ -32,6 +32,8 @@ class LensCalibrationTuning:
     # Of the focal length (1 sigma), from where on the views do not determine it. Twenty rendered
     # videos leave 0.03 %; a board that is always parallel to the image leaves 3 % and more.
     most_focal_error: float = 0.01
+    # px, rms: above it residuals are not those of corners, which are found to some tenths.
+    most_rms: float = 1.0
     # px, per axis: the least noise that is expected of a corner.
     least_noise: float = 0.02
     # px: from where on a corner counts less and less in a fisheye's fit. OpenCV's model mirrors
@@ -43,6 +45,11 @@ class LensCalibrationTuning:
 
 
 TUNING = LensCalibrationTuning()
+MISFIT = (
+    'too much; the images are blurred, the board is bent, it reaches farther than 90 degrees off '
+    'the axis, or the lens is another'
+)
+"""Why residuals may be beyond `LensCalibrationTuning.most_rms`."""
 
 
 class _Lens(NamedTuple):
@@ -121,17 +128,17 @@ def calibrate_camera(
             name = other
     fit = _fit(chosen, size, _LENSES[name])
     deviations = fit.deviations(chosen)
-    _refuse_untold(fit, deviations)
     poses = [fit.pose(view) for view in views]
     residuals = tuple(map(fit.residuals, views, poses))
-    inliers = np.concatenate(list(compress(residuals, used)))
+    rms = _rms(np.concatenate(list(compress(residuals, used))))
+    _refuse_untold(fit, deviations, rms)
     return CameraCalibration(
         fit.camera,
         tuple(deviations.tolist()),
         used,
         residuals,
         np.array([pose[:3] for pose in poses]),
-        _rms(inliers),
+        rms,
         {key: value for key, value in kept_back.items() if math.isfinite(value)},
     )
 
@@ -287,7 +294,7 @@ def _kept_back(
     return {name: _rms(np.concatenate(found)) for name, found in errors.items()}
 
 
-def _refuse_untold(fit: _Fit, deviations: Array) -> None:
+def _refuse_untold(fit: _Fit, deviations: Array, rms: float) -> None:
     """Say why the views do not determine the focal length, if they do not."""
     focal = fit.camera.k[0], fit.camera.k[4]
     if min(focal) <= 0.0:
@@ -295,9 +302,12 @@ def _refuse_untold(fit: _Fit, deviations: Array) -> None:
     share = max(deviations[0] / focal[0], deviations[1] / focal[1])
     if share < TUNING.most_focal_error:
         return
+    why = 'the board has to be tilted by 20 to 45 degrees against the image, in several directions'
+    if rms > TUNING.most_rms:
+        why = f'they leave residuals of {rms:.3g} px rms, {MISFIT}'
     raise CalibrationError(
         f'the views do not determine the focal length (standard deviation {100 * share:.2g} %): '
-        'the board has to be tilted by 20 to 45 degrees against the image, in several directions'
+        f'{why}'
     )
 
 

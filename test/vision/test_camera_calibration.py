@@ -1,5 +1,7 @@
 """Cameras from views of a board, against the cameras that the views were made with."""
 
+from itertools import cycle
+
 import cv2
 import numpy as np
 import pytest
@@ -46,24 +48,35 @@ def test_a_few_views_of_a_wide_lens_are_fitted_with_no_narrow_one(count):
     assert found.camera.k[0] == pytest.approx(270, rel=0.01)
 
 
-def test_corners_beside_the_camera_spoil_no_fisheye():
-    k = (200, 0, 318, 0, 200, 241, 0, 0, 1)
-    true = CameraModel(*SIZE, k, (0.03, -0.01, 0.004, -0.001), 'equidistant')
-    views = views_of(true, 16, noise=0.1)
-    for side in (-1.0, 1.0):
+def views_beside(true, count):
+    """Of a board that reaches farther than 90 degrees off the axis, at either side."""
+    rng = np.random.default_rng(1)
+    for side, (low, turned, up) in zip(
+        cycle((-1.0, 1.0)), rng.normal(size=(count, 3)), strict=False
+    ):
         # OpenCV's model shows a corner 100 degrees off the axis at 80 on the other side.
-        turn, place = np.array((0.0, 1.2 * side, 0.0)), np.array((0.2 * side, 0.0, 0.06))
+        turn = np.array((0.1 * turned, 1.2 * side, 0.1 * up))
+        place = np.array((0.2 * side, 0.05 * low, 0.06))
         middle = BOARD.points.mean(axis=0)
         x, y, z = ((BOARD.points - middle) @ cv2.Rodrigues(turn)[0].T + place).T
         angle, aside = np.arctan2(np.hypot(x, y), z), np.hypot(x, y)
         assert np.degrees(angle.max()) > 95
         bent = sum(c * angle**p for c, p in zip((1.0, *true.d), (1, 3, 5, 7, 9), strict=True))
         pixels = np.column_stack((318 + 200 * bent * x / aside, 241 + 200 * bent * y / aside))
-        views.append(BoardView(BOARD.points, pixels, pixels[[0, 8, -1, -9]]))
-    found = calibrate_camera(views, SIZE)
+        yield BoardView(BOARD.points, pixels, pixels[[0, 8, -1, -9]])
+
+
+def test_corners_beside_the_camera_spoil_no_fisheye():
+    k = (200, 0, 318, 0, 200, 241, 0, 0, 1)
+    true = CameraModel(*SIZE, k, (0.03, -0.01, 0.004, -0.001), 'equidistant')
+    views = views_of(true, 16, noise=0.1)
+    found = calibrate_camera([*views, *views_beside(true, 2)], SIZE)
     assert found.camera.distortion_model == 'equidistant'
     assert np.flatnonzero(~found.used).tolist() == [16, 17]
     assert found.camera.k == pytest.approx(k, rel=0.005)
+    # Too many to be left out; the words were about the tilt.
+    with pytest.raises(CalibrationError, match='farther than 90 degrees off the axis'):
+        calibrate_camera([*views, *views_beside(true, 8)], SIZE, 'equidistant')
 
 
 def test_the_deviations_are_those_of_repeated_calibrations():

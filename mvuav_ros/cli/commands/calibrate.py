@@ -28,11 +28,6 @@ if TYPE_CHECKING:
     from mvuav_ros.vision.rig import MarkerRig
     from mvuav_ros.vision.rig_examination import PoseError
 
-_MUCH = 1.0
-"""px, rms: residuals above which are worth a word; corners are found to some tenths."""
-_LITTLE = 0.6
-"""Part of the image below which its coverage is worth a word."""
-
 
 ReportFolder = Annotated[
     Optional[Path],
@@ -92,6 +87,7 @@ def calibrate(
     from mvuav_ros.sources.opening import open_source
     from mvuav_ros.vision.board import Board, BoardError
     from mvuav_ros.vision.camera import CalibrationError
+    from mvuav_ros.vision.camera_calibration import MISFIT, TUNING
 
     columns, _, rows = board.lower().partition('x')
     if not (columns.isdecimal() and rows.isdecimal()):
@@ -114,16 +110,11 @@ def calibrate(
         f'{search.frames} frames, board found in {len(search.views)} of {search.searched} looked '
         f'at, {found.used.sum()} views used'
     )
-    poor = ': too much; the images are blurred, the board is bent, or the lens is another'
-    poor = poor if found.rms > _MUCH else ''
+    poor = f': {MISFIT}' if found.rms > TUNING.most_rms else ''
     say(f'model {found.camera.distortion_model}, residual {found.rms:.3f} px rms{poor}')
     for what, value, deviation, unit in work.describe(found):
         say(f'{what} {value:.6g} ± {deviation:.2g} {unit}'.rstrip())
-    covered = work.coverage([search.views[i] for i in chosen], search.size)
-    outside = (
-        '' if covered >= _LITTLE else ': the lens is extrapolated outside; show the board there'
-    )
-    say(f'corners in {100 * covered:.0f} % of the image{outside}')
+    say(work.extent([search.views[i] for i in chosen], found))
     say(output, report / 'index.html')
 
 

@@ -1,6 +1,7 @@
 """`mvuav calibrate`, and what it refuses without leaving a file."""
 
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from support.commands import mvuav
 from support.places import ROOT
 
 from mvuav_ros.sources.calibration import load_calibration
+from mvuav_ros.vision import camera_calibration
 
 TANKER = ROOT / 'config' / 'tanker_747.yaml'
 FRAMES = 12  # Different places
@@ -82,7 +84,8 @@ def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
 
 
 def test_residuals_that_no_lens_leaves_are_worth_a_word(rendered, tmp_path, monkeypatch):
-    monkeypatch.setattr('mvuav_ros.cli.commands.calibrate._MUCH', 0.01)
+    strict = replace(camera_calibration.TUNING, most_rms=0.01)
+    monkeypatch.setattr(camera_calibration, 'TUNING', strict)
     source = write(tmp_path / 'images', rendered[1])
     run = mvuav(
         'calibrate', source, '--board', '9x6', '--square', 0.03, '-o', tmp_path / 'camera.yaml'
