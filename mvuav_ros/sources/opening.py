@@ -20,6 +20,7 @@ from mvuav_ros.recordings.remote import fetch, is_url
 from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.sources.v4l2_camera import Camera
+from mvuav_ros.vision.frames import Attitude
 
 if TYPE_CHECKING:
     from mvuav_ros.simulation.runway_flight import RunwayFlight
@@ -145,7 +146,7 @@ def _bag(path: Path, topics: _Topics) -> FrameSource:
 
 
 class SimulatedFlight(FrameSource):
-    """The images of a synthetic flight; its calibration comes along."""
+    """The images of a synthetic flight, with its calibration and, over a runway, its attitude."""
 
     def __init__(self, text: str, rate: float | None = None) -> None:
         """Plan a flight as `planned_flight` does; a ``rate``, Hz, counts instead of ``fps``."""
@@ -157,9 +158,16 @@ class SimulatedFlight(FrameSource):
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Fly it from the start."""
-        for frame in self._flight:
-            image, camera = frame.image, self._flight.camera
-            yield Frame(frame.stamp_ns, OPTICAL_FRAME, image, camera, truth=frame.truth)
+        from mvuav_ros.simulation import runway_flight as runway
+
+        flight = self._flight
+        for frame in flight:
+            stamp_ns, truth, attitude = frame.stamp_ns, frame.truth, None
+            if isinstance(truth, runway.RunwayTruth):
+                seen = runway.measured_attitude(truth.pose, flight.settings.seed, stamp_ns)
+                attitude = Attitude(*(*seen, runway.ATTITUDE_SIGMA))
+            beside = flight.camera, attitude
+            yield Frame(stamp_ns, OPTICAL_FRAME, frame.image, *beside, truth=truth)
 
 
 def planned_flight(

@@ -1,6 +1,6 @@
 """From the simulator's attitude sensor through a bag to the detector."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import pytest
 
@@ -10,7 +10,7 @@ from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.simulation.runway_flight import ATTITUDE_SIGMA
 from mvuav_ros.sources.bag import BagImages
-from mvuav_ros.sources.opening import make_flight
+from mvuav_ros.sources.opening import make_flight, open_source
 from mvuav_ros.vision.approach.attitude import horizon_from, mount_matrix
 
 FRAMES = 4
@@ -25,7 +25,7 @@ def bag(tmp_path_factory):
 
 def write_flight(path, sensor_ahead_s=0):
     """A bag whose attitude has stamps of a clock so many seconds ahead."""
-    flight = make_flight('runway', {'frames': FRAMES, 'width': 320, 'height': 240})
+    flight = make_flight('runway', {'frames': FRAMES, 'width': 320, 'height': 240, 'seed': 1})
     camera = flight.camera
     with RecordingWriter(path) as writer:
         for frame in flight:
@@ -47,6 +47,14 @@ def test_frames_of_the_bag_have_the_attitude_that_was_written(bag):
         # The vanishing point lies on the horizon, but for the sensor's bias: 10 px are 2 degrees.
         assert abs(horizon.row - flight.truth(index).vanishing_point[1]) < 10
         assert horizon.sigma == pytest.approx(ATTITUDE_SIGMA)
+
+
+def test_a_flight_that_is_evaluated_as_it_is_has_the_attitude_of_its_bag(bag):
+    """It had none, though the simulation knows it."""
+    direct = open_source(f'sim:runway?frames={FRAMES}&width=320&height=240&seed=1')
+    found = [astuple(frame.attitude) for frame in direct.frames()]
+    recorded = [astuple(frame.attitude) for frame in BagImages(bag).frames()]
+    assert found == [pytest.approx(each, rel=1e-12) for each in recorded]
 
 
 def test_attitude_is_left_out_where_it_is_not_asked_for(bag):
