@@ -32,10 +32,8 @@ _SHOWN = 9  # Pictures of views in the report
 _CELLS = 8, 6  # Into which the image is divided for its coverage
 _COLUMNS = {'left': slice(2), '': slice(2, 6), 'right': slice(6, 8)}
 _ROWS = {'top': slice(2), '': slice(2, 4), 'bottom': slice(4, 6)}
-_LITTLE = 0.6
-"""Part of the image below which its coverage is worth a word."""
 _NEAR = 0.8
-"""Part of the image corners' angle off the axis, likewise."""
+"""Part of the image corners' angle off the axis, below which the corners' own is worth a word."""
 
 
 @dataclass
@@ -177,7 +175,7 @@ def extent(views: Sequence[BoardView], found: CameraCalibration) -> str:
     empty = [f'{y} {x}'.strip() or 'middle' for (y, j), (x, i) in parts if not seen[i, j].any()]
     if empty:
         said += f', but none {", ".join(empty)}'
-    if empty or seen.mean() < _LITTLE or reach < _NEAR * whole:
+    if empty or reach < _NEAR * whole:
         said += ': outside the lens is extrapolated, and may be wrong by many px; show the board '
         said += 'there'
     return said
