@@ -45,7 +45,7 @@ class LensCalibrationTuning:
 
 
 TUNING = LensCalibrationTuning()
-MISFIT = (
+TOO_MUCH = (
     'too much; the images are blurred, the board is bent, it reaches farther than 90 degrees off '
     'the axis, or the lens is another'
 )
@@ -304,7 +304,7 @@ def _refuse_untold(fit: _Fit, deviations: Array, rms: float) -> None:
         return
     why = 'the board has to be tilted by 20 to 45 degrees against the image, in several directions'
     if rms > TUNING.most_rms:
-        why = f'they leave residuals of {rms:.3g} px rms, {MISFIT}'
+        why = f'they leave residuals of {rms:.3g} px rms, {TOO_MUCH}'
     raise CalibrationError(
         f'the views do not determine the focal length (standard deviation {100 * share:.2g} %): '
         f'{why}'

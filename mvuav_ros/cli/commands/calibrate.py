@@ -87,7 +87,7 @@ def calibrate(
     from mvuav_ros.sources.opening import open_source
     from mvuav_ros.vision.board import Board, BoardError
     from mvuav_ros.vision.camera import CalibrationError
-    from mvuav_ros.vision.camera_calibration import MISFIT, TUNING
+    from mvuav_ros.vision.camera_calibration import TOO_MUCH, TUNING
 
     columns, _, rows = board.lower().partition('x')
     if not (columns.isdecimal() and rows.isdecimal()):
@@ -110,7 +110,7 @@ def calibrate(
         f'{search.frames} frames, board found in {len(search.views)} of {search.searched} looked '
         f'at, {found.used.sum()} views used'
     )
-    poor = f': {MISFIT}' if found.rms > TUNING.most_rms else ''
+    poor = f': {TOO_MUCH}' if found.rms > TUNING.most_rms else ''
     say(f'model {found.camera.distortion_model}, residual {found.rms:.3f} px rms{poor}')
     for what, value, deviation, unit in work.describe(found):
         say(f'{what} {value:.6g} ± {deviation:.2g} {unit}'.rstrip())
