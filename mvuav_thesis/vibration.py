@@ -309,8 +309,8 @@ class Measured:
 
     @property
     def listed_hz(self) -> tuple[float, ...]:
-        """Table 5.4's frequencies, the primary first."""
-        return tuple(hz for hz, _ in VIBRATIONS[self.condition].terms)
+        """Table 5.4's frequencies, the primary first; a camera at rest swings with none."""
+        return tuple(hz for hz, _ in VIBRATIONS[self.condition].terms if hz > 0.0)
 
     @property
     def peaks_hz(self) -> list[float]:

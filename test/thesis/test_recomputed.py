@@ -129,6 +129,11 @@ def test_table_5_4(condition):
     assert here[3].value == pytest.approx(spectrum.max() / ROLL_DEG_PER_MAGNITUDE, rel=0.05)
 
 
+def test_a_camera_at_rest_swings_with_no_frequency():
+    _, here = table_5_4([measure(0, 9)]).rows
+    assert here[2:] == (None, None, None)
+
+
 def test_table_5_5():
     flown = [fly_markers(task) for task in roll_tasks(PLAN)]
     swings, errors = roll_tables(cells_of(flown), PLAN)
