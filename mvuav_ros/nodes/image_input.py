@@ -214,8 +214,8 @@ def subscribe(
     )
 
 
-def _override(topic: str) -> str:
-    return f'qos_overrides.{topic}.subscription.reliability'
+def _override(topic: str, policy: str = 'reliability') -> str:
+    return f'qos_overrides.{topic}.subscription.{policy}'
 
 
 def status_of(subscription: Any, name: str) -> Any:
@@ -288,9 +288,11 @@ class SynchronizedTopic:
 
 
 _LONGEST_WAIT_NS = 500_000_000
-_REMEDY_OF_TYPE = (
+_REMEDY_OF_TRANSPORT = (
     'set image_transport (docs/ros.md), with image_raw remapped to the name without /compressed'
 )
+_OFFERED = {'best effort': ('reliability', 'best_effort'), 'volatile': ('durability', 'volatile')}
+"""What a publisher offers too little of, as rclpy says it, and the override that asks for that."""
 _HELD_WAIT_NS = 5_000_000
 _PAUSE_AFTER_ERROR = 0.1
 
@@ -508,11 +510,17 @@ class ImageInput(FrameInput):
             level, reason = qos_check_compatible(info.qos_profile, profile)
             if info.topic_type != wanted:
                 name = wanted.rsplit('/', 1)[1]
-                why = f'as {info.topic_type.rsplit("/", 1)[1]}, not {name}; {_REMEDY_OF_TYPE}'
+                is_image = info.topic_type in TRANSPORT_TYPES.values()
+                remedy = _REMEDY_OF_TRANSPORT if is_image else 'remap image_raw'
+                why = f'as {info.topic_type.rsplit("/", 1)[1]}, not {name}; {remedy}'
             elif level == QoSCompatibility.ERROR:
-                reason = reason.removeprefix('ERROR: ').strip(' ;').lower()
-                why = f'with an incompatible QoS ({reason}); '
-                why += f'set {_override(self.topic)} to best_effort'
+                reason = reason.lower().replace('error: ', '').strip(' ;')
+                remedies = [
+                    f'{_override(self.topic, policy)} to {value}'
+                    for offered, (policy, value) in _OFFERED.items()
+                    if f'{offered} publisher' in reason
+                ]
+                why = f'with an incompatible QoS ({reason}); set {" and ".join(remedies)}'
             else:
                 return ''
         return why

@@ -93,6 +93,8 @@ def test_a_running_node_names_each(mistakes):
     mistakes.while_published(CompressedImage, '/image_raw/compressed', words)
     words = 'publishes /image_raw as CompressedImage, not Image; set image_transport'
     mistakes.while_published(CompressedImage, '/image_raw', words)
+    words = 'publishes /image_raw as CameraInfo, not Image; remap image_raw'
+    mistakes.while_published(CameraInfo, '/image_raw', words)
     words = 'with an incompatible QoS (best effort publisher and reliable subscription)'
     mistakes.while_published(Image, '/image_raw', words, qos_profile_sensor_data)
     publisher = probe.create_publisher(Image, '/image_raw', QoSProfile(depth=100))

@@ -106,8 +106,9 @@ def images_come(graph):
 
 
 def test_a_publisher_whose_qos_does_not_fit_is_named(graph):
-    reliable = {'qos_overrides./image_raw.subscription.reliability': 'reliable'}
-    graph.start('marker_tracker', **reliable)
+    asked = {'reliability': 'reliable', 'durability': 'transient_local'}
+    overrides = {f'qos_overrides./image_raw.subscription.{k}': v for k, v in asked.items()}
+    graph.start('marker_tracker', **overrides)
     graph.probe.create_publisher(Image, '/image_raw', qos_profile_sensor_data)
     graph.spin(1.0)
     values = graph.diagnostics('marker_tracker')
@@ -115,6 +116,8 @@ def test_a_publisher_whose_qos_does_not_fit_is_named(graph):
         'no images: /probe publishes /image_raw with an incompatible QoS'
     )
     assert 'RELIABILITY' in values['message'].upper()
+    for name, offered in zip(overrides, ('best_effort', 'volatile'), strict=True):
+        assert f'{name} to {offered}' in values['message']
     assert values['incompatible_publishers'] == '1'
 
 
