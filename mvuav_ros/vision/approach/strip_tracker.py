@@ -10,7 +10,6 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.appearance import Scene
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.probability import log_odds_of
@@ -101,7 +100,6 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     def __init__(self) -> None:
         super().__init__(TRACKER.max_tracks, TRACKER.switch_margin)
-        self._scene: Scene | None = None
         self._overlaid = Overlaid()
         self._job = self._rounds = 0
 
@@ -110,26 +108,18 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         self.registration.take(pixels)
         self._overlaid.take(self.registration.gray)
         self._turn(frame.level)
-        scene = self._scene if self._frame % TRACKER.scene_frames else None
-        working = LevelledImage(pixels, frame.level, scene, self._overlaid.mask)
+        working = LevelledImage(pixels, frame.level, self._overlaid.mask)
         view = View(frame, working, sight, self.registration)
         for track in self.tracks:
             shown = track is self.best
-            others = TRACKER.others_certain if self.certain else TRACKER.others_period
+            others = TRACKER.period_certain if self.certain else TRACKER.others_period
             track.step(view, TRACKER.best_period if shown else others, shown=shown)
-        self.tracks = [
-            track
-            for track in self.tracks
-            if not track.lost
-            and track.log_odds > TRACKER.min_odds
-            and working.share_hidden(track.strip()) < TRACKER.max_hidden
-        ]
+        self.tracks = [t for t in self.tracks if not t.lost and t.log_odds > TRACKER.min_odds]
         self._merge()
         period = TRACKER.period_later if self._rounds else TRACKER.period_first
         if self._frame % (TRACKER.period_certain if self.certain else period) == 0:
             self._start(self._search(view, sight), view)
         self._frame += 1
-        self._scene = working.whole_scene
         self._choose()
         return self.best
 
