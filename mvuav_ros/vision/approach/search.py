@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -278,15 +278,18 @@ class LevelledImage:
         self,
         pixels: NDArray[Any],
         level: Derotation | None = None,
+        scene: Scene | None = None,
         overlaid: NDArray[np.uint8] | None = None,
     ) -> None:
         """Begin with pixels of 256 grey levels, turned by a level.
 
-        Where something is laid over the view (not 0) may be known.
+        The scene of a frame just before, and where something is laid over the view (not 0), may be
+        known.
         """
         height, width = self.size = pixels.shape[:2]
         self._given = pixels
         self.level = level or Derotation(width, height, 1, 0.0)
+        self.whole_scene = scene  # at full scale, once it was asked for
         self._overlaid = overlaid
 
     def at_slope(self, slope: float) -> LevelledImage:
@@ -294,13 +297,14 @@ class LevelledImage:
         if slope == self.level.slope:
             return self
         level = replace(self.level, slope=slope)
-        return LevelledImage(self._given, level, self._overlaid)
+        return LevelledImage(self._given, level, overlaid=self._overlaid)
 
-    @cached_property
     def scene(self) -> Scene:
-        """What the image is like, at full scale."""
-        gray = intensity(self._given[::4, ::4])
-        return Scene(self.size[1], *np.percentile(gray, (10, 95)).tolist())
+        """What the image is like."""
+        if self.whole_scene is None:
+            gray = intensity(self._given[::4, ::4])
+            self.whole_scene = Scene(self.size[1], *np.percentile(gray, (10, 95)).tolist())
+        return self.whole_scene
 
     def search(self, level: int, jobs: list[Job], most: int) -> Candidates:
         """The best runways that a level of the pyramid shows, aligned and described."""
@@ -322,7 +326,7 @@ class LevelledImage:
         valid &= aligned[:, 3] - aligned[:, 2] <= _widest(aligned[:, 1] + top)
         if not valid.any():
             return NO_CANDIDATES
-        features, strips = describe(image, aligned[valid], self.scene, level)
+        features, strips = describe(image, aligned[valid], self.scene(), level)
         strips[:, 1] += top
         return Candidates(_scaled(strips, 2**level), features)
 
@@ -397,7 +401,7 @@ def describe_around(
     aligned, valid = align(part.map, strips)
     if not valid.any():
         return None
-    scene, first_column = working.scene, part.place[0]
+    scene, first_column = working.scene(), part.place[0]
     features, found = describe(part.map, aligned[valid], scene, part.level, first_column)
     return Candidates(working.refined(part.whole(found), part.level), features)
 

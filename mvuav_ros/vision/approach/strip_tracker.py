@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.appearance import Scene
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.probability import log_odds_of
@@ -100,6 +101,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     def __init__(self) -> None:
         super().__init__(TRACKER.max_tracks, TRACKER.switch_margin)
+        self._scene: Scene | None = None
         self._overlaid = Overlaid()
         self._job = self._rounds = 0
 
@@ -108,7 +110,8 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         self.registration.take(pixels)
         self._overlaid.take(self.registration.gray)
         self._turn(frame.level)
-        working = LevelledImage(pixels, frame.level, self._overlaid.mask)
+        scene = self._scene if self._frame % TRACKER.scene_frames else None
+        working = LevelledImage(pixels, frame.level, scene, self._overlaid.mask)
         view = View(frame, working, sight, self.registration)
         for track in self.tracks:
             shown = track is self.best
@@ -120,6 +123,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         if self._frame % (TRACKER.period_certain if self.certain else period) == 0:
             self._start(self._search(view, sight), view)
         self._frame += 1
+        self._scene = working.whole_scene
         self._choose()
         return self.best
 

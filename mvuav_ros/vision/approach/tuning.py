@@ -303,6 +303,7 @@ class TrackerTuning:
     chunk: int = 8  # rows of vanishing points searched in one frame
     period_first: int = 2  # frames from one share of the search to the next without a runway
     period_later: int = 4  # the same once all was searched
+    scene_frames: int = 24  # for which the image as a whole is taken to stay alike
     max_weighed: int = 14  # strips of a share of the search, and around the mean of a track
     best_period: int = 6  # frames from one weighing of the best track to the next
     others_period: int = 12  # the same of others
