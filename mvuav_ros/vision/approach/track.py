@@ -208,7 +208,8 @@ class RunwayTrack(FollowedStrip):
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
-        if self._rested < period and self.age > TRACK.young:
+        young = self.age <= TRACK.young and self.log_odds > TRACK.dim_odds
+        if self._rested < period and self.age > 1 and not young:
             # About a mean of strips, steps that are not there say nothing of their kind.
             if shown and self.points is not None and self.kinds.likeliest is not EdgeKind.STRIPS:
                 self._measure(view, self.strip(), weighed=False)

@@ -259,6 +259,7 @@ class TrackTuning:
     cold: tuple[float, float] = (40.0, 1.0)
     memory: float = 0.06  # share of a weighed frame in what a track remembers
     young: int = 5  # frames in which a track is weighed every time
+    dim_odds: float = -1.5  # log odds below which it is not worth that
     min_tolerance: float = 3.0  # px by which an edge may be wrong
     tolerance_share: float = 0.05  # widths, likewise
     wide: float = 18.0  # px of the near end, from which edges are clearer steps than lines' sides
