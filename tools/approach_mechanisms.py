@@ -19,8 +19,7 @@ def _returns(value: Any) -> Callable[..., Any]:
 
 WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'overlays': [(Overlaid, 'take', _returns(None))],
-    'tracks hidden by overlays': [(tuning.TRACKER, 'max_hidden', 2.0)],
-    'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
+    'weights from near by': [(tuning.TRACK, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
     'rows outside of the picture': [
         (tuning.SEARCH, 'min_inside', 1.0),
@@ -52,11 +51,10 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'kinds over many frames': [(tuning.TRACK, 'kind_leave', 1.0)],
     'mean of strips': [(tuning.TRACK, 'hot', (20.0, 0.02)), (tuning.TRACK, 'cold', (40.0, 0.02))],
     'third track': [(tuning.TRACKER, 'max_tracks', 2)],
-    'young and dim': [(tuning.TRACK, 'dim_odds', -math.inf)],
     'weighed every sixth frame': [
         (tuning.TRACKER, 'best_period', 1),
         (tuning.TRACKER, 'others_period', 1),
-        (tuning.TRACKER, 'others_certain', 1),
+        (tuning.TRACKER, 'period_certain', 1),
     ],
     'coarsest level': [(tuning.SEARCH, 'levels', 3)],
 }

@@ -52,7 +52,7 @@ from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.probability import standardised
 from mvuav_ros.vision.approach.search import Candidates, LevelledImage, _fan, find_candidates
-from mvuav_ros.vision.approach.tuning import PROBABILITY, SEARCH
+from mvuav_ros.vision.approach.tuning import SEARCH, TRACK
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 UNITS, STARTS = 24, 3
@@ -334,7 +334,7 @@ def anywhere(image: NDArray[Any], slope: float) -> tuple[Candidates, Derotation]
 
 def is_near_by(found: Candidates) -> NDArray[np.bool_]:
     """Which candidates are seen from near by."""
-    return found.features[:, FEATURES.index('depth')] > PROBABILITY.min_near_by
+    return found.features[:, FEATURES.index('depth')] > TRACK.min_near_by
 
 
 def near_or_far(

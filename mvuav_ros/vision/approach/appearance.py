@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.evidence import UNIT, EvidenceMap, in_common
 from mvuav_ros.vision.approach.strip_edges import Strips
-from mvuav_ros.vision.approach.tuning import APPEARANCE, SEARCH
+from mvuav_ros.vision.approach.tuning import SEARCH
 
 WEIGHTS = np.array(SEARCH.weights, np.float32)
-_INDEX = np.arange(APPEARANCE.rows)
+_INDEX = np.arange(SEARCH.profile_rows)
 _ROWS = _INDEX + 1
 """Below the vanishing point."""
 Numbers = NDArray[np.floating[Any]]
@@ -84,11 +84,11 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     # Each channel has the sign that it has on most of the rows.
     sign = np.where((common * known[..., None]).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
     parts = common * sign
-    total = np.minimum(parts @ WEIGHTS, APPEARANCE.max_gain)
-    used = visible & (depth >= APPEARANCE.first_depth)
-    used &= (edges[1] - edges[0] >= APPEARANCE.min_width) & (depth <= 1.9 * expected)
+    total = np.minimum(parts @ WEIGHTS, SEARCH.max_gain)
+    used = visible & (depth >= SEARCH.first_depth)
+    used &= (edges[1] - edges[0] >= SEARCH.min_row_width) & (depth <= 1.9 * expected)
     gain = (total - SEARCH.row_bias) * (used / np.maximum(depth, 2.0))
-    run, first, end = best_run(gain, APPEARANCE.slack)
+    run, first, end = best_run(gain, SEARCH.slack)
     last = np.maximum(end - 1, first)
     number = np.arange(len(strips))
     strips = strips.copy()
@@ -170,7 +170,7 @@ def _sampled(
     x, y = of.strips[:, 0, None, None], of.strips[:, 1, None]
     rows = np.rint(y + depth).astype(np.intp)[:, None, :]
     common, inside = image.in_common(rows, x + slopes[..., None] * depth[:, None, :])
-    return np.minimum(np.abs(common) @ WEIGHTS, APPEARANCE.max_gain), inside
+    return np.minimum(np.abs(common) @ WEIGHTS, SEARCH.max_gain), inside
 
 
 def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:
@@ -200,9 +200,9 @@ def _above(image: EvidenceMap, strips: Strips) -> Numbers:
     found, inside = image.at(rows, strips[:, 0:1] - strips.T[2:4, :, None] * _UP)
     strength = (np.abs(found.astype(np.float32)) @ WEIGHTS).max(axis=0)
     counted = (np.maximum(0.5 * near, 4)[:, None] >= _UP) & inside[0] & inside[1]
-    strength = np.minimum(strength * np.float32(1 / UNIT), APPEARANCE.max_gain) * counted
+    strength = np.minimum(strength * np.float32(1 / UNIT), SEARCH.max_gain) * counted
     result: Numbers = strength.sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
-    return np.where(y < APPEARANCE.min_sky_row, np.nan, result)
+    return np.where(y < SEARCH.min_sky_row, np.nan, result)
 
 
 def _of_the_shape(of: Profile, scene: Scene, level: int, first_column: int) -> dict[str, Numbers]:
@@ -210,7 +210,7 @@ def _of_the_shape(of: Profile, scene: Scene, level: int, first_column: int) -> d
     ratio = np.maximum(right - left, 0.05)
     width = ratio * near
     number = np.arange(len(near))
-    beyond = np.minimum(of.last + 1, APPEARANCE.rows - 1)
+    beyond = np.minimum(of.last + 1, SEARCH.profile_rows - 1)
     return {
         'open_end': (~of.visible[number, beyond]).astype(float),
         'offset': np.abs(left + right) / 2 / np.maximum(ratio, 0.1),
@@ -225,7 +225,7 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
     number = np.arange(len(of.strips))[:, None]
     first = of.last - np.maximum(of.inside.sum(axis=1) - 1, 0)
     share = np.linspace(0, 1, 8) * (of.last - first)[:, None] + first[:, None]
-    row = np.clip(np.rint(share).astype(np.intp), 0, APPEARANCE.rows - 1)
+    row = np.clip(np.rint(share).astype(np.intp), 0, SEARCH.profile_rows - 1)
     rows = of.rows[number, row]
     left, right = of.edges[:, number, row]
     width = np.maximum(right - left, 1)
@@ -289,7 +289,7 @@ def _of_the_sky(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
     above, below = means[0, :, :4].mean(axis=1), means[0, :, 4:].mean(axis=1)
     row = np.rint(y).astype(np.intp)
     rough_above, rough_below = _texture(image, np.stack([row - 8, row + 8]), x) - 1.0
-    hidden = y < APPEARANCE.min_sky_row
+    hidden = y < SEARCH.min_sky_row
     return {
         'meets_above': hidden.astype(float),
         'sky': np.where(hidden, np.nan, np.clip((above - below) / 40, -3, 3)),

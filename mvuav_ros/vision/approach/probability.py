@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import FEATURES
-from mvuav_ros.vision.approach.tuning import PROBABILITY
+from mvuav_ros.vision.approach.tuning import TRACK
 
 _FILE = Path(__file__).with_name('probability.json')
 _FITTED: Any = json.loads(_FILE.read_text(encoding='utf-8'))
@@ -53,7 +53,7 @@ def standardised(
     features: NDArray[np.float64], mean: NDArray[np.float64], deviation: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Features in standard deviations from the mean, limited; the mean of what is NaN."""
-    most = PROBABILITY.max_deviations
+    most = TRACK.max_deviations
     return np.nan_to_num(np.clip((features - mean) / deviation, -most, most))
 
 
@@ -69,9 +69,9 @@ class Report(NamedTuple):
 
     def values(self) -> NDArray[np.float64]:
         """(4,) what speaks for it: a still says the same each time, so moved frames count."""
-        log_odds = min(max(self.log_odds, PROBABILITY.least_odds), PROBABILITY.most_odds)
-        in_place = math.log(self.agreement + PROBABILITY.min_agreement)
-        known = min(self.moved / PROBABILITY.known_frames, 1.0)
+        log_odds = min(max(self.log_odds, TRACK.least_odds), TRACK.most_odds)
+        in_place = math.log(self.agreement + TRACK.min_agreement)
+        known = min(self.moved / TRACK.known_frames, 1.0)
         return np.array([log_odds, self.distinct, in_place, known])
 
     def confidence(self, weights: NDArray[np.float64]) -> float:
@@ -91,7 +91,7 @@ class Report(NamedTuple):
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) log odds of strips with (n, features): of those seen from near by with other weights."""
-    near_by = features[:, FEATURES.index('depth')] > PROBABILITY.min_near_by
+    near_by = features[:, FEATURES.index('depth')] > TRACK.min_near_by
     odds = np.empty(len(features))
     for name, chosen in (('ahead', ~near_by), ('near_by', near_by)):
         if chosen.any():

@@ -24,7 +24,7 @@ from mvuav_ros.vision.approach.tuning import ROAD
 
 @dataclass(frozen=True)
 class Target:
-    """The differences between the things that are straight strips on the ground.
+    """The differences between the things that are straight strips on the ground: a lane's.
 
     Widths are in camera heights above the ground, which is what the image shows: the strip's
     edges move apart by that many pixels per pixel below the horizon, at any focal length.
@@ -32,43 +32,31 @@ class Target:
 
     # The edges are bright lines, not the borders of a surface. Painted lines are looked for
     # everywhere: the camera is taken to be level, its horizon where they meet.
-    painted: bool
-    floor: float  # grey levels: contrast of a row that speaks neither for nor against a strip
-    narrowest: float  # width over height
-    widest: float  # likewise
-    farthest_aside: float  # most offset, in widths
-    least_support: float  # of the edges, 0 to 1, below which a shape counts as not seen
-    start_score: float  # quality above which a frame speaks for a shape
-    keep_score: float  # quality below which a shape is no longer believed
+    painted: bool = True
+    floor: float = 5.0  # grey levels: contrast of a row that speaks neither for nor against a strip
+    narrowest: float = 1.12  # width over height
+    widest: float = 9.0  # likewise
+    farthest_aside: float = 0.5  # most offset, in widths
+    least_support: float = 0.3  # of the edges, 0 to 1, below which a shape counts as not seen
+    start_score: float = 0.5  # quality above which a frame speaks for a shape
+    keep_score: float = 0.3  # quality below which a shape is no longer believed
     # Power of the narrower's width by which it is preferred: within a road with lines along both
     # sides a lane lies between one of them and the line in the middle.
-    narrow_odds: float
+    narrow_odds: float = 1.2
 
 
-TARGETS = {
-    'road': Target(
-        painted=True,
-        floor=5.0,
-        narrowest=1.12,
-        widest=9.0,
-        farthest_aside=0.5,
-        least_support=0.3,
-        start_score=0.5,
-        keep_score=0.3,
-        narrow_odds=1.2,
-    ),
-    'pipeline': Target(
-        painted=False,
-        floor=7.0,
-        narrowest=0.03,
-        widest=2.0,
-        farthest_aside=6.0,
-        least_support=0.15,
-        start_score=1.0,
-        keep_score=0.8,
-        narrow_odds=0.0,
-    ),
-}
+_PIPELINE = Target(
+    painted=False,
+    floor=7.0,
+    narrowest=0.03,
+    widest=2.0,
+    farthest_aside=6.0,
+    least_support=0.15,
+    start_score=1.0,
+    keep_score=0.8,
+    narrow_odds=0.0,
+)
+TARGETS = {'road': Target(), 'pipeline': _PIPELINE}
 
 Line = tuple[float, float, float]
 """Column on the lowest row, columns per row, and votes."""
@@ -160,10 +148,10 @@ class RoadTrack(FollowedStrip):
     max_misses = 10
 
     def __init__(self, target: Target, strip: Strip) -> None:
-        super().__init__(strip, math.log(target.start_score))
+        super().__init__(strip)
         self.target = target
         # Contrast of both edges over the logarithm of depth, times their support, averaged over
-        # the last frames; the log odds are its logarithm.
+        # the last frames.
         self.quality = 0.0
         self.evidence = 0.0  # sum of quality above the target's ``start_score``, limited
         self._look = EdgeLook(wide=False, painted=target.painted)
@@ -172,7 +160,8 @@ class RoadTrack(FollowedStrip):
     def rank(self) -> float:
         """Log odds with which it stands against other tracks."""
         left, right = self.shape.slopes
-        return self.log_odds - self.target.narrow_odds * math.log(max(right - left, 1e-6))
+        narrow = self.target.narrow_odds * math.log(max(right - left, 1e-6))
+        return math.log(max(self.quality, 1e-6)) - narrow
 
     @property
     def showable(self) -> bool:
@@ -209,7 +198,6 @@ class RoadTrack(FollowedStrip):
         self.shape.move_reference(y + 0.3 * strip[4] + 0.7 * strip[5])
         self.shape.update(edges, view.sight.meeting)
         self.quality += max(ROAD.memory, 1.0 / self.age) * (score - self.quality)
-        self.log_odds = math.log(max(self.quality, 1e-6))
         change = self.quality - self.target.start_score
         self.evidence = min(max(self.evidence + change, 0.0), ROAD.certain)
         seen = score > 0.5 * self.target.keep_score and sharp > ROAD.min_sharp
@@ -226,13 +214,9 @@ class RoadTrack(FollowedStrip):
         run, first, last = (found.item() for found in best_run(gain[None]))
         support = math.sqrt(one.support * other.support)
         sharp = min(max((support - self.target.least_support) / ROAD.support_range, 0.0), 1.0)
-        # A strip under the camera goes on to the lower end of the image.
-        end = float(depth[min(last, len(depth)) - 1])
-        lowest = (strip[1] + end) / (strip[1] + strip[5])
-        low = float(np.interp(lowest, (ROAD.high_end, ROAD.low_end), (0.0, 1.0)))
         if sharp > ROAD.min_sharp:
-            self.follow_ends(float(one.rows[first]), float(strip[1]) + end)
-        return run * sharp * low, sharp
+            self.follow_ends(float(one.rows[first]), float(one.rows[min(last, depth.size) - 1]))
+        return run * sharp, sharp
 
 
 class RoadTracker(StripTracker[RoadTrack]):
@@ -252,7 +236,7 @@ class RoadTracker(StripTracker[RoadTrack]):
         self._turn(frame.level)
         for track in self.tracks:
             track.step(view)
-        self.tracks = [track for track in self.tracks if self._promising(track)]
+        self.tracks = [track for track in self.tracks if not track.lost]
         self._merge()
         self._frame += 1
         searched = self.best is None or self._frame % ROAD.search_period == 0
@@ -262,11 +246,6 @@ class RoadTracker(StripTracker[RoadTrack]):
             self.best = None
         self._choose()
         return self.best
-
-    def _promising(self, track: RoadTrack) -> bool:
-        tried = track is not self.best and track.age >= ROAD.trial_frames
-        hopeless = track.quality <= ROAD.min_quality * self.target.start_score
-        return not (track.lost or (tried and hopeless))
 
     def _start(self, found: Strips, view: View) -> None:
         fresh: list[RoadTrack] = []

@@ -170,15 +170,14 @@ def distinct(found: NDArray[np.float64], most: int) -> NDArray[np.float64]:
     return found[kept]
 
 
-_FAR_STEPS = np.array([-1.5, -0.75, 0.0, 0.75, 1.5])
-_NEAR_STEPS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+_NEAR, _FAR = np.meshgrid(np.linspace(-2.0, 2.0, 5), np.linspace(-1.5, 1.5, 5), indexing='ij')
+_MOVES = np.stack([_FAR.ravel(), _NEAR.ravel()], axis=1)
+"""Px by which an edge is moved at `SEARCH.first_row` of its near end's depth, and at that end."""
 _ALIGN_WEIGHTS = np.array(SEARCH.weights)
 
 
 def align(image: EvidenceMap, strips: Strips) -> tuple[Strips, NDArray[np.bool_]]:
     """Move both edges by turns to the most evidence that they have in common.
-
-    They are moved at `SEARCH.first_row` of the near end's depth and at the near end.
 
     Returns:
         The strips, and which of them are still strips that can be measured.
@@ -187,10 +186,15 @@ def align(image: EvidenceMap, strips: Strips) -> tuple[Strips, NDArray[np.bool_]
     rows = _rows(y, near)
     depth = rows - y
     share = (depth / near - SEARCH.first_row) / (1.0 - SEARCH.first_row)
-    moves = _FAR_STEPS[:, None, None] * (1 - share) + _NEAR_STEPS[:, None, None, None] * share
-    moves = moves.reshape(-1, len(strips), SEARCH.align_rows)
-    columns = x + strips.T[2:4, None, :, None] * depth + moves
-    return _moved(strips, _choose(_signed(image, rows, columns)))
+    at_far, at_near = _MOVES.T[:, :, None, None]
+    columns = x + strips.T[2:4, None, :, None] * depth + (at_far * (1 - share) + at_near * share)
+    moves = _MOVES[np.array(_choose(_signed(image, rows, columns)))].swapaxes(0, 1)
+    ends = y + near * (SEARCH.first_row, 1.0)
+    moved = strips_through(columns_at(strips, ends) + moves, ends, y + strips[:, 4:6])
+    moved[:, 4] = strips[:, 4]
+    gap, deep = moved[:, 3] - moved[:, 2], moved[:, 5]
+    valid = (gap > SEARCH.min_slope_gap) & (deep > SEARCH.min_depth)
+    return moved, valid & (deep < np.maximum(SEARCH.max_depth, SEARCH.max_deeper * near[:, 0]))
 
 
 def around(image: EvidenceMap, strip: NDArray[np.float64], most: int, widest: float) -> Strips:
@@ -240,9 +244,8 @@ def _agreement(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.flo
 def _choose(edges: NDArray[np.int8]) -> list[NDArray[np.intp]]:
     """For either edge (rows, moves, n, 4) the number of the move that is best for both."""
     count = edges.shape[3]
-    cost = SEARCH.align_cost * (np.abs(_NEAR_STEPS)[:, None] + np.abs(_FAR_STEPS)).reshape(-1, 1)
-    middle = cost.size // 2
-    chosen = [np.full(count, middle), np.full(count, middle)]
+    cost = SEARCH.align_cost * np.abs(_MOVES).sum(axis=1)[:, None]
+    chosen = [np.full(count, cost.size // 2)] * 2
     number = np.arange(count)
     for _ in range(SEARCH.align_rounds):
         for side in (0, 1):
@@ -251,18 +254,6 @@ def _choose(edges: NDArray[np.int8]) -> list[NDArray[np.intp]]:
             score = total / (SEARCH.align_rows * UNIT) - cost
             chosen[side] = score.argmax(axis=0)
     return chosen
-
-
-def _moved(strips: Strips, chosen: list[NDArray[np.intp]]) -> tuple[Strips, NDArray[np.bool_]]:
-    y, near = strips[:, 1:2], strips[:, 5:6]
-    rows = y + near * (SEARCH.first_row, 1.0)
-    far_move, near_move = np.array(chosen) % _FAR_STEPS.size, np.array(chosen) // _FAR_STEPS.size
-    moves = np.stack([_FAR_STEPS[far_move], _NEAR_STEPS[near_move]], axis=2).swapaxes(0, 1)
-    moved = strips_through(columns_at(strips, rows) + moves, rows, y + strips[:, 4:6])
-    moved[:, 4] = strips[:, 4]
-    gap, depth = moved[:, 3] - moved[:, 2], moved[:, 5]
-    valid = (gap > SEARCH.min_slope_gap) & (depth > SEARCH.min_depth)
-    return moved, valid & (depth < np.maximum(SEARCH.max_depth, SEARCH.max_deeper * near[:, 0]))
 
 
 def _widest(y: Any) -> NDArray[np.float64]:
@@ -330,8 +321,6 @@ class LevelledImage:
         packed = image.packed(BLANK)
         found = [_fan(depth, width).find(packed, row - top) for depth, rows in jobs for row in rows]
         best = distinct(np.concatenate([np.empty((0, 7)), *found]), most)
-        if not len(best):
-            return NO_CANDIDATES
         aligned, valid = align(image, best[:, :6])
         # What looks wider from the first frame on is seen from a car.
         valid &= aligned[:, 3] - aligned[:, 2] <= _widest(aligned[:, 1] + top)
@@ -381,24 +370,6 @@ class LevelledImage:
             strips = np.where(valid[:, None], part.whole(moved), strips)
         return strips
 
-    def share_hidden(self, strip: Strip) -> float:
-        """Share of a strip's edges over which something is laid."""
-        if self._overlaid is None:
-            return 0.0
-        x, y, left, right, far, near = strip.tolist()
-        depth = far + (near - far) * _ALONG
-        places = self.level.to_frame(x + np.array([[left], [right]]) * depth, y + depth)
-        column, row = (np.rint(place / self.level.factor).astype(np.intp) for place in places)
-        height, width = self._overlaid.shape
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        if not inside.any():
-            return 1.0
-        return float((self._overlaid[row[inside], column[inside]] > 0).mean())
-
-
-_ALONG = np.linspace(0.0, 1.0, 12)
-"""Where it is looked whether a strip's edges are hidden, from the far to the near end."""
-
 
 class Part(NamedTuple):
     """A part of an image."""
@@ -417,27 +388,22 @@ class Part(NamedTuple):
 
 def describe_around(
     working: LevelledImage, strip: Strip, expected: Strips, most: int
-) -> tuple[Strips, NDArray[np.float64], NDArray[np.bool_]] | None:
+) -> Candidates | None:
     """Align and describe expected strips, and at most so many others around one of them.
 
-    Returns:
-        (m, 6) the strips as they are in the image, the expected ones first, (m, features), and
-        (m,) which of them are strips; None where none is in the image.
+    Those that are strips, the expected ones first; None where none is in the image.
     """
     part = working.part_around(np.concatenate([strip[None], expected]))
     if part is None:
         return None
     widest = float(_widest(strip[1]))
     strips = np.concatenate([part.strips[1:], around(part.map, part.strips[0], most, widest)])
-    measured, valid = align(part.map, strips)
+    aligned, valid = align(part.map, strips)
     if not valid.any():
         return None
-    measured[~valid] = strips[~valid]
-    features = np.zeros((len(strips), len(FEATURES)))
-    features[valid], measured[valid] = describe(
-        part.map, measured[valid], working.scene(), part.level, part.place[0]
-    )
-    return working.refined(part.whole(measured), part.level), features, valid
+    scene, first_column = working.scene(), part.place[0]
+    features, found = describe(part.map, aligned[valid], scene, part.level, first_column)
+    return Candidates(working.refined(part.whole(found), part.level), features)
 
 
 def ends_of(working: LevelledImage, strip: Strip) -> NDArray[np.float64] | None:

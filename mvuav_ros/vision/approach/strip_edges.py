@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import brightness_of, in_common, opponent_channels
-from mvuav_ros.vision.approach.tuning import EDGES, SHOULDERS
+from mvuav_ros.vision.approach.tuning import EDGES, SHOULDERS, TRACK
 from mvuav_ros.vision.point_operations import Pixels
 
 Strip = NDArray[np.float64]
@@ -347,5 +347,5 @@ def _clearness(size: NDArray[np.floating[Any]], place: NDArray[np.float64], firs
     clear = beyond - np.minimum.accumulate(beyond)
     # Texture of the land beside a step that is plain to see is no other place for the edge.
     least = max(SHOULDERS.min_step, SHOULDERS.min_step_share * float(beyond[0]))
-    elsewhere = (place[own:] - place[own] > SHOULDERS.min_apart) & (beyond >= least)
+    elsewhere = (place[own:] - place[own] > TRACK.tolerance_share) & (beyond >= least)
     return float(np.where(elsewhere, clear, 0.0).max())

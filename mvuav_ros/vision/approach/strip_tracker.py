@@ -115,15 +115,9 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         view = View(frame, working, sight, self.registration)
         for track in self.tracks:
             shown = track is self.best
-            others = TRACKER.others_certain if self.certain else TRACKER.others_period
+            others = TRACKER.period_certain if self.certain else TRACKER.others_period
             track.step(view, TRACKER.best_period if shown else others, shown=shown)
-        self.tracks = [
-            track
-            for track in self.tracks
-            if not track.lost
-            and track.log_odds > TRACKER.min_odds
-            and working.share_hidden(track.strip()) < TRACKER.max_hidden
-        ]
+        self.tracks = [t for t in self.tracks if not t.lost and t.log_odds > TRACKER.min_odds]
         self._merge()
         period = TRACKER.period_later if self._rounds else TRACKER.period_first
         if self._frame % (TRACKER.period_certain if self.certain else period) == 0:

@@ -37,17 +37,20 @@ def strips_through(
     return found
 
 
-def points_along(
-    strip: Strip,
-    rows: NDArray[np.float64],
-    spread: NDArray[np.float64],
-    variance: NDArray[np.float64] | float = 0.0,
-) -> Edges:
-    """A mean strip's edges between two rows as points, the fewer the less they are known.
+def end_rows(strip: Strip) -> NDArray[np.float64]:
+    """(2,) of the far and of the near end, px."""
+    return np.asarray(strip[1] + strip[4:6])
 
-    Their spread is (2, 2) px, of the left and of the right edge in these rows; likewise the
+
+def points_along(
+    strip: Strip, spread: NDArray[np.float64], variance: NDArray[np.float64] | float = 0.0
+) -> Edges:
+    """A mean strip's edges between its ends as points, the fewer the less they are known.
+
+    Their spread is (2, 2) px, of the left and of the right edge at both ends; likewise the
     variance of the mean itself, px².
     """
+    rows = end_rows(strip)
     at = rows[0] + _SHARES * (rows[1] - rows[0])
     ends = columns_at(strip[None], rows)[0]
     columns = ends[:, :1] + _SHARES * (ends[:, 1:] - ends[:, :1])
@@ -67,7 +70,7 @@ _SHARES = (np.arange(STRIP.points) + 0.5) / STRIP.points
 def strip_along(edges: Edges, strip: Strip) -> Strip:
     """The strip along points of both edges, between the ends of another one."""
     lines = [np.polyfit(edge.rows, edge.columns, 1, w=edge.weights + 1e-3) for edge in edges]
-    ends = strip[1] + strip[4:6]
+    ends = end_rows(strip)
     corners = np.array([np.polyval(line, ends) for line in lines])
     return np.asarray(strips_through(corners[None], ends, ends[None])[0])
 
@@ -88,9 +91,6 @@ def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
         and near > far
         and (y > STRIP.top_row or y + near > STRIP.min_below_top)
     )
-
-
-_DIAGONAL = np.arange(4)
 
 
 class Shape:
@@ -136,7 +136,7 @@ class Shape:
         upwards = np.array([left, right])
         moved = STRIP.yaw_sigma**2 + STRIP.pitch_sigma**2 * np.multiply.outer(upwards, upwards)
         self.covariance[::2, ::2] += moved
-        self.covariance[_DIAGONAL, _DIAGONAL] += (0.04, change, 0.04, change)
+        self.covariance += np.diag((0.04, change, 0.04, change))
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Describe the same edges on another derotation."""
@@ -188,7 +188,7 @@ class FollowedStrip:
     max_misses: ClassVar[int]
     min_length: ClassVar[float] = 0.0  # widths from end to end; what is shorter is something else
 
-    def __init__(self, strip: Strip, log_odds: float) -> None:
+    def __init__(self, strip: Strip) -> None:
         self.shape = Shape(strip)
         # Rows from the vanishing point to both ends, px of the working image; smoothed.
         self.far, self.near = float(strip[4]), float(strip[5])
@@ -197,12 +197,11 @@ class FollowedStrip:
         self.misses = 0  # looks in a row in which it was not seen
         self.points: Edges | None = None  # in the newest frame, if seen
         self.predicted = False  # they are no more than where it was followed to
-        self.log_odds = log_odds  # that it is what is looked for, averaged over the last frames
 
     @property
     def rank(self) -> float:
         """Log odds with which it stands against other tracks."""
-        return self.log_odds
+        raise NotImplementedError
 
     @property
     def preference(self) -> float:

@@ -26,16 +26,17 @@ from mvuav_ros.vision.approach.strip_edges import (
 from mvuav_ros.vision.approach.strips import (
     FollowedStrip,
     columns_at,
+    end_rows,
     is_plausible,
     points_along,
     strip_along,
     strips_through,
 )
-from mvuav_ros.vision.approach.tuning import LINES, PROBABILITY, SEARCH, SHOULDERS, TRACK, TRACKER
+from mvuav_ros.vision.approach.tuning import LINES, SEARCH, SHOULDERS, TRACK, TRACKER
 
 
 def weigh(measured: Strips, odds: NDArray[np.float64]) -> tuple[Strips, NDArray[np.float64], float]:
-    """Weigh strips (m, 6) by their log odds (m,), minus infinity of what is no strip in the frame.
+    """Weigh strips (m, 6) by their log odds (m,).
 
     Paint and rubber within a runway are seen more often than it: the wider counts more.
 
@@ -134,7 +135,8 @@ class RunwayTrack(FollowedStrip):
     min_length = TRACK.min_length
 
     def __init__(self, strip: Strip, log_odds: float) -> None:
-        super().__init__(strip, log_odds)
+        super().__init__(strip)
+        self.log_odds = log_odds  # that it is the runway, averaged over the last frames
         self.moved = 0  # frames that differed from the one before
         # Shares of the last frames: with edges that are clear lines or colours, or steps where
         # lines are not looked for; and with pavement that goes on beyond both edges.
@@ -169,7 +171,7 @@ class RunwayTrack(FollowedStrip):
     @property
     def preference(self) -> float:
         """Log odds of a right report, however long it has been followed."""
-        followed = self.report._replace(moved=PROBABILITY.known_frames)
+        followed = self.report._replace(moved=TRACK.known_frames)
         return followed.log_odds_right(confidence_weights())
 
     @property
@@ -210,8 +212,7 @@ class RunwayTrack(FollowedStrip):
         if self._rested < period and self.age > 1 and not young:
             # About a mean of strips, steps that are not there say nothing of their kind.
             if shown and self.points is not None and self.kinds.likeliest is not EdgeKind.STRIPS:
-                strip = self.strip()
-                self._measure(view, strip, strip[1] + strip[4:6], weighed=False)
+                self._measure(view, self.strip(), weighed=False)
             elif self.points is not None:
                 self.points = self._predicted()
             return
@@ -219,8 +220,7 @@ class RunwayTrack(FollowedStrip):
         self._memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
         self._lock()
         if self.locked:
-            strip = self.strip()
-            self._measure(view, strip, strip[1] + strip[4:6], weighed=True)
+            self._measure(view, self.strip(), weighed=True)
             in_place = 0.0 if self.points is None else self.kinds.share(self.kinds.likeliest)
             self.agreement += self._memory * (in_place - self.agreement)
             strip = self.strip()
@@ -249,15 +249,14 @@ class RunwayTrack(FollowedStrip):
 
     def _weigh(self, view: View) -> bool:
         """Weigh all strips that may be the runway; whether there are any."""
-        seen = describe_around(view.working, self.strip(), self._found, TRACK.strips_around)
+        seen = describe_around(view.working, self.strip(), self._found, TRACKER.max_weighed)
         if seen is None:
             return False
-        measured, features, valid = seen
-        odds = np.where(valid, log_odds_of(features), -np.inf)
-        strips, shares, log_odds = weigh(measured, odds)
+        measured, features = seen
+        strips, shares, log_odds = weigh(measured, log_odds_of(features))
         self.log_odds += self._memory * (log_odds - self.log_odds)
         likeliest = strips[int(shares.argmax())]
-        rows = likeliest[1] + likeliest[4:6]
+        rows = end_rows(likeliest)
         corners = columns_at(strips, rows)
         mean = np.tensordot(shares, corners, axes=1)
         self._spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
@@ -265,19 +264,16 @@ class RunwayTrack(FollowedStrip):
         tolerance = max(TRACK.min_tolerance, TRACK.tolerance_share * width)
         near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance
         self.agreement += self._memory * (float(shares[near].sum()) - self.agreement)
-        through = strips_through(mean[None], rows, rows[None])[0]
-        self._measure(view, through, rows, weighed=True)
+        self._measure(view, strips_through(mean[None], rows, rows[None])[0], weighed=True)
         self.follow_ends(*rows.tolist())
         return True
 
-    def _measure(
-        self, view: View, strip: Strip, rows: NDArray[np.float64], *, weighed: bool
-    ) -> None:
-        """Find the edges about a strip between two rows, by the likeliest kind."""
+    def _measure(self, view: View, strip: Strip, *, weighed: bool) -> None:
+        """Find the edges about a strip, by the likeliest kind."""
         width = _width(strip)
         measured: dict[EdgeKind, Edges | None] = {}
         if weighed and not self.locked:
-            measured[EdgeKind.STRIPS] = points_along(strip, rows, self._spread)
+            measured[EdgeKind.STRIPS] = points_along(strip, self._spread)
         evidence: dict[EdgeKind, float] = {}
         if weighed or self.kinds.likeliest is EdgeKind.STEP:
             edges, odds = self._find_steps(view, strip, weighed=weighed)
@@ -297,7 +293,7 @@ class RunwayTrack(FollowedStrip):
         self.points = measured.get(self.kinds.likeliest)
         self.predicted = self.points is None
         if self.points is not None:
-            self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
+            self.shape.move_reference(float(np.array([0.3, 0.7]) @ end_rows(strip)))
             self.shape.update(self.points, view.sight.meeting if weighed else None)
         elif not self.locked:
             # Not replaced by another kind's, which would be elsewhere.
@@ -312,8 +308,7 @@ class RunwayTrack(FollowedStrip):
     def _predicted(self) -> Edges:
         """Points along the edges as followed."""
         strip = self.strip()
-        rows = strip[1] + strip[4:6]
-        return points_along(strip, rows, self._spread, self.shape.variances(rows))
+        return points_along(strip, self._spread, self.shape.variances(end_rows(strip)))
 
     def _find_steps(self, view: View, strip: Strip, *, weighed: bool) -> tuple[Edges | None, float]:
         """The steps along both edges, if they are seen, and the log odds of that kind."""

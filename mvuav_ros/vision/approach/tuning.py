@@ -159,7 +159,6 @@ class ShouldersTuning:
     beyond: float = 0.3  # sampled outside of the edge
     window: float = 2.0  # px of the means whose difference is a step: the blur of run 3
     min_step: float = 0.034  # share of the mean brightness
-    min_apart: float = 0.05  # from the edge's own step: nearer ones are within the tolerance
     # of the edge's own step: run 3's shoulders have 0.19 and more, land in simulated flights 0.1
     min_step_share: float = 0.15
     min_clearness: float = 0.0064  # share of the mean brightness, beside what is between
@@ -167,7 +166,7 @@ class ShouldersTuning:
 
 @dataclass(frozen=True)
 class SearchTuning:
-    """Of the search for runways."""
+    """Of the search for runways, and of their rows and features."""
 
     step_reach: int = 2  # px on each side over which a step is averaged; the blur of edges in run 3
     # px from a painted line's middle to where it must be darker: lines of 1 to 3 px, as in run 3
@@ -217,32 +216,12 @@ class SearchTuning:
     finest_aligned: int = 1  # level on which edges found on coarser ones are placed at last
     min_part: int = 12  # px of the sides of the part around strips
     max_level_depth: float = 28.0  # px of a level: deeper near ends are measured on the next one
-
-
-@dataclass(frozen=True)
-class AppearanceTuning:
-    """Of a strip's rows and features."""
-
-    rows: int = 44  # below the vanishing point: near ends of up to 28 px and half as much again
+    profile_rows: int = 44  # below vanishing points: near ends of 28 px, and half as much again
     max_gain: float = 5.0  # textures of a row; more counts as that
     first_depth: float = 1.5  # px below the vanishing point, from which rows count
-    min_width: float = 2.0  # px of a row that counts
+    min_row_width: float = 2.0  # px of a row that counts
     slack: float = 1e-09  # of sums of evidence, which are rounded
     min_sky_row: float = -1.0  # of the vanishing point, from which what is above it is in view
-
-
-@dataclass(frozen=True)
-class ProbabilityTuning:
-    """Of log odds and confidence."""
-
-    # logarithm of px from the vanishing point to the near end: run 5 has up to 48 px, nine tenths
-    # of run 3 up to 53, simulated flights over a runway 90 and more
-    min_near_by: float = math.log(60.0)
-    max_deviations: float = 4.0  # standard deviations: features beyond say no more
-    least_odds: float = -6.0  # log odds of a track; fewer count as that
-    most_odds: float = 8.0  # likewise, more
-    min_agreement: float = 0.05  # that counts as none
-    known_frames: int = 50  # frames after which a track is known
 
 
 @dataclass(frozen=True)
@@ -268,7 +247,7 @@ class StripTuning:
 
 @dataclass(frozen=True)
 class TrackTuning:
-    """Of one runway that is followed. Chosen on runs 3 and 5 and the simulator's flights."""
+    """Of one runway that is followed, and how likely. Runs 3 and 5 and the simulator's flights."""
 
     max_strips: int = 10  # weighed
     max_odds_below: float = -9.0  # log odds under the best strip's, below which one does not count
@@ -291,7 +270,6 @@ class TrackTuning:
     # what of it makes them possible and certain. Run 3
     shoulder_range: tuple[float, float] = (0.3, 0.6)
     min_length: float = 5.0  # widths from end to end, of which the shortest runways have ten
-    strips_around: int = 14  # tried around the mean each time
     miss_memory: float = 0.15  # share of a frame that does not show it in what a track remembers
     missed_odds: float = -4.0  # log odds of a weighing in which nothing is there
     lock_width: float = 24.0  # px from which edges alone are followed: near by all is straight
@@ -308,6 +286,14 @@ class TrackTuning:
     colour_odds: float = 3.0  # log odds of steps that colour shows
     colour_width: float = 38.0  # px up to which that holds: later lines show the edges better
     steps_away: float = -2.0  # log odds of steps that are not where the strips are
+    # logarithm of px from the vanishing point to the near end: run 5 has up to 48 px, nine tenths
+    # of run 3 up to 53, simulated flights over a runway 90 and more
+    min_near_by: float = math.log(60.0)
+    max_deviations: float = 4.0  # standard deviations: features beyond say no more
+    least_odds: float = -6.0  # log odds of a track; fewer count as that
+    most_odds: float = 8.0  # likewise, more
+    min_agreement: float = 0.05  # that counts as none
+    known_frames: int = 50  # frames after which a track is known
 
 
 @dataclass(frozen=True)
@@ -318,13 +304,11 @@ class TrackerTuning:
     chunk: int = 8  # rows of vanishing points searched in one frame
     period_first: int = 2  # frames from one share of the search to the next without a runway
     period_later: int = 4  # the same once all was searched
-    period_certain: int = 24  # the same with a runway
-    max_weighed: int = 14  # of the strips that a share of the search finds
+    scene_frames: int = 24  # for which the image as a whole is taken to stay alike
+    max_weighed: int = 14  # strips of a share of the search, and around the mean of a track
     best_period: int = 6  # frames from one weighing of the best track to the next
     others_period: int = 12  # the same of others
-    others_certain: int = 24  # the same of others, with a runway
-    scene_frames: int = 24  # for which the image as a whole is taken to stay alike
-    max_hidden: float = 0.5  # share of a strip's edges: more is the edge of an overlay
+    period_certain: int = 24  # the same of others, and of the search, with a runway
     min_odds: float = -5.0  # log odds of a track
     min_start_odds: float = -3.0  # log odds of a candidate
     # log odds lost by what lies above a horizon that the image has shown for longer. Text in run 3
@@ -356,8 +340,6 @@ class RoadTuning:
     horizon_sigma: float = 4.0  # px of the vanishing point about the horizon
     support_range: float = 0.25  # above the target's, at which support is full
     min_sharp: float = 0.2  # share of that
-    high_end: float = 0.6  # share of the height where a strip under the camera ends: of no road
-    low_end: float = 0.8  # likewise, of any
     convincing: float = 7.0  # sum of quality above ``start_score``, with which a track is shown
     certain: float = 10.0  # likewise, above which more does not count
     min_age: int = 8  # frames until then
@@ -368,8 +350,6 @@ class RoadTuning:
     max_wider: float = 1.5  # widths of one strip over another, up to which both may be the same
     max_started: int = 6  # candidates of a search that are tried
     min_land: int = 8  # rows
-    trial_frames: int = 12  # after which a track of less than ``min_quality`` is given up
-    min_quality: float = 0.5  # share of ``start_score``
 
 
 @dataclass(frozen=True)
@@ -402,8 +382,6 @@ EDGES = EdgesTuning()
 LINES = LinesTuning()
 SHOULDERS = ShouldersTuning()
 SEARCH = SearchTuning()
-APPEARANCE = AppearanceTuning()
-PROBABILITY = ProbabilityTuning()
 STRIP = StripTuning()
 TRACK = TrackTuning()
 TRACKER = TrackerTuning()

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from support.drawn_ground import drawn_strip
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
@@ -75,3 +76,16 @@ def test_a_runway_that_is_painted_on_the_picture_is_none():
         assert result.confidence < 0.05
     for result in results[50:]:
         assert result.corners is None or abs(result.corners[0][0] - 112) > 15
+
+
+def test_a_runway_whose_edges_stand_still_is_followed():
+    """Flown along, they look the same in every frame, as what is laid over the view does."""
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach'))
+    for index in range(45):
+        image = drawn_strip(index, height=20, width=30, speed=2, ends=(-50, 900))
+        result = detector.process(image, index)
+        if index > 25:
+            assert result.corners is not None
+            near_left, near_right, *_ = result.corners
+            truth = 160.0 + np.array((-0.75, 0.75)) * (near_left[1] - 100.0)
+            assert (near_left[0], near_right[0]) == pytest.approx(truth, abs=6.0)

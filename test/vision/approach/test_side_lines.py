@@ -38,7 +38,7 @@ def runway(*lines, rubber=RUBBER, fine=8):
 def offsets(image, expected=1.0, slope=SLOPE):
     """How far outside the true edges the points lie on average, px; None without points."""
     strip = np.array([X, Y, -slope * expected, slope * expected, *SPAN])
-    known = points_along(strip, Y + np.array(SPAN), np.zeros((2, 2)))
+    known = points_along(strip, np.zeros((2, 2)))
     found = find_side_lines(LevelledFrame(image, LEVEL), strip, known)
     if found is None:
         return None

@@ -177,7 +177,7 @@ def test_a_runway_whose_edges_have_become_parallel_is_given_up(monkeypatch):
     track = RunwayTrack(STRIP, 1.0)
     track.step(seen, 1)
 
-    def parallel(self, view, strip, rows, *, weighed):
+    def parallel(self, view, strip, *, weighed):
         self.shape.state[:] = (-200.0, 0.5, 500.0, 0.5)
 
     monkeypatch.setattr(RunwayTrack, '_lock', lambda self: setattr(self, 'locked', True))
