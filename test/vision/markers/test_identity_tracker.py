@@ -406,7 +406,7 @@ def fly_scene(scene, seed, frames=None):
     return score, named
 
 
-@pytest.mark.parametrize('seed', [20001, pytest.param(20007, marks=pytest.mark.long), 20016])
+@pytest.mark.parametrize('seed', [20001, 20016])
 def test_a_body_with_a_hidden_marker_is_found_again_among_other_lights(seed):
     """Dark for a while, among nine lights; its names came back once all five were in sight."""
     score, _ = fly_scene('everything at once', seed)
