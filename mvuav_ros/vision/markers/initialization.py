@@ -350,6 +350,9 @@ STRICT_RESIDUAL = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same residual for some time."""
 MIN_WITH_HIDDEN = 4  # Markers, with more of which one may be hidden at the start
 MAX_WITH_HIDDEN = 8  # Lights up to which such a body is looked for: in 4 ms; of twelve in 15 ms
+MIN_AWAY = 1.2
+"""Of such a body's size, from its middle: a light that is nearer is the missing one, and the rig
+is measured badly, or mirrored."""
 MIN_APART = 3  # Lights that are no other body's: some of a flare's may lie on the body's own
 LONE_RESIDUAL = 0.06  # In units of its size, of a body alone before a camera that is not calibrated
 OTHER_BODY_RESIDUAL = 0.15  # The same for five lights that the thesis's assumption alone must name
@@ -409,9 +412,14 @@ def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[
     if fits or fewest == count or len(spots) > MAX_WITH_HIDDEN:
         return unclear
     best = _outstanding(_bodies(shape, spots, fewest))
-    if best is not None and _is_strict(best.view) and best.evidence > SURE_AT_START:
-        return Named(best.lights(spots), best.view, CONFIRMED_ODD)
-    return unclear
+    if best is None or best.evidence < SURE_AT_START or not _is_strict(best.view):
+        return unclear
+    named = best.lights(spots)
+    x, y = best.view.parameters[[X, Y]].tolist()
+    away = [math.hypot(spot.x - x, spot.y - y) for spot in spots if spot not in named.values()]
+    if min(away, default=math.inf) < MIN_AWAY * best.view.scale:
+        return unclear
+    return Named(named, best.view, CONFIRMED_ODD)
 
 
 def _bodies(shape: WeakPerspective, spots: Sequence[Light], fewest: int) -> list[Hypothesis]:
