@@ -542,7 +542,7 @@ def test_the_result_is_in_large_figures_on_every_part_and_stale_without_the_node
     for part in ('images', 'results', 'runs'):
         panel.part(part)
         panel.until(lambda: re.search('[345] of 5 lights', trust.inner_text()), 'the lights')
-        panel.until(lambda: re.search(r'ahead\s+\d+\.\d m', figures.inner_text()), 'the distance')
+        panel.until(lambda: re.search(r'ahead\s+\d+\.\d+ m', figures.inner_text()), 'the distance')
     size = figures.locator('dd').first.evaluate('e => parseFloat(getComputedStyle(e).fontSize)')
     assert size >= 20
     assert panel.graph.set_parameter('marker_tracker', 'threshold', 1.0).successful
