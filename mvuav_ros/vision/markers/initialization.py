@@ -430,8 +430,7 @@ def _bodies(shape: WeakPerspective, spots: Sequence[Light], fewest: int) -> list
 
 def _outstanding(bodies: Sequence[Hypothesis]) -> Hypothesis | None:
     """The first one, if it is clearly more probable than the next."""
-    is_one = len(bodies) == 1
-    if is_one or (bodies and bodies[0].evidence >= bodies[1].evidence + MARGIN):
+    if bodies and (len(bodies) == 1 or bodies[0].evidence >= bodies[1].evidence + MARGIN):
         return bodies[0]
     return None
 
