@@ -404,7 +404,8 @@ class RecordingWriter(AbstractContextManager['RecordingWriter']):
                 self._since = time.monotonic()
                 self._changed.notify_all()
             of = schema, qos, publish_ns, sequence
-            chunk.add(RecordedMessage(topic, type, stamp_ns, cdr, *of))
+            # Its own: a caller's buffer may be used again before the thread writes it.
+            chunk.add(RecordedMessage(topic, type, stamp_ns, bytes(cdr), *of))
             if chunk.size >= _CHUNK_BYTES:
                 self._hand_over()
 

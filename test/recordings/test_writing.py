@@ -90,6 +90,19 @@ def test_read_back_by_everyone(tmp_path: Path) -> None:
     assert len(records) > len(SAMPLES)
 
 
+def test_a_buffer_may_be_used_again_once_its_message_was_given(tmp_path: Path) -> None:
+    """The thread writes it up to half a second later."""
+    path = tmp_path / 'a.mcap'
+    samples = [string_sample(number) for number in range(600, 620)]
+    buffer = bytearray(max(len(sample.data) for sample in samples))
+    with RecordingWriter(path) as writer:
+        for sample in samples:
+            size = len(sample.data)
+            buffer[:size] = sample.data
+            writer.write(*sample[:3], memoryview(buffer)[:size])
+    assert read(path) == (samples, [])
+
+
 def test_the_same_messages_give_the_same_file(tmp_path: Path) -> None:
     for name in ('a.mcap', 'b.mcap'):
         write(tmp_path / name, SAMPLES)
