@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.lights import Light, Point, are_close, candidates, places_of
+from mvuav_ros.vision.markers.lights import Light, Point, are_close, by_size, candidates, places_of
 from mvuav_ros.vision.markers.marker_results import TANKER_NAMES
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
@@ -348,6 +348,7 @@ CLEAR_RESIDUAL = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 STRICT_RESIDUAL = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same residual for some time."""
+MAX_AT_START = 20  # Lights among which a body is looked for, the largest: in 9 ms
 MIN_WITH_HIDDEN = 4  # Markers, with more of which one may be hidden at the start
 MAX_WITH_HIDDEN = 8  # Lights up to which such a body is looked for: in 4 ms; of twelve in 15 ms
 MIN_AWAY = 1.2
@@ -384,41 +385,52 @@ def fewest_at_start(shape: WeakPerspective) -> int:
 
 def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[str]) -> Named:
     """Name a whole body of which nothing is known; how exact its rig is must be seen."""
-    count, fewest = len(names), fewest_at_start(shape)
-    spots = candidates(lights, count)
-    if len(spots) < fewest:
+    count = len(names)
+    spots, every = (some[:MAX_AT_START] for some in (candidates(lights, count), by_size(lights)))
+    if len(spots) < fewest_at_start(shape):
         return Named(remark=f'{len(spots)} of {count} markers in view')
-    unclear = Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
-    if len(spots) > MAX_NAMED:
-        return unclear
+    named = _whole(shape, spots, names)
+    # A body's lights may be far smaller than letters, and than lamps nearer by.
+    if named is None and len(every) > len(spots):
+        named = _whole(shape, every, names)
+    if named is None and len(spots) <= MAX_WITH_HIDDEN:
+        named = _with_hidden(shape, spots)
+    return named or Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
+
+
+def _whole(shape: WeakPerspective, spots: Sequence[Light], names: Sequence[str]) -> Named | None:
+    count = len(names)
     alone = len(spots) == count
     free = alone and shape.lens.focal is None
-    bodies = _bodies(shape, spots, count)
-    best = _outstanding(bodies)
+    best = _outstanding(_bodies(shape, spots, count))
     if best is not None:
         exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
         limit = LONE_RESIDUAL * best.view.scale if free else exact
-        if best.view.rms_residual <= max(limit, exact):
-            frames = 1 if alone or best.evidence > SURE_AT_START else CONFIRMED
+        is_sure, are_many = best.evidence > SURE_AT_START, len(spots) > MAX_NAMED
+        if best.view.rms_residual <= max(limit, exact) and (is_sure or not are_many):
+            frames = 1 if alone or (is_sure and not are_many) else CONFIRMED
             if not (free or _is_strict(best.view)):
                 frames = CONFIRMED_ODD
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             return Named(
                 best.lights(spots), best.view, frames, best.view.rms_residual <= exact, remark
             )
-    if free and tuple(names) == TANKER_NAMES:
-        return _as_the_thesis(shape, spots) or unclear
-    fits = any(_is_strict(body.view) for body in bodies)
-    if fits or fewest == count or len(spots) > MAX_WITH_HIDDEN:
-        return unclear
+    return _as_the_thesis(shape, spots) if free and tuple(names) == TANKER_NAMES else None
+
+
+def _with_hidden(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
+    """A body without one marker, where the others leave no doubt."""
+    count, fewest = len(shape.points), fewest_at_start(shape)
+    if fewest == count or any(_is_strict(body.view) for body in _bodies(shape, spots, count)):
+        return None
     best = _outstanding(_bodies(shape, spots, fewest))
     if best is None or best.evidence < SURE_AT_START or not _is_strict(best.view):
-        return unclear
+        return None
     named = best.lights(spots)
     x, y = best.view.parameters[[X, Y]].tolist()
     away = [math.hypot(spot.x - x, spot.y - y) for spot in spots if spot not in named.values()]
     if min(away, default=math.inf) < MIN_AWAY * best.view.scale:
-        return unclear
+        return None
     return Named(named, best.view, CONFIRMED_ODD)
 
 

@@ -271,30 +271,32 @@ class Light(NamedTuple):
 def find_spots(frame: Frame, lens: Lens, around: Sequence[Point] = ()) -> list[Light]:
     """The lights of a whole frame, measured.
 
-    Of very many the nearest to some places (px) are measured; the largest, which show what is
-    small, if there are none.
+    Of very many only the nearest to some places (px) are measured, if there are any.
 
     Raises:
         GroupingError: the frame is too bright or too noisy to hold markers.
     """
     blobs = frame.blobs
     chosen = blobs.may_be_lights()
-    if len(chosen) > MAX_MEASURED:
-        left, top, width, height, area = blobs.stats[chosen].T
-        order = -area
-        if around:
-            middles = np.column_stack((left + 0.5 * (width - 1), top + 0.5 * (height - 1)))
-            order = np.abs(middles[:, None] - np.array(around)).max(axis=2).min(axis=1)
+    if around and len(chosen) > MAX_MEASURED:
+        left, top, width, height, _ = blobs.stats[chosen].T
+        middles = np.column_stack((left + 0.5 * (width - 1), top + 0.5 * (height - 1)))
+        order = np.abs(middles[:, None] - np.array(around)).max(axis=2).min(axis=1)
         chosen = chosen[np.argsort(order, kind='stable')[:MAX_MEASURED]]
     spots = blobs.measure(chosen)
     places = lens.straightened(spots)
     return [Light(x, y, spot) for (x, y), spot in zip(places, spots, strict=True)]
 
 
+def by_size(lights: Sequence[Light]) -> list[Light]:
+    """The round ones, the largest first."""
+    spots = [light for light in lights if light.seen.spread <= ROUND]
+    return sorted(spots, key=lambda light: -light.seen.area)
+
+
 def candidates(lights: Sequence[Light], count: int) -> list[Light]:
     """The round ones that could be among a body's ``count`` markers, the largest first."""
-    spots = [light for light in lights if light.seen.spread <= ROUND]
-    spots.sort(key=lambda light: -light.seen.area)
+    spots = by_size(lights)
     if len(spots) < count:
         return spots
     least = MIN_SHARE * spots[count - 1].seen.area

@@ -208,7 +208,7 @@ def possible(parameters: Array) -> Array:
 
 _FIRST, _SECOND = [0, 0, 1], [1, 2, 2]  # Of three markers, in pairs
 _DEPTH_ITERATIONS = 6
-_AT_ONCE = 8192  # Threes, whose arrays a processor's cache holds
+_AT_ONCE = 2048  # Threes, whose arrays a processor's cache holds
 _FLAT = 0.3  # Of a rig's size: depths of three seen from nearly straight above differ by less
 _MAX_DEPTH_STEP = 0.3  # Of a depth, by its own length
 _MIN_DEPTH = 0.3  # Least distance of a marker over that of the first one, to begin with
