@@ -406,10 +406,14 @@ def _whole(shape: WeakPerspective, spots: Sequence[Light], names: Sequence[str])
     if best is not None:
         exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
         limit = LONE_RESIDUAL * best.view.scale if free else exact
-        is_sure, are_many = best.evidence > SURE_AT_START, len(spots) > MAX_NAMED
-        if best.view.rms_residual <= max(limit, exact) and (is_sure or not are_many):
+        is_sure, is_strict = best.evidence > SURE_AT_START, _is_strict(best.view)
+        are_many = len(spots) > MAX_NAMED
+        must_be_sure = not alone and (are_many or shape.lens.focal is None)
+        if best.view.rms_residual <= max(limit, exact) and (
+            (is_sure and (is_strict or not are_many)) or not must_be_sure
+        ):
             frames = 1 if alone or (is_sure and not are_many) else CONFIRMED
-            if not (free or _is_strict(best.view)):
+            if not (free or is_strict):
                 frames = CONFIRMED_ODD
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             return Named(
