@@ -250,7 +250,7 @@ class Search:
 
     def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter) -> None:
         """Name the lights of a frame; the older filter is that which last had enough firm names."""
-        self._clutter = clutter
+        self._clutter, self._seen = clutter, len(lights)
         self._free = [
             light
             for light in lights
@@ -369,7 +369,8 @@ class Search:
     @property
     def _clutter_density(self) -> float:
         """Density of lights that are no markers, per px²."""
-        return CLUTTER_DENSITY if self._clutter.is_about else RARE_CLUTTER * CLUTTER_DENSITY
+        usual = CLUTTER_DENSITY if self._clutter.is_about else RARE_CLUTTER * CLUTTER_DENSITY
+        return max(usual, (self._seen - len(self._markers)) / self.views.shape.lens.area)
 
     def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view."""
