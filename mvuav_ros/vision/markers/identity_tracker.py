@@ -146,10 +146,9 @@ class IdentityTracker:
         if search.faults is not faults:
             self._body = search.faults, memory
             memory.start_afresh()
-        newest = max(marker.last_seen for marker in memory.markers)
-        if not search.found and frame.time - newest > frame.parameters.lost_timeout:
+        if frame.time - self._last_told > frame.parameters.lost_timeout:
             # A body wholly in view may be far from where it was lost.
-            if frame.time - newest > GIVEN_UP:
+            if frame.time - self._last_told > GIVEN_UP:
                 self._start_again()
             started = self._start(frame)
             if started.named or self._body is None:
@@ -227,6 +226,8 @@ class IdentityTracker:
             hidden = {*hidden, *memory.untrusted}
         if hidden:
             spots = {index: spot for index, spot in spots.items() if index not in hidden}
+        if spots:
+            self._last_told = frame.time
         earliest = frame.time - frame.parameters.lost_timeout
         rows = zip(self._labels, memory.predictor.motions(), memory.markers, strict=True)
         markers, detected = [], MarkerState.DETECTED

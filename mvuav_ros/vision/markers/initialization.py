@@ -512,7 +512,7 @@ class Attempts:
 
     def due(self, lights: int) -> bool:
         """Whether to try in this frame: another number of lights may be what was waited for."""
-        is_due = self._rest == 0 or lights != self._lights
+        is_due = self._rest == 0 or (lights != self._lights and lights <= MAX_NAMED)
         self._rest, self._lights = max(self._rest - 1, 0), lights
         return is_due
 

@@ -14,6 +14,7 @@ from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.initialization import (
     CLUTTER_DENSITY,
+    MAX_AT_START,
     MISSED_COST,
     Prior,
     body_hypotheses,
@@ -23,7 +24,6 @@ from mvuav_ros.vision.markers.lights import Light, are_close, candidates, places
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
-from mvuav_ros.vision.rig import MAX_NAMED
 
 GATE = FAULTS.gate  # Squared distance over variance at which a light is too far from a place
 GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
@@ -378,7 +378,7 @@ class Search:
         lights = candidates(every, count)
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         holds = is_firm or (self.found and count > FAULTS.min_firm)
-        if len(lights) > MAX_NAMED or (holds and len(lights) <= len(self.found)):
+        if len(lights) > MAX_AT_START or (holds and len(lights) <= len(self.found)):
             return
         prior = Prior.of(older, JOLT)
         fewest = min(count, max(count - MAX_HIDDEN, prior.fewest))
