@@ -389,9 +389,9 @@ def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[
     spots, every = (some[:MAX_AT_START] for some in (candidates(lights, count), by_size(lights)))
     if len(spots) < fewest_at_start(shape):
         return Named(remark=f'{len(spots)} of {count} markers in view')
-    named = _whole(shape, spots, names)
+    named = _whole(shape, spots, names) if len(spots) <= MAX_NAMED else None
     # A body's lights may be far smaller than letters, and than lamps nearer by.
-    if named is None and len(every) > len(spots):
+    if named is None and len(every) > min(len(spots), MAX_NAMED):
         named = _whole(shape, every, names)
     if named is None and len(spots) <= MAX_WITH_HIDDEN:
         named = _with_hidden(shape, spots)

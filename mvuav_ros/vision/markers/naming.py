@@ -24,6 +24,7 @@ from mvuav_ros.vision.markers.lights import Light, are_close, candidates, places
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
+from mvuav_ros.vision.rig import MAX_NAMED
 
 GATE = FAULTS.gate  # Squared distance over variance at which a light is too far from a place
 GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
@@ -354,6 +355,8 @@ class Search:
         if self._clutter.is_about and not may_be_none:
             density *= KNOWN_CLUTTER
         prior, fewest = Prior.of(self.views), MIN_REACQUIRED[may_be_none]
+        if self._seen > MAX_NAMED:
+            fewest = FAULTS.min_agreeing
         again = reacquire(self.views.shape, prior, new, self._appearance_cost, density, fewest)
         if again is None:
             return
