@@ -507,12 +507,15 @@ class Attempts:
     last: Mapping[int, Light] = field(default_factory=dict)  # its markers in the last one
     _rest: int = 0  # frames until the next attempt
     _lights: int = 0
+    _came: bool = False  # whether there were others in the frame before
+    _is_flicker: bool = False  # the same, of the first frame of those in a row
     _first_residual: float = 0.0
     _is_odd: bool = False  # whether one of the lights may well have been another one meanwhile
 
     def due(self, lights: int) -> bool:
         """Whether to try in this frame: another number of lights may be what was waited for."""
         is_due = self._rest == 0 or (lights != self._lights and lights <= MAX_NAMED)
+        self._came = 0 < self._lights != lights
         self._rest, self._lights = max(self._rest - 1, 0), lights
         return is_due
 
@@ -523,7 +526,9 @@ class Attempts:
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""
         is_odd = self._is_odd or (self.was_wrong and not named.fits)
-        return self.agreed >= (CONFIRMED_ODD if is_odd else named.frames)
+        # What comes and goes may well look like a body for one frame.
+        frames = max(named.frames, CONFIRMED if self._is_flicker else 1)
+        return self.agreed >= (CONFIRMED_ODD if is_odd else frames)
 
     def succeed(self, named: Named) -> bool:
         """Take a way of naming them; whether it is that of the last attempt."""
@@ -539,6 +544,7 @@ class Attempts:
             self.agreed += 1
         else:
             self.agreed, self._first_residual = 1, named.view.rms_residual
+            self._is_flicker = self._came
         self.last = named.lights
         return alike
 
