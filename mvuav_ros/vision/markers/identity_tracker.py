@@ -106,7 +106,7 @@ class IdentityTracker:
         if not self._attempts.succeed(named):
             # Another way of naming the same lights than a frame ago: neither can be believed.
             return self._nothing('the markers were named in two ways')
-        if not self._attempts.confirmed(named):
+        if not self._attempts.confirmed(named, self._lens.focal is not None):
             return self._nothing(f'{seen} lights in view, not yet certain')
         self._start_again(self._attempts.was_wrong)
         memory = MarkerMemory(frame.time, named.lights, self._count, self._is_redundant)

@@ -408,10 +408,11 @@ def _whole(shape: WeakPerspective, spots: Sequence[Light], names: Sequence[str])
         limit = LONE_RESIDUAL * best.view.scale if free else exact
         is_sure, is_strict = best.evidence > SURE_AT_START, _is_strict(best.view)
         are_many = len(spots) > MAX_NAMED
-        must_be_sure = not alone and (are_many or shape.lens.focal is None)
-        if best.view.rms_residual <= max(limit, exact) and (
-            (is_sure and (is_strict or not are_many)) or not must_be_sure
-        ):
+        if are_many:
+            is_probable = is_sure and is_strict
+        else:
+            is_probable = alone or shape.lens.focal is not None or is_sure or is_strict
+        if best.view.rms_residual <= max(limit, exact) and is_probable:
             frames = 1 if alone or (is_sure and not are_many) else CONFIRMED
             if not (free or is_strict):
                 frames = CONFIRMED_ODD
@@ -523,11 +524,12 @@ class Attempts:
         """No way of naming the lights stood out."""
         self.agreed, self.last, self._rest = 0, {}, RESTED
 
-    def confirmed(self, named: Named) -> bool:
+    def confirmed(self, named: Named, is_calibrated: bool) -> bool:
         """Whether enough frames in a row have named the body alike."""
         is_odd = self._is_odd or (self.was_wrong and not named.fits)
-        # What comes and goes may well look like a body for one frame.
-        frames = max(named.frames, CONFIRMED if self._is_flicker else 1)
+        # Any lens will do: what comes and goes may well look like a body for one frame.
+        is_chance = self._is_flicker and not is_calibrated
+        frames = max(named.frames, CONFIRMED if is_chance else 1)
         return self.agreed >= (CONFIRMED_ODD if is_odd else frames)
 
     def succeed(self, named: Named) -> bool:

@@ -448,7 +448,7 @@ def test_a_body_that_a_ghost_completes_is_not_believed_while_its_residual_change
 
 
 def test_a_body_that_was_named_wrongly_is_named_afresh(monkeypatch):
-    monkeypatch.setattr(Attempts, 'confirmed', lambda attempts, named: attempts.agreed >= 3)
+    monkeypatch.setattr(Attempts, 'confirmed', lambda attempts, named, calibrated: attempts.agreed >= 3)
     score, named = fly_scene('glare', 57004, 75)
     assert score.wrong, 'it begins upside down'
     assert max(score.wrong) < 50
