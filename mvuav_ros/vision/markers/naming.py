@@ -373,7 +373,7 @@ class Search:
     def _clutter_density(self) -> float:
         """Density of lights that are no markers, per px²."""
         usual = CLUTTER_DENSITY if self._clutter.is_about else RARE_CLUTTER * CLUTTER_DENSITY
-        return max(usual, (self._seen - len(self._markers)) / self.views.shape.lens.area)
+        return max(usual, (self._seen - MAX_NAMED) / self.views.shape.lens.area)
 
     def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view."""
