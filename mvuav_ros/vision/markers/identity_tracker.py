@@ -99,7 +99,7 @@ class IdentityTracker:
             return self._nothing(f'{seen} lights in view, {self._count} do not stand out')
         if seen < fewest_at_start(self._shape):
             return self._nothing(f'{seen} of {self._count} markers in view')
-        named = initialize(self._shape, lights, self._rig.names)
+        named = initialize(self._shape, lights, self._rig.names, self._attempts.failed)
         if named.view is None:
             self._attempts.fail()
             return self._nothing(named.remark)

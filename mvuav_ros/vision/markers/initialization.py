@@ -383,16 +383,23 @@ def fewest_at_start(shape: WeakPerspective) -> int:
     return count - (shape.lens.focal is not None and count > MIN_WITH_HIDDEN)
 
 
-def initialize(shape: WeakPerspective, lights: Sequence[Light], names: Sequence[str]) -> Named:
-    """Name a whole body of which nothing is known; how exact its rig is must be seen."""
+def initialize(
+    shape: WeakPerspective, lights: Sequence[Light], names: Sequence[str], turn: int = 0
+) -> Named:
+    """Name a whole body of which nothing is known; how exact its rig is must be seen.
+
+    Among very many lights it is looked for by size, some in each turn.
+    """
     count = len(names)
-    spots, every = (some[:MAX_AT_START] for some in (candidates(lights, count), by_size(lights)))
+    spots, every = candidates(lights, count), by_size(lights)
     if len(spots) < fewest_at_start(shape):
         return Named(remark=f'{len(spots)} of {count} markers in view')
     named = _whole(shape, spots, names) if len(spots) <= MAX_NAMED else None
     # A body's lights may be far smaller than letters, and than lamps nearer by.
     if named is None and len(every) > min(len(spots), MAX_NAMED):
-        named = _whole(shape, every, names)
+        step = MAX_AT_START // 2
+        first = step * (turn % max(1, math.ceil(len(every) / step) - 1))
+        named = _whole(shape, every[first : first + MAX_AT_START], names)
     if named is None and len(spots) <= MAX_WITH_HIDDEN:
         named = _with_hidden(shape, spots)
     return named or Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
@@ -506,6 +513,7 @@ class Attempts:
     was_wrong: bool = False
     agreed: int = 0  # frames in a row that named the body alike
     last: Mapping[int, Light] = field(default_factory=dict)  # its markers in the last one
+    failed: int = 0  # attempts
     _rest: int = 0  # frames until the next attempt
     _lights: int = 0
     _came: bool = False  # whether there were others in the frame before
@@ -523,6 +531,7 @@ class Attempts:
     def fail(self) -> None:
         """No way of naming the lights stood out."""
         self.agreed, self.last, self._rest = 0, {}, RESTED
+        self.failed += 1
 
     def confirmed(self, named: Named, is_calibrated: bool) -> bool:
         """Whether enough frames in a row have named the body alike."""
