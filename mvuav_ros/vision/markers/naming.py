@@ -384,7 +384,9 @@ class Search:
         if len(lights) > MAX_AT_START or (holds and len(lights) <= len(self.found)):
             return
         prior = Prior.of(older, JOLT)
-        fewest = min(count, max(count - MAX_HIDDEN, prior.fewest))
+        # All of them among many lights: to look for others as well would stall the stream.
+        hidden = MAX_HIDDEN if len(lights) <= MAX_NAMED else 0
+        fewest = min(count, max(count - hidden, prior.fewest))
         if is_firm:
             fewest = max(fewest, len(self.found))
         again = reacquire(
