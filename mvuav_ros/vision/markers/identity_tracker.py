@@ -116,6 +116,7 @@ class IdentityTracker:
             shape = shape.with_offsets(named.view, np.array(list(places.values())))
         self._body = FaultDetector(ViewFilter(shape, named.view, frame.time)), memory
         self._is_sure = True  # whether four firm names agreed in the newest frame
+        self._last_named = frame.time  # of the last frame with a name
         spots = {index: light.seen for index, light in named.lights.items()}
         return self._result(frame, memory, spots, remark=named.remark)
 
@@ -146,9 +147,9 @@ class IdentityTracker:
         if search.faults is not faults:
             self._body = search.faults, memory
             memory.start_afresh()
-        if frame.time - self._last_told > frame.parameters.lost_timeout:
+        if frame.time - self._last_named > frame.parameters.lost_timeout:
             # A body wholly in view may be far from where it was lost.
-            if frame.time - self._last_told > GIVEN_UP:
+            if frame.time - self._last_named > GIVEN_UP:
                 self._start_again()
             started = self._start(frame)
             if started.named or self._body is None:
@@ -227,7 +228,7 @@ class IdentityTracker:
         if hidden:
             spots = {index: spot for index, spot in spots.items() if index not in hidden}
         if spots:
-            self._last_told = frame.time
+            self._last_named = frame.time
         earliest = frame.time - frame.parameters.lost_timeout
         rows = zip(self._labels, memory.predictor.motions(), memory.markers, strict=True)
         markers, detected = [], MarkerState.DETECTED

@@ -415,11 +415,12 @@ def _whole(shape: WeakPerspective, spots: Sequence[Light], names: Sequence[str])
         limit = LONE_RESIDUAL * best.view.scale if free else exact
         is_sure, is_strict = best.evidence > SURE_AT_START, _is_strict(best.view)
         are_many = len(spots) > MAX_NAMED
+        # Of many lights, or through a lens that may be any, some five nearly look like the body.
         if are_many:
-            is_probable = is_sure and is_strict
+            is_like = is_sure and is_strict
         else:
-            is_probable = alone or shape.lens.focal is not None or is_sure or is_strict
-        if best.view.rms_residual <= max(limit, exact) and is_probable:
+            is_like = alone or shape.lens.focal is not None or is_sure or is_strict
+        if is_like and best.view.rms_residual <= max(limit, exact):
             frames = 1 if alone or (is_sure and not are_many) else CONFIRMED
             if not (free or is_strict):
                 frames = CONFIRMED_ODD

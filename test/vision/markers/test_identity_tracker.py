@@ -448,7 +448,7 @@ def test_a_body_that_a_ghost_completes_is_not_believed_while_its_residual_change
 
 
 def test_a_body_that_was_named_wrongly_is_named_afresh(monkeypatch):
-    monkeypatch.setattr(Attempts, 'confirmed', lambda attempts, named, calibrated: attempts.agreed >= 3)
+    monkeypatch.setattr(Attempts, 'confirmed', lambda attempts, *_: attempts.agreed >= 3)
     score, named = fly_scene('glare', 57004, 75)
     assert score.wrong, 'it begins upside down'
     assert max(score.wrong) < 50
@@ -542,6 +542,67 @@ def test_a_smaller_body_with_smaller_lights_is_a_flare(share, roll_deg, radius, 
     assert len(results[-1].named) == named
     for marker in results[-1].named:
         assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=0.3)
+
+
+def far_lights(step, count=24):
+    """Lights of a city beyond the body, (count, 2) px, as the camera pans."""
+    places = np.random.default_rng(5).uniform((-80.0, 250.0), (640.0, 470.0), (count, 2))
+    return places + np.array((3.0 * step, math.sin(0.3 * step)))
+
+
+@pytest.mark.parametrize('camera', [CAMERA, None])
+def test_a_body_begins_and_is_found_again_among_the_lights_of_a_city(camera):
+    tracker = MarkerTracker()
+    tracker.set_camera(camera)
+    for step in range(60):
+        is_away = 20 <= step < 40
+        body = tanker_before(CAMERA, (-30.0 + step, -15.0, 170.0), 5.0 + 0.5 * step)
+        city = [place for place in far_lights(step) if np.hypot(*(body - place).T).min() > 12.0]
+        image = draw(city, radius=2)
+        if not is_away:
+            image = np.maximum(image, draw(body, radius=3))
+        result = tracker.process(Image(image, 'mono8'), step * 33_000_000)
+        if 10 <= step < 20 or step >= 50:
+            assert len(result.named) == 5, (step, result.status)
+        for marker in result.named:
+            assert not is_away
+            assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=1.0)
+
+
+@pytest.mark.parametrize('camera', [CAMERA, None])
+def test_the_lights_of_a_city_are_no_body(camera):
+    for count in (14, 24, 40):
+        tracker = MarkerTracker()
+        tracker.set_camera(camera)
+        for step in range(40):
+            image = Image(draw(far_lights(step, count), radius=2), 'mono8')
+            assert not tracker.process(image, step * 33_000_000).named
+
+
+@pytest.mark.parametrize('size', [0.5, 1.2])
+def test_a_body_begins_under_text_that_is_drawn_into_the_picture(size):
+    """Letters are more, and may be far larger than the lights."""
+    tracker = MarkerTracker()
+    tracker.set_camera(CAMERA)
+    for step in range(30):
+        body = tanker_before(CAMERA, (-30.0 + step, 15.0, 170.0 - step), 5.0 + step)
+        image = draw(body, radius=2)
+        lines = [f'00:10:{step:05.2f} REC 39.6403 N', '79.9559 W', 'ALT 1203.6 m SPD 61 kt 98 %']
+        for line, y in zip(lines, (40, 80, 460), strict=True):
+            cv2.putText(image, line, (10, y), cv2.FONT_HERSHEY_SIMPLEX, size, 255, 2)
+        result = tracker.process(Image(image, 'mono8'), step * 33_000_000)
+        assert len(result.named) == 5 or step < 15
+        for marker in result.named:
+            assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=1.0)
+
+
+def test_glints_of_one_frame_are_no_body_without_a_calibration():
+    """Five that look like it come in the frame after two others: three frames must show a body."""
+    tracker = MarkerTracker()
+    body = tanker_before(CAMERA, (-30.0, 15.0, 170.0))
+    for step, shown in enumerate((2, 4, 5, 3, 0, 2, 5, 5)):
+        result = tracker.process(Image(draw(body[:shown]), 'mono8'), step * 33_000_000)
+        assert len(result.named) == (5 if step == 7 else 0)
 
 
 def test_names_are_told_with_their_probability():
