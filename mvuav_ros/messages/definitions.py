@@ -127,32 +127,39 @@ def _check_sizes(types: dict[str, Any]) -> None:
     A type that holds itself, or thousands of others, or a sequence of nothing would keep the
     generated converters busy forever.
     """
-    min_count: dict[str, int] = {}  # values that a message of the type holds at least
+    counts = _MinCounts(types)
+    for name in types:
+        if counts.of_type(name) > _MAX_NUMBERS:
+            raise ValueError(f'{name} is too complex')
 
-    def of_type(name: str, depth: int = 1) -> int:
-        if name not in min_count:
+
+class _MinCounts:
+    """How many values a message of each type holds at least."""
+
+    def __init__(self, types: dict[str, Any]) -> None:
+        self._types, self._known = types, dict[str, int]()
+
+    def of_type(self, name: str, depth: int = 1) -> int:
+        if name not in self._known:
             if depth > _MAX_DEPTH:
                 raise ValueError(f'{name} contains itself, or is nested too deeply')
-            min_count[name] = sum(of_field(field, depth) for _, field in types[name][1])
-        return min_count[name]
+            fields = self._types[name][1]
+            self._known[name] = sum(self._of_field(field, depth) for _, field in fields)
+        return self._known[name]
 
-    def of_field(field: Any, depth: int) -> int:
+    def _of_field(self, field: Any, depth: int) -> int:
         kind, content = field
         if kind == Nodetype.BASE:
             return 1
         if kind == Nodetype.NAME:
-            return of_type(content, depth + 1)
+            return self.of_type(content, depth + 1)
         item, count = content
         if item[0] == Nodetype.BASE and item[1][0] != 'string':
             return 1
-        least = of_field(item, depth)
+        least = self._of_field(item, depth)
         if least == 0:
             raise ValueError('a sequence of empty elements')
         return least * count if kind == Nodetype.ARRAY else 1
-
-    for name in types:
-        if of_type(name) > _MAX_NUMBERS:
-            raise ValueError(f'{name} is too complex')
 
 
 def decode_message(type_name: str, data: bytes | memoryview) -> Any:

@@ -441,15 +441,18 @@ class VideoDecoder:
                 if data is not None:
                     yield from self._break_off()
                 return
-            waiting = self._waiting.pop(frame.pts or 0, None)
-            if waiting is None or not waiting[1]:
-                continue
-            packet = waiting[0]
-            try:
-                yield Frame(packet.stamp_ns, packet.frame_id, upright(frame))
-            except (OSError, ValueError, MemoryError) as error:
-                reason = f'{frame.width} x {frame.height} pixels: {error}'
-                yield BadFrame(packet.stamp_ns, reason)
+            yield from self._decoded(frame)
+
+    def _decoded(self, frame: Any) -> Iterator[Frame | BadFrame]:
+        """A frame that came out, if the one who gave its packet wants it."""
+        packet, wanted = self._waiting.pop(frame.pts or 0, (None, False))
+        if packet is None or not wanted:
+            return
+        try:
+            yield Frame(packet.stamp_ns, packet.frame_id, upright(frame))
+        except (OSError, ValueError, MemoryError) as error:
+            reason = f'{frame.width} x {frame.height} pixels: {error}'
+            yield BadFrame(packet.stamp_ns, reason)
 
     def _unusable(self, number: int, reason: str = _NOT_DECODED) -> Iterator[BadFrame]:
         packet, wanted = self._waiting.pop(number)

@@ -155,12 +155,7 @@ def check(
         body = load_rig(file)
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
-    words = f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across'
-    if len(body.names) == MIN_MARKERS:
-        words += ': names, but no pose, which takes four'
-    elif len(body.names) > MIN_MARKERS and dimensions(body) < 3:
-        words += ', all in one plane: the tilt is ambiguous'
-    say(words)
+    say(_kind(body))
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
@@ -175,6 +170,19 @@ def check(
             _say_exchanges(body, camera, in_view[0])
     if doubts:
         raise typer.Exit(1)
+
+
+def _kind(body: MarkerRig) -> str:
+    """A rig's size, and how much of a pose it can have."""
+    from mvuav_ros.vision.reprojection import MIN_MARKERS
+    from mvuav_ros.vision.rig_examination import dimensions
+
+    words = f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across'
+    if len(body.names) == MIN_MARKERS:
+        return f'{words}: names, but no pose, which takes four'
+    if len(body.names) > MIN_MARKERS and dimensions(body) < 3:
+        return f'{words}, all in one plane: the tilt is ambiguous'
+    return words
 
 
 def _say_errors(errors: Iterable[PoseError]) -> None:
