@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -255,6 +256,13 @@ def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:
     writer.text(kind)
     writer.octets(data)
     return writer.message()
+
+
+def serialize_jpeg(image: Image, header: bytes, quality: int = 95) -> bytes:
+    """An image as a JPEG in a serialized sensor_msgs/CompressedImage behind a `cdr_header`."""
+    pixels = image.pixels if image.encoding in ('mono8', '8UC1') else image.bgr()
+    _, data = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return serialize_compressed_image('jpeg', data.tobytes(), header)
 
 
 OPTICAL_FRAME = 'camera_optical_frame'

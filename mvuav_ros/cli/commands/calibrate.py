@@ -17,6 +17,7 @@ from mvuav_ros.cli.options import (
     ImageTopic,
     Param,
     ParamsFile,
+    parse_pair,
     refuse_to_overwrite,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
@@ -89,11 +90,9 @@ def calibrate(
     from mvuav_ros.vision.camera import CalibrationError
     from mvuav_ros.vision.camera_calibration import TOO_MUCH, TUNING
 
-    columns, _, rows = board.lower().partition('x')
-    if not (columns.isdecimal() and rows.isdecimal()):
-        raise ParameterError('--board', f'write columns x rows, as in 9x6, not {board!r}')
+    corners = parse_pair('--board', board, 'columns x rows, as in 9x6')
     try:
-        printed = Board(int(columns), int(rows), square, charuco or '', marker)
+        printed = Board(*corners, square, charuco or '', marker)
     except BoardError as error:
         raise ParameterError('--board, --square, --charuco, --marker', str(error)) from error
     report = _report_folder(report, output, force, source)
@@ -105,7 +104,7 @@ def calibrate(
     except CalibrationError as error:
         raise SourceError(f'{images.name}: {error}') from error
     save_calibration(found.camera, output, name)
-    write_report(work.report_of(images.name, printed, search, chosen, found), report)
+    page = write_report(work.report_of(images.name, printed, search, chosen, found), report)
     say(
         f'{search.frames} frames, board found in {len(search.views)} of {search.searched} looked '
         f'at, {found.used.sum()} views used'
@@ -115,7 +114,7 @@ def calibrate(
     for what, value, deviation, unit in work.describe(found):
         say(f'{what} {value:.6g} ± {deviation:.2g} {unit}'.rstrip())
     say(work.extent([search.views[i] for i in chosen], found))
-    say(output, report / 'index.html')
+    say(output, page)
 
 
 rig = typer.Typer(help='Examine and calibrate marker rigs.', no_args_is_help=True)
@@ -268,7 +267,7 @@ def calibrate_rig(
             raise SourceError(f'{flight.name}: {error}') from error
     found = made.found
     write_whole(output, rig_text(made.rig, found.deviations))
-    write_report(work.report_of(flight.name, made), report)
+    page = write_report(work.report_of(flight.name, made), report)
     say(
         f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
         f'detections fit, noise {found.noise:.2f} px',
@@ -285,7 +284,7 @@ def calibrate_rig(
             f'the scale is that of the rough rig, known to {100 * found.scale_deviation:.2g} %; '
             'a measured --distance is better'
         )
-    say(output, report / 'index.html')
+    say(output, page)
 
 
 def _report_folder(

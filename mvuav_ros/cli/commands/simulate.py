@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
-from mvuav_ros.cli.options import Force, refuse_to_overwrite, take_options
+from mvuav_ros.cli.options import Force, parse_pair, refuse_to_overwrite, take_options
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
+from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 
@@ -33,7 +33,7 @@ def _command(kind: str, settings: type[ParameterSet]) -> Callable[..., None]:
         **given: Any,
     ) -> None:
         if size:
-            given['width'], given['height'] = _parse_size(size)
+            given['width'], given['height'] = parse_pair('--size', size, 'WxH, as in 640x480')
         _write(kind, given, output, force)
 
     options = {}
@@ -48,13 +48,6 @@ def _command(kind: str, settings: type[ParameterSet]) -> Callable[..., None]:
 
 simulate.command('tanker')(_command('tanker', TankerSettings))
 simulate.command('runway')(_command('runway', RunwaySettings))
-
-
-def _parse_size(text: str) -> tuple[int, int]:
-    width, sign, height = text.lower().partition('x')
-    if not (sign and width.isdecimal() and height.isdecimal()):
-        raise ParameterError('--size', f'write WxH, as in 640x480, not {text!r}')
-    return int(width), int(height)
 
 
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
