@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.cdr import CdrReader, CdrWriter, stamp_ns_in
+from mvuav_ros.messages.cdr import STAMP_END, STAMP_START, CdrReader, CdrWriter, stamp_ns_in
 from mvuav_ros.messages.h264_gaps import PictureNumbers
 from mvuav_ros.messages.image_files import (
     MAX_PIXELS,
@@ -268,7 +268,6 @@ def serialize_jpeg(image: Image, header: bytes, quality: int = 95) -> bytes:
 OPTICAL_FRAME = 'camera_optical_frame'
 """Frame of images whose source names none (REP-103: x right, y down, z ahead)."""
 
-_STAMP_START, _STAMP_END = 4, 12
 _NANOSECONDS, _NANOSECONDS_START = struct.Struct('<I'), 8
 _NS = 1_000_000_000
 # A frame may come out behind so many others, by the standards of H.264 and H.265.
@@ -343,8 +342,8 @@ class ImageDecoder:
         if (
             known is not None
             and len(message) == known.size
-            and message[:_STAMP_START] == known.encapsulation
-            and message[_STAMP_END : _STAMP_END + len(known.fields)] == known.fields
+            and message[:STAMP_START] == known.encapsulation
+            and message[STAMP_END : STAMP_END + len(known.fields)] == known.fields
             and _NANOSECONDS.unpack_from(message, _NANOSECONDS_START)[0] < _NS
         ):
             return known.frame_id, known.image(message)
@@ -363,7 +362,7 @@ class ImageDecoder:
                 return Image(np.ndarray(shape, dtype, message, start, strides), image.encoding)
 
             head = bytes(message[:start])
-            known = len(message), head[:_STAMP_START], head[_STAMP_END:], view.frame_id
+            known = len(message), head[:STAMP_START], head[STAMP_END:], view.frame_id
             self._layout = _Layout(*known, image_in)
         return view.frame_id, image
 

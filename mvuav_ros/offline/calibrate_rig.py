@@ -22,6 +22,7 @@ from mvuav_ros.vision.rig_calibration import (
     RigCalibration,
     RigCalibrationError,
     calibrate_rig,
+    refuse_few_lights,
 )
 
 _MAX_PASSES = 4
@@ -70,11 +71,7 @@ def calibrate_from(
     """
     if source.live:
         raise SourceError(f'{source.name}: record the flight first; it is read several times')
-    if len(rough.names) < MIN_LIGHTS:
-        raise RigCalibrationError(
-            f'{len(rough.names)} lights are too few: an image with {MIN_LIGHTS} tells more than '
-            'its own pose'
-        )
+    refuse_few_lights(len(rough.names))
     between = None if distance is None else _between(rough, *distance)
     rig, before, best = rough, 0.0, None
     for number in range(1, _MAX_PASSES + 1):

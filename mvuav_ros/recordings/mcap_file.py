@@ -305,16 +305,12 @@ class McapFile(RecordingFile):
 
 
 class _SaidByFiles:
-    """What the summaries of a file, or of several that were joined, say of their messages.
-
-    Attributes:
-        in_summary: whether the data of the newest file have ended.
-        newest: its number of messages; None if it has not said so.
-    """
+    """What the summaries of a file, or of several that were joined, say of their messages."""
 
     def __init__(self) -> None:
-        self.in_summary = self._is_closed = False
-        self.newest: int | None = None
+        self.in_summary = False  # whether the data of the newest file have ended
+        self.newest: int | None = None  # its number of messages; None if it has not said so
+        self._is_closed = False
         self._counts: list[int | None] = []
 
     def begin(self) -> None:

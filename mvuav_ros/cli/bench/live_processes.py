@@ -22,7 +22,7 @@ from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.cli.bench.live import FLOOR
 from mvuav_ros.cli.bench.scenes import FRAMES, lights_above_runway
-from mvuav_ros.messages.cdr import cdr_header, stamp_ns_in
+from mvuav_ros.messages.cdr import STAMP_END, STAMP_START, cdr_header, stamp_ns_in
 from mvuav_ros.messages.images import serialize_image, serialize_jpeg
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes.publishing import as_encoding
@@ -35,14 +35,13 @@ _RESULT_BYTES = 400
 """Of the rows of five markers."""
 WARM_UP = 1.0
 """Seconds of images before those that count."""
-_STAMP_AT = 4
 _STREAMS = {'raw': (RosImage, 'image_raw'), 'compressed': (CompressedImage, 'image_raw/compressed')}
 """Type and topic of the images by transport."""
 
 
 def _stamped(message: bytes, stamp_ns: int) -> bytes:
     stamp = struct.pack('<iI', *divmod(stamp_ns, 1_000_000_000))
-    return b''.join((message[:_STAMP_AT], stamp, memoryview(message)[_STAMP_AT + 8 :]))
+    return b''.join((message[:STAMP_START], stamp, memoryview(message)[STAMP_END:]))
 
 
 def floor(transport: str) -> None:
@@ -126,8 +125,7 @@ def _publish(node: Any, given: dict[str, Any]) -> list[int]:
 
 
 def _keep_arrival(answers: dict[int, int], message: bytes) -> None:
-    now = time.time_ns()
-    answers[stamp_ns_in(message)] = now
+    answers[stamp_ns_in(message)] = time.time_ns()  # taken before the stamp is read
 
 
 def _keep_status(newest: dict[str, dict[str, str]], message: DiagnosticArray) -> None:

@@ -36,13 +36,8 @@ ReportFolder = Annotated[
 ]
 
 
-class LensModel(StrEnum):
-    """Of ``--model``; typer 0.9, which a robot has, knows no ``Literal``."""
-
-    AUTO = 'auto'
-    PLUMB_BOB = 'plumb_bob'
-    RATIONAL_POLYNOMIAL = 'rational_polynomial'
-    EQUIDISTANT = 'equidistant'
+# Of ``--model``; typer 0.9, which a robot has, knows no ``Literal``.
+LensModel = StrEnum('LensModel', ['auto', 'plumb_bob', 'rational_polynomial', 'equidistant'])
 
 
 def calibrate(
@@ -63,7 +58,7 @@ def calibrate(
     model: Annotated[
         LensModel,
         typer.Option(help='Of the lens. auto: the simplest that does best on views kept back.'),
-    ] = LensModel.AUTO,
+    ] = LensModel.auto,
     output: Annotated[Path, typer.Option('--output', '-o', help='Calibration file.')] = Path(
         'camera.yaml'
     ),
@@ -154,7 +149,11 @@ def check(
         body = load_rig(file)
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
-    say(_kind(body))
+    plane = len(body.names) > MIN_MARKERS and dimensions(body) < 3
+    note = ', all in one plane: the tilt is ambiguous' if plane else ''
+    if len(body.names) == MIN_MARKERS:
+        note = ': names, but no pose, which takes four'
+    say(f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across{note}')
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
@@ -169,19 +168,6 @@ def check(
             _say_exchanges(body, camera, in_view[0])
     if doubts:
         raise typer.Exit(1)
-
-
-def _kind(body: MarkerRig) -> str:
-    """A rig's size, and how much of a pose it can have."""
-    from mvuav_ros.vision.reprojection import MIN_MARKERS
-    from mvuav_ros.vision.rig_examination import dimensions
-
-    words = f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across'
-    if len(body.names) == MIN_MARKERS:
-        return f'{words}: names, but no pose, which takes four'
-    if len(body.names) > MIN_MARKERS and dimensions(body) < 3:
-        return f'{words}, all in one plane: the tilt is ambiguous'
-    return words
 
 
 def _say_errors(errors: Iterable[PoseError]) -> None:
