@@ -189,6 +189,14 @@ def describes_run(command: Callable[..., ResultT]) -> Callable[..., ResultT]:
     return command
 
 
+def parse_pair(option: str, text: str, form: str) -> tuple[int, int]:
+    """Two whole numbers with an x between; a `ParameterError` that names the form else."""
+    first, _, second = text.lower().partition('x')
+    if not (first.isdecimal() and second.isdecimal()):
+        raise ParameterError(option, f'write {form}, not {text!r}')
+    return int(first), int(second)
+
+
 def refuse_to_overwrite(
     output: Path | str, force: bool, *, inputs: Iterable[str | Path | None] = ()
 ) -> None:

@@ -26,6 +26,8 @@ _ORDERS = {b'\0\0': '>', b'\0\1': '<', b'\0\6': '>', b'\0\7': '<'}
 """Of numbers, by how plain CDR of version 1 and 2 begins."""
 _LENGTH = struct.Struct('<I')
 _STAMP = struct.Struct('<iI')
+STAMP_START, STAMP_END = len(_ENCAPSULATION), len(_ENCAPSULATION) + _STAMP.size
+"""Where it is in a message that begins with a header, bytes."""
 _STAMPS = {start: struct.Struct(f'{order}iI') for start, order in _ORDERS.items()}
 _SIZES = {'B': 1, 'f': 4, 'i': 4, 'I': 4, 'd': 8, 'Q': 8}
 
@@ -140,7 +142,7 @@ class CdrReader:
     def header(self) -> tuple[int, str]:
         """The stamp (ns) and frame of the std_msgs/Header with which the message begins."""
         stamp_ns = stamp_ns_in(self._view)
-        self._position = len(_ENCAPSULATION) + _STAMP.size
+        self._position = STAMP_END
         return stamp_ns, self.text('frame_id')
 
 
@@ -152,7 +154,7 @@ def stamp_ns_in(message: bytes | memoryview) -> int:
     """
     try:
         # Not by a `CdrReader`, as every image waits for this.
-        sec, nanosec = _STAMPS[bytes(message[:2])].unpack_from(message, len(_ENCAPSULATION))
+        sec, nanosec = _STAMPS[bytes(message[:2])].unpack_from(message, STAMP_START)
     except (KeyError, struct.error):
         raise ImageError(f'{len(message)} bytes are no plain CDR message with a stamp') from None
     if nanosec >= 1_000_000_000:

@@ -127,32 +127,31 @@ def _check_sizes(types: dict[str, Any]) -> None:
     A type that holds itself, or thousands of others, or a sequence of nothing would keep the
     generated converters busy forever.
     """
-    min_count: dict[str, int] = {}  # values that a message of the type holds at least
-
-    def of_type(name: str, depth: int = 1) -> int:
-        if name not in min_count:
-            if depth > _MAX_DEPTH:
-                raise ValueError(f'{name} contains itself, or is nested too deeply')
-            min_count[name] = sum(of_field(field, depth) for _, field in types[name][1])
-        return min_count[name]
-
-    def of_field(field: Any, depth: int) -> int:
-        kind, content = field
-        if kind == Nodetype.BASE:
-            return 1
-        if kind == Nodetype.NAME:
-            return of_type(content, depth + 1)
-        item, count = content
-        if item[0] == Nodetype.BASE and item[1][0] != 'string':
-            return 1
-        least = of_field(item, depth)
-        if least == 0:
-            raise ValueError('a sequence of empty elements')
-        return least * count if kind == Nodetype.ARRAY else 1
-
+    known: dict[str, int] = {}
     for name in types:
-        if of_type(name) > _MAX_NUMBERS:
+        if _min_count((Nodetype.NAME, name), types, known) > _MAX_NUMBERS:
             raise ValueError(f'{name} is too complex')
+
+
+def _min_count(field: Any, types: dict[str, Any], known: dict[str, int], depth: int = 0) -> int:
+    """How many values a field holds at least; ``known`` are those of types by now."""
+    kind, content = field
+    if kind == Nodetype.BASE:
+        return 1
+    if kind == Nodetype.NAME:
+        if content not in known:
+            if depth == _MAX_DEPTH:
+                raise ValueError(f'{content} contains itself, or is nested too deeply')
+            parts = [part for _, part in types[content][1]]
+            known[content] = sum(_min_count(part, types, known, depth + 1) for part in parts)
+        return known[content]
+    item, count = content
+    if item[0] == Nodetype.BASE and item[1][0] != 'string':
+        return 1
+    least = _min_count(item, types, known, depth)
+    if least == 0:
+        raise ValueError('a sequence of empty elements')
+    return least * count if kind == Nodetype.ARRAY else 1
 
 
 def decode_message(type_name: str, data: bytes | memoryview) -> Any:

@@ -36,7 +36,8 @@ class PictureNumbers:
     def follows_loss(self, packet: bytes) -> bool:
         """Whether a picture is missing before this one, the next of the stream."""
         with suppress(ValueError, IndexError):  # it ends too early, and is left to the decoder
-            for unit in _units(packet, self._length_bytes):
+            length = self._length_bytes
+            for unit in _measured_units(packet, length) if length else _units(packet):
                 kind = unit[0] & 0x1F
                 if kind == _PARAMETERS:
                     self._digits = _digits(_Bits(unit[1:_MAX_PARAMETER_BYTES]))
@@ -80,11 +81,8 @@ def groups_needed(codec: str, packet: bytes) -> int:
     return 1 if is_closed else 2 if is_open else 0
 
 
-def _units(packet: bytes, length_bytes: int = 0) -> Iterator[bytes]:
+def _units(packet: bytes) -> Iterator[bytes]:
     """NAL units; of the last one more than its beginning may not be wanted."""
-    if length_bytes:
-        yield from _measured_units(packet, length_bytes)
-        return
     at = packet.find(_START)
     while 0 <= at < len(packet) - len(_START):
         start = at + len(_START)
@@ -157,8 +155,8 @@ def _digits(bits: _Bits) -> int:
 
 
 def _skip_scaling_list(bits: _Bits, size: int) -> None:
-    last = following = 8
+    last = 8
     for _ in range(size):
-        if following:
-            following = (last + bits.signed()) % 256
-        last = following or last
+        last = (last + bits.signed()) % 256
+        if last == 0:
+            return  # the rest repeats the one before

@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.cdr import CdrReader, CdrWriter, stamp_ns_in
+from mvuav_ros.messages.cdr import STAMP_END, STAMP_START, CdrReader, CdrWriter, stamp_ns_in
 from mvuav_ros.messages.h264_gaps import PictureNumbers
 from mvuav_ros.messages.image_files import (
     MAX_PIXELS,
@@ -257,10 +258,16 @@ def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:
     return writer.message()
 
 
+def serialize_jpeg(image: Image, header: bytes, quality: int = 95) -> bytes:
+    """An image as a JPEG in a serialized sensor_msgs/CompressedImage behind a `cdr_header`."""
+    pixels = image.pixels if image.encoding in ('mono8', '8UC1') else image.bgr()
+    _, data = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return serialize_compressed_image('jpeg', data.tobytes(), header)
+
+
 OPTICAL_FRAME = 'camera_optical_frame'
 """Frame of images whose source names none (REP-103: x right, y down, z ahead)."""
 
-_STAMP_START, _STAMP_END = 4, 12
 _NANOSECONDS, _NANOSECONDS_START = struct.Struct('<I'), 8
 _NS = 1_000_000_000
 # A frame may come out behind so many others, by the standards of H.264 and H.265.
@@ -335,8 +342,8 @@ class ImageDecoder:
         if (
             known is not None
             and len(message) == known.size
-            and message[:_STAMP_START] == known.encapsulation
-            and message[_STAMP_END : _STAMP_END + len(known.fields)] == known.fields
+            and message[:STAMP_START] == known.encapsulation
+            and message[STAMP_END : STAMP_END + len(known.fields)] == known.fields
             and _NANOSECONDS.unpack_from(message, _NANOSECONDS_START)[0] < _NS
         ):
             return known.frame_id, known.image(message)
@@ -355,7 +362,7 @@ class ImageDecoder:
                 return Image(np.ndarray(shape, dtype, message, start, strides), image.encoding)
 
             head = bytes(message[:start])
-            known = len(message), head[:_STAMP_START], head[_STAMP_END:], view.frame_id
+            known = len(message), head[:STAMP_START], head[STAMP_END:], view.frame_id
             self._layout = _Layout(*known, image_in)
         return view.frame_id, image
 
@@ -441,15 +448,18 @@ class VideoDecoder:
                 if data is not None:
                     yield from self._break_off()
                 return
-            waiting = self._waiting.pop(frame.pts or 0, None)
-            if waiting is None or not waiting[1]:
-                continue
-            packet = waiting[0]
-            try:
-                yield Frame(packet.stamp_ns, packet.frame_id, upright(frame))
-            except (OSError, ValueError, MemoryError) as error:
-                reason = f'{frame.width} x {frame.height} pixels: {error}'
-                yield BadFrame(packet.stamp_ns, reason)
+            yield from self._decoded(frame)
+
+    def _decoded(self, frame: Any) -> Iterator[Frame | BadFrame]:
+        """A frame that came out, if the one who gave its packet wants it."""
+        packet, wanted = self._waiting.pop(frame.pts or 0, (None, False))
+        if packet is None or not wanted:
+            return
+        try:
+            yield Frame(packet.stamp_ns, packet.frame_id, upright(frame))
+        except (OSError, ValueError, MemoryError) as error:
+            reason = f'{frame.width} x {frame.height} pixels: {error}'
+            yield BadFrame(packet.stamp_ns, reason)
 
     def _unusable(self, number: int, reason: str = _NOT_DECODED) -> Iterator[BadFrame]:
         packet, wanted = self._waiting.pop(number)

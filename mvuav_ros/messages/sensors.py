@@ -10,7 +10,7 @@ from functools import cache
 from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
-from mvuav_ros.messages.cdr import CdrReader, CdrWriter, stamped_doubles
+from mvuav_ros.messages.cdr import STAMP_END, STAMP_START, CdrReader, CdrWriter, stamped_doubles
 from mvuav_ros.parameters.common_parameters import TRANSPORTS
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
@@ -46,12 +46,7 @@ def topic_beside(image_topic: str, name: str) -> str:
 
 def is_rectified_topic(topic: str) -> bool:
     """Whether a topic's name says that its images are rectified, as image_proc's does."""
-    words = topic.split('/')
-    return any(word.startswith('image_rect') for word in words[-2:])
-
-
-_STAMP_START, _STAMP_END = 4, 12
-"""Of a message that begins with a header."""
+    return any(word.startswith('image_rect') for word in topic.split('/')[-2:])
 
 
 class CameraInfoDecoder:
@@ -76,7 +71,7 @@ class CameraInfoDecoder:
         """
         reader = CdrReader(message)
         stamp_ns = _stamp_ns(reader)
-        others = bytes(message[:_STAMP_START]) + bytes(message[_STAMP_END:])
+        others = bytes(message[:STAMP_START]) + bytes(message[STAMP_END:])
         if self._known is None or self._known[0] != others:
             self._known = others, self._read(reader)
         return stamp_ns, self._known[1]

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from threading import Lock
 from typing import Any
 
-import cv2
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage
@@ -23,8 +22,8 @@ from mvuav_ros.messages.images import (
     Frame,
     ImageDecoder,
     VideoDecoder,
-    serialize_compressed_image,
     serialize_image,
+    serialize_jpeg,
     view_coded_image,
 )
 from mvuav_ros.messages.sensors import CameraInfoDecoder, encode_camera_info
@@ -150,7 +149,7 @@ class FramePublisher:
         if is_heard(self._images):
             self._images.publish(serialize_image(image, header))
         if is_heard(self._compressed):
-            self._compressed.publish(_jpeg(image, header, given.jpeg_quality))
+            self._compressed.publish(serialize_jpeg(image, header, given.jpeg_quality))
         return image
 
     def _publish_info(self, frame: Frame, image: Image, stamp_ns: int, frame_id: str) -> None:
@@ -178,13 +177,6 @@ def as_encoding(image: Image, encoding: str) -> Image:
         return Image(gray if gray.dtype == 'uint8' else (gray >> 8).astype('uint8'), 'mono8')
     bgr = image.bgr()
     return Image(bgr if encoding == 'bgr8' else bgr[:, :, ::-1], encoding)
-
-
-def _jpeg(image: Image, header: bytes, quality: int) -> bytes:
-    gray = image.encoding in ('mono8', '8UC1')
-    pixels = image.pixels if gray else image.bgr()
-    _, data = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return serialize_compressed_image('jpeg', data.tobytes(), header)
 
 
 _MAX_REMEMBERED = 64

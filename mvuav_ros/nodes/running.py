@@ -146,13 +146,7 @@ def run_nodes(names: Sequence[str]) -> int:
         # Before anything starts: a node that fails at once shuts the context down.
         executor = SingleThreadedExecutor()
         nodes = make_nodes()
-        for node in nodes:
-            executor.add_node(node)
-        for node in nodes:
-            node.autostart()
-        for node in nodes:
-            node.siblings = nodes
-            node.report_parameters()
+        _start(nodes, executor)
         freeze_garbage()
         install_signal_handlers()
         if not stop.made:
@@ -161,13 +155,7 @@ def run_nodes(names: Sequence[str]) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         status = 0
     except Exception as error:
-        status = int(not stop.made)
-        if status and not any(node.failed for node in nodes):
-            # rclpy has no exception of its own for this.
-            if not isinstance(error, USERS_MISTAKES) and 'QoS override' not in str(error):
-                raise
-            print(explained(error), file=sys.stderr)
-            status = 2
+        status = 0 if stop.made else _explain(error, nodes)
     finally:
         stop.end(status)
         for node in nodes:
@@ -177,6 +165,27 @@ def run_nodes(names: Sequence[str]) -> int:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
     return status
+
+
+def _start(nodes: Sequence[ManagedNode], executor: SingleThreadedExecutor) -> None:
+    for node in nodes:
+        executor.add_node(node)
+    for node in nodes:
+        node.autostart()
+    for node in nodes:
+        node.siblings = nodes
+        node.report_parameters()
+
+
+def _explain(error: Exception, nodes: Sequence[ManagedNode]) -> int:
+    """The exit status for an error, printed if it is the user's; any other is raised again."""
+    if any(node.failed for node in nodes):
+        return 1
+    # rclpy has no exception of its own for QoS overrides.
+    if not isinstance(error, USERS_MISTAKES) and 'QoS override' not in str(error):
+        raise error
+    print(explained(error), file=sys.stderr)
+    return 2
 
 
 _UNREADABLE = re.compile(r"parse .*: '(?:--params-file|-p) (.*)'\. Error: (.*?), at \S+:\d+")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,13 +15,14 @@ from mvuav_ros.processing.tracking import track
 from mvuav_ros.sources.source import FrameSource, SourceError, nothing_to_read
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.markers.marker_results import named_places
-from mvuav_ros.vision.rig import MarkerRig, Point
+from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.rig_calibration import (
     MIN_LIGHTS,
     MarkerDetections,
     RigCalibration,
     RigCalibrationError,
     calibrate_rig,
+    refuse_few_lights,
 )
 
 _MAX_PASSES = 4
@@ -70,11 +71,7 @@ def calibrate_from(
     """
     if source.live:
         raise SourceError(f'{source.name}: record the flight first; it is read several times')
-    if len(rough.names) < MIN_LIGHTS:
-        raise RigCalibrationError(
-            f'{len(rough.names)} lights are too few: an image with {MIN_LIGHTS} tells more than '
-            'its own pose'
-        )
+    refuse_few_lights(len(rough.names))
     between = None if distance is None else _between(rough, *distance)
     rig, before, best = rough, 0.0, None
     for number in range(1, _MAX_PASSES + 1):
@@ -86,8 +83,7 @@ def calibrate_from(
             break
         before = len(detections.frames)
         found = calibrate_rig(rough.positions, used, detections, between, rough.names)
-        places: list[Point] = [(x, y, z) for x, y, z in found.positions.tolist()]
-        rig = replace(rough, markers=tuple(zip(rough.names, places, strict=True)))
+        rig = rough.moved(found.positions)
         best = CalibratedRig(rig, rough, used, detections, found, frames, number)
     assert best is not None
     return best
@@ -98,8 +94,7 @@ def _signs(
 ) -> str:
     """With which signs of a rig's coordinates its lights are named in a flight, in words."""
     for axes, signs in {'y or z': (1, -1, 1), 'x': (-1, 1, 1), 'x and y': (-1, -1, 1)}.items():
-        places: list[Point] = [(x, y, z) for x, y, z in (rig.positions * signs).tolist()]
-        other = replace(rig, markers=tuple(zip(rig.names, places, strict=True)))
+        other = rig.moved(rig.positions * signs)
         if len(name_lights(source, other, camera, parameters, lambda frames: None)[2].frames):
             return f'they are with the other sign of {axes}; x is forward, y left, z up'
     return 'see mvuav rig check, and the threshold of marker_tracker (--param)'

@@ -18,7 +18,7 @@ import mvuav_ros
 from mvuav_ros.offline.evaluation.metrics import Metric
 from mvuav_ros.offline.processes import ProcessDiedError, Report, TaskProgress, Worker
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
-from mvuav_ros.offline.report import Cell, Column, Table
+from mvuav_ros.offline.report import PAGE, Cell, Column, Table
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
@@ -222,7 +222,7 @@ class RunStore:
     def report(self, name: str) -> Path | None:
         """The page of a run's report."""
         with suppress(NameRefusedError):
-            page = self.folder / checked_name(name) / REPORT / 'index.html'
+            page = self.folder / checked_name(name) / REPORT / PAGE
             return page if page.is_file() else None
         return None
 

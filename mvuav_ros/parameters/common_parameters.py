@@ -52,7 +52,8 @@ class DetectorParameters(ManagedParameters):
     )
 
 
-_at_start = partial(parameter, read_only=True)
+at_start = partial(parameter, read_only=True)
+"""Declare what can be set at the start only."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +65,7 @@ class PosedParameters(ParameterSet):
 
     declared: ClassVar[Mapping[str, Any]]
 
-    publish_tf: str = _at_start(
+    publish_tf: str = at_start(
         'camera_to_body',
         'The pose on /tf, where all of it is known; needs tf2_msgs. camera_to_body: body_frame or '
         'runway_frame as child of the camera, for a camera that hangs in a tree of its own. '
@@ -73,12 +74,12 @@ class PosedParameters(ParameterSet):
         choices=('camera_to_body', 'body_to_camera', 'off'),
         booleans=('off', 'camera_to_body'),
     )
-    camera_frame: str = _at_start(
+    camera_frame: str = at_start(
         '',
         "Name of the camera's optical frame on /tf; empty: the image's own frame_id.",
         is_frame=True,
     )
-    base_frame: str = _at_start(
+    base_frame: str = at_start(
         '',
         "Frame of the vehicle, such as base_link: ~/vision_pose is then the vehicle's pose, by the "
         "camera's mount: camera_mount_xyz and camera_mount_rpy_deg, or if both are 0 /tf_static; "

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
-from mvuav_ros.parameters.common_parameters import ManagedParameters
+from mvuav_ros.parameters.common_parameters import ManagedParameters, at_start
 from mvuav_ros.parameters.declaration import ParameterError, parameter
-
-_at_start = partial(parameter, read_only=True)
 
 
 @dataclass(frozen=True)
 class VideoSourceParameters(ManagedParameters):
     """Where images come from and how they are published."""
 
-    source: str = _at_start(
+    source: str = at_start(
         '0',
         'A camera index or device, a video file, a folder or glob of images, a bag (.mcap, rosbag2 '
         'folder, .db3, ROS 1 .bag), or a synthetic flight (sim:tanker, sim:runway).',
     )
-    bag_topic: str = _at_start('', 'Image topic of a bag; may be empty if the bag has only one.')
+    bag_topic: str = at_start('', 'Image topic of a bag; may be empty if the bag has only one.')
     rate: float = parameter(
         0.0,
         'Frame rate of playback; 0: as given by the stamps of the source.',
@@ -28,27 +25,27 @@ class VideoSourceParameters(ManagedParameters):
         unit='Hz',
     )
     loop: bool = parameter(False, 'Play again from the start at the end.')
-    width: int = _at_start(
+    width: int = at_start(
         0, 'Image width requested from a camera; 0: its default.', (0, 100_000), unit='px'
     )
-    height: int = _at_start(
+    height: int = at_start(
         0, 'Image height requested from a camera; 0: its default.', (0, 100_000), unit='px'
     )
-    fps: float = _at_start(
+    fps: float = at_start(
         0.0, 'Frame rate requested from a camera; 0: its default.', (0.0, 10_000.0), unit='Hz'
     )
-    pixel_format: str = _at_start(
+    pixel_format: str = at_start(
         '',
         'Pixel format requested from a camera, as the four letters of V4L2 (YUYV, MJPG, GREY …); '
         'empty: its default. Images are published as bgr8 or mono8.',
     )
-    exposure_time_absolute: int = _at_start(
+    exposure_time_absolute: int = at_start(
         0,
         'V4L2 control of this name, if the driver has it; 0: unchanged.',
         (0, 1_000_000),
         unit='100 µs',
     )
-    gain: int = _at_start(
+    gain: int = at_start(
         -1, 'V4L2 control of this name, if the driver has it; -1: unchanged.', (-1, 1_000_000)
     )
     encoding: str = parameter(
@@ -67,7 +64,7 @@ class VideoSourceParameters(ManagedParameters):
         "Frame of the published headers; empty: the source's own, or camera_optical_frame.",
         is_frame=True,
     )
-    camera_info_url: str = _at_start(
+    camera_info_url: str = at_start(
         '',
         'Calibration file (YAML of camera_calibration), as a path, a file:// or a package:// URL; '
         'empty: uncalibrated.',
@@ -84,7 +81,7 @@ class VideoSourceParameters(ManagedParameters):
         (1, 100),
         unit='%',
     )
-    wait_for_subscribers: int = _at_start(
+    wait_for_subscribers: int = at_start(
         1,
         'A recording starts only when image_raw has this many subscribers, so that none of its '
         'frames is lost; 0: start at once. A camera never waits.',

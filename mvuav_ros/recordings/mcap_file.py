@@ -145,10 +145,7 @@ class McapFile(RecordingFile):
     ) -> Iterator[StoredMessage]:
         walk = _Records(stream, self)
         self._schema_bytes = 0
-        chunk = ChunkTally()
-        promised: int | None = None
-        totals: list[int | None] = []
-        is_closed = in_summary = False
+        chunk, said = ChunkTally(), _SaidByFiles()
         for span in walk.spans():
             if span.opcode == Opcode.MESSAGE_INDEX:
                 entries = (span.length - 6) // _INDEX_ENTRY_SIZE
@@ -161,46 +158,47 @@ class McapFile(RecordingFile):
             chunk = ChunkTally()
             if span.chunk is not None:
                 chunk.offset = span.body - HEADER.size
-                for opcode, body in self._chunk(walk, span, span.chunk, (first_ns, end_ns), chunk):
-                    if opcode == Opcode.MESSAGE:
-                        chunk.got += 1
-                        yield *MESSAGE_HEADER.unpack_from(body), body[MESSAGE_HEADER.size :]
-                    else:
-                        self._take(opcode, body)
-            elif span.opcode == Opcode.HEADER and span.body > _FIRST_BODY:
-                self.note('joined', 'several, joined in one')
-                # The numbers of the next file mean something else.
-                self._channels.known, self._channels.schemas, self._schema_bytes = {}, {}, 0
-                totals += [] if is_closed else [None]
-                is_closed = in_summary = False
-            elif span.opcode == Opcode.DATA_END:
-                in_summary = True
-            elif span.opcode == Opcode.FOOTER:
-                found = walk.summary(span)
-                totals.append(promised if found is not None and found[1] else None)
-                promised, is_closed = None, True
-            elif span.opcode == Opcode.STATISTICS and span.length < _BLOCK:
-                statistics = _sound(span.opcode, walk.read(span.body, span.length))
-                promised = None if statistics is None else statistics.message_count
-            elif span.opcode in _IN_CHUNK and (alone := self._body(walk, span)) is not None:
-                if span.opcode == Opcode.MESSAGE:
-                    yield *MESSAGE_HEADER.unpack_from(alone), alone[MESSAGE_HEADER.size :]
+                records = self._chunk(walk, span, span.chunk, (first_ns, end_ns), chunk)
+            elif span.opcode in _IN_CHUNK:
+                records = self._alone(walk, span)
+            else:
+                self._follow(walk, span, said)
+                continue
+            for opcode, body in records:
+                if opcode == Opcode.MESSAGE:
+                    chunk.got += 1
+                    yield *MESSAGE_HEADER.unpack_from(body), body[MESSAGE_HEADER.size :]
                 else:
-                    self._take(span.opcode, alone, in_summary=in_summary)
+                    in_summary = said.in_summary and span.chunk is None
+                    self._take(opcode, body, in_summary=in_summary)
         self._end(chunk)
-        totals += [] if is_closed else [None]
-        self._written = None if None in totals else sum(filter(None, totals))
+        self._written = said.messages()
 
-    def _body(self, walk: _Records, span: _Span) -> memoryview | None:
-        """A record that stands in no chunk; None of one that is larger than anybody would write."""
+    def _follow(self, walk: _Records, span: _Span, said: _SaidByFiles) -> None:
+        """Where a file that was joined begins and ends, and what its summary says."""
+        if span.opcode == Opcode.HEADER and span.body > _FIRST_BODY:
+            self.note('joined', 'several, joined in one')
+            # The numbers of the next file mean something else.
+            self._channels.known, self._channels.schemas, self._schema_bytes = {}, {}, 0
+            said.begin()
+        elif span.opcode == Opcode.DATA_END:
+            said.in_summary = True
+        elif span.opcode == Opcode.STATISTICS and span.length < _BLOCK:
+            statistics = _sound(span.opcode, walk.read(span.body, span.length))
+            said.newest = None if statistics is None else statistics.message_count
+        elif span.opcode == Opcode.FOOTER:
+            found = walk.summary(span)
+            said.close(is_intact=found is not None and found[1])
+
+    def _alone(self, walk: _Records, span: _Span) -> Iterator[tuple[int, memoryview]]:
+        """A record that stands in no chunk, unless it is larger than anybody would write."""
         if span.length > SIZE_LIMIT:
             self.lose(span.body, f'record at byte {span.body} skipped: larger than 1 GB', 1)
         elif span.length > _MAX_SCHEMAS and span.opcode in _DEFINITIONS:
             said = f'definition at byte {span.body} skipped: larger than 64 MB'
             self.lose(span.body, said, 0)
         else:
-            return memoryview(walk.read(span.body, span.length))
-        return None
+            yield span.opcode, memoryview(walk.read(span.body, span.length))
 
     def _chunk(
         self,
@@ -304,6 +302,31 @@ class McapFile(RecordingFile):
             topic = TopicInfo(record.topic, kind, None, record.message_encoding, schema, qos)
             self._define(record.id, topic)
         return True
+
+
+class _SaidByFiles:
+    """What the summaries of a file, or of several that were joined, say of their messages."""
+
+    def __init__(self) -> None:
+        self.in_summary = False  # whether the data of the newest file have ended
+        self.newest: int | None = None  # its number of messages; None if it has not said so
+        self._is_closed = False
+        self._counts: list[int | None] = []
+
+    def begin(self) -> None:
+        """The next file begins; one that was not closed has said nothing."""
+        self._counts += [] if self._is_closed else [None]
+        self.in_summary = self._is_closed = False
+
+    def close(self, *, is_intact: bool) -> None:
+        """The newest file ends in a summary, which is believed if it is intact."""
+        self._counts.append(self.newest if is_intact else None)
+        self.newest, self._is_closed = None, True
+
+    def messages(self) -> int | None:
+        """Of all files; None where one has not said so."""
+        self.begin()
+        return None if None in self._counts else sum(filter(None, self._counts))
 
 
 class _ChunkHeader(NamedTuple):

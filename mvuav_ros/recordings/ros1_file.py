@@ -224,24 +224,29 @@ class Ros1File(RecordingFile):
                 'with "rosbag fix"'
             )
         size = stream.seek(0, 2)
-        is_read = self._read_index_records(_reader_of(stream), size)
+        read = _reader_of(stream)
+        start, count = self._index_place(read)
+        is_read = len(_VERSION_LINE) < start <= size and self._read_entries(read, start, count)
         if not is_read:
             self.lose('index', 'not indexed (was the recording cut off?)', 0)
         return is_read
 
-    def _read_index_records(self, read: _Read, size: int) -> bool:
+    def _index_place(self, read: _Read) -> tuple[int, int]:
+        """Where the bag's header says that the index begins, and how many records it has; or 0."""
         record = _record_at(read, len(_VERSION_LINE))
         if record is None or record.kind != RecordType.BAGHEADER:
-            return False
-        if record.header.get('encryptor'):
+            return 0, 0
+        header = record.header
+        if header.get('encryptor'):
             raise RecordingError(f'{self._path} is encrypted; decrypt it with "rosbag decrypt"')
         try:
-            position = record.header.get_uint64('index_pos')
-            left = record.header.get_uint32('conn_count') + record.header.get_uint32('chunk_count')
+            count = header.get_uint32('conn_count') + header.get_uint32('chunk_count')
+            return header.get_uint64('index_pos'), count
         except ReaderError:
-            return False
-        if position > size:
-            return False
+            return 0, 0
+
+    def _read_entries(self, read: _Read, position: int, left: int) -> bool:
+        """Take the index's records; whether all are sound."""
         counts: Counter[int] = Counter()
         for _ in range(left):
             record = _record_at(read, position)
@@ -260,4 +265,4 @@ class Ros1File(RecordingFile):
             position = record.data + record.size
         self._channels.take_counts(counts)
         self._written = counts.total()
-        return position > len(_VERSION_LINE)
+        return True

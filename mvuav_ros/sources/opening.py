@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl
 
-from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
+from mvuav_ros.messages.images import OPTICAL_FRAME, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.parameters.yaml_text import read_yaml
@@ -66,7 +66,7 @@ def open_source(
     if rate is not None and not 0.0 < rate <= 1e9:
         raise SourceError(f'{text}: rate must be above 0 Hz, not {rate}')
     if text.startswith(SIMULATED):
-        return SimulatedFlight(text, rate)
+        return SimulatedFlight(text, planned_flight(text, {} if rate is None else {'fps': rate}))
     if cameras and (text.isdecimal() or text.startswith('/dev/')):
         return Camera(int(text) if text.isdecimal() else text, camera)
     return _stored(text, (topic, imu_topic), rate)
@@ -148,15 +148,15 @@ def _bag(path: Path, topics: _Topics) -> FrameSource:
 class SimulatedFlight(FrameSource):
     """The images of a synthetic flight, with its calibration and, over a runway, its attitude."""
 
-    def __init__(self, text: str, rate: float | None = None) -> None:
-        """Plan a flight as `planned_flight` does; a ``rate``, Hz, counts instead of ``fps``."""
-        self._flight = planned_flight(text, {} if rate is None else {'fps': rate})
-        self.name = text
+    def __init__(self, name: str, flight: TankerFlight | RunwayFlight) -> None:
+        """Take a flight, and its name for people."""
+        self._flight = flight
+        self.name = name
         self.account = Account(self.name)
         self.rate: float | None = self._flight.rate
         self.count: int | None = len(self._flight)
 
-    def frames(self) -> Iterator[Frame | BadFrame]:
+    def frames(self) -> Iterator[Frame]:
         """Fly it from the start."""
         from mvuav_ros.simulation import runway_flight as runway
 

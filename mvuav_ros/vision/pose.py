@@ -175,18 +175,12 @@ class PoseEstimator:
             raise ValueError(f'labels {list(labels)} of a rig of {len(self._points)}')
         # A float would be seconds, of which a caller would never hear.
         time = operator.index(stamp_ns) * 1e-9
-        self._vouched &= frozenset(labels)
-        if len(labels) < MIN_MARKERS:
-            self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
-            return None
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
-        if not math.isfinite(sum(map(sum, image.tolist()))):
-            self.reason = 'the positions of the markers are not finite'
+        self._vouched &= frozenset(labels)
+        self.reason = _why_none(image)
+        if self.reason:
             return None
-        if not 0.0 <= time - self._last_time <= TUNING.holds:
-            self._last = None
-        if time - self._vouched_time > TUNING.holds:
-            self._vouched = frozenset()
+        self._forget(time)
         # Three lights fit a pose wherever they are, so that another light in the place of one of
         # them would not show: they only continue a pose of more.
         if len(labels) == MIN_MARKERS and not (self._last and self._vouched.issuperset(labels)):
@@ -204,6 +198,13 @@ class PoseEstimator:
             # Where two solutions of three lights meet, nothing says which one goes on.
             self._last = None
         return pose
+
+    def _forget(self, time: float) -> None:
+        """What is too old to be continued at a time, s."""
+        if not 0.0 <= time - self._last_time <= TUNING.holds:
+            self._last = None
+        if time - self._vouched_time > TUNING.holds:
+            self._vouched = frozenset()
 
     def _solve(
         self, camera: CameraModel, markers: list[int], image: Array
@@ -281,6 +282,15 @@ class PoseEstimator:
             seen[~camera.shows(places)] = math.nan
         residual = math.sqrt(squares / count)
         return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, residual)
+
+
+def _why_none(image: Array) -> str:
+    """Why markers' places, px, can have no pose whatever they are of; empty if they can."""
+    if len(image) < MIN_MARKERS:
+        return f'{len(image)} markers; a pose needs {MIN_MARKERS}'
+    if not math.isfinite(sum(map(sum, image.tolist()))):
+        return 'the positions of the markers are not finite'
+    return ''
 
 
 def _max_residual(image: Array) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -97,6 +97,10 @@ class MarkerRig:
     def positions(self) -> NDArray[np.float64]:
         """(n, 3), m."""
         return read_only(np.array([position for _, position in self.markers]))
+
+    def moved(self, positions: NDArray[np.float64]) -> MarkerRig:
+        """The rig with its lights at other positions, (n, 3), m."""
+        return replace(self, markers=tuple(zip(self.names, positions.tolist(), strict=True)))
 
     @cached_property
     def middle(self) -> NDArray[np.float64]:

@@ -106,11 +106,7 @@ def calibrate_rig(
         RigCalibrationError: the detections are too few or too much alike to determine the rig.
     """
     names = names or [f'light {number}' for number in range(len(rough))]
-    if len(rough) < MIN_LIGHTS:
-        raise RigCalibrationError(
-            f'{len(rough)} lights are too few: each image needs {MIN_LIGHTS} to determine more '
-            'than its own pose'
-        )
+    refuse_few_lights(len(rough))
     bundle = _Bundle(camera, np.array(rough, np.float64), detections)
     bundle.locate()
     bundle.choose_frames()
@@ -141,6 +137,14 @@ def calibrate_rig(
         len(np.unique(detections.frames[bundle.used])),
         bundle.noise(),
     )
+
+
+def refuse_few_lights(count: int) -> None:
+    """Raise RigCalibrationError where a rig has too few."""
+    if count < MIN_LIGHTS:
+        raise RigCalibrationError(
+            f'{count} lights are too few: an image with {MIN_LIGHTS} tells more than its own pose'
+        )
 
 
 class _Bundle:

@@ -114,8 +114,7 @@ class Estimate:
 
     def of_rig(self, rig: MarkerRig) -> MarkerRig:
         """The rig with its markers where the lights show them."""
-        places = (tuple(place) for place in (rig.positions + self.offsets).tolist())
-        return replace(rig, markers=tuple(zip(rig.names, places, strict=True)))
+        return rig.moved(rig.positions + self.offsets)
 
 
 def _with_focal(camera: CameraModel, shift: float) -> CameraModel:

@@ -49,6 +49,23 @@ def test_only_what_follows_a_lost_picture_is_found(settings: str, pixels: str) -
         assert followers([*packets[:lost], *packets[lost + 1 :]]) == [lost]
 
 
+@pytest.mark.parametrize('lists', [{0: '1' * 16}, {6: '1' * 64, 7: '1' + '000010001'}, {}])
+def test_scaling_lists_are_stepped_over(lists: dict[int, str]) -> None:
+    """A list says differences, 0 as one bit; -8 at once ends the last of them."""
+
+    def unit(kind: int, bits: str) -> bytes:
+        bits += '1' + '0' * (-len(bits) - 1 & 7)
+        return b'\0\0\1' + bytes([kind]) + int(bits, 2).to_bytes(len(bits) // 8, 'big')
+
+    said = ''.join(f'1{lists[index]}' if index in lists else '0' for index in range(8))
+    # Profile High, its level, what comes before the lists; 4 bits of a number, order 2, no gaps.
+    parameters = unit(0x67, f'{100:08b}{40:016b}10101101{said}10110100')
+    numbers = PictureNumbers()
+    packets = [unit(0x41, f'111{number:04b}1') for number in (0, 1, 3, 4)]
+    found = [numbers.follows_loss(parameters + packet) for packet in packets]
+    assert found == [False, False, True, False]
+
+
 def test_pictures_that_no_other_needs_may_be_missing() -> None:
     packets = encoded('keyint=20:bframes=2:b-pyramid=none:b-adapt=0')
     assert followers(packets) == []

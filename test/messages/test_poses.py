@@ -20,7 +20,6 @@ from mvuav_ros.messages import detections, poses
 from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
@@ -84,12 +83,12 @@ def project(point, place, model):
     return k[0] * x / z + k[2], k[4] * y / z + k[5]
 
 
-def fly(processor, flight, *, camera=True, frame_id=CAMERA_FRAME):
+def fly(processor, flight, *, camera=True):
     """The outputs of every frame, as bytes by topic."""
     said = []
     model = flight.camera if camera else None
     for frame in flight:
-        outputs = processor.process(Frame(frame.stamp_ns, frame_id, frame.image, model))
+        outputs = processor.process(Frame(frame.stamp_ns, CAMERA_FRAME, frame.image, model))
         said.append({topic: make() for topic, make in outputs})
     return said
 
@@ -240,12 +239,6 @@ def test_tf_can_be_switched_off_and_needs_tf2_msgs(make, monkeypatch):
     without = make()
     assert '/tf' not in without.topics
     assert without.status == ''
-
-
-def test_images_of_a_camera_without_a_name_have_no_transform():
-    said = fly(MarkerTrackerProcessor(MarkerTrackerParameters()), TANKER, frame_id='')
-    assert 'vision_pose' in said[0]
-    assert not any('/tf' in outputs for outputs in said)
 
 
 def test_the_runways_frame_needs_a_name():

@@ -1,6 +1,5 @@
 """Managed nodes through `ros2 lifecycle`'s services: every transition, again and again."""
 
-import os
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import SetBool
-from support.live_stream import KEEP_EVERYTHING, RESULTS, Stream
+from support.live_stream import KEEP_EVERYTHING, RESULTS, Stream, memory_mb
 from support.places import ROOT
 
 from mvuav_ros.messages.sensors import stamp_ns_of
@@ -30,11 +29,6 @@ def resources(pid: int) -> tuple[int, int]:
     """Threads and open files of a process."""
     folder = Path(f'/proc/{pid}')
     return len(list((folder / 'task').iterdir())), len(list((folder / 'fd').iterdir()))
-
-
-def memory_mb(pid: int) -> float:
-    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 class Cycles:

@@ -23,10 +23,10 @@ from visualization_msgs.msg import Marker
 
 from mvuav_ros.messages.images import IMAGE
 from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, stamp_ns_of
-from mvuav_ros.offline.simulated_messages import simulated_messages
+from mvuav_ros.offline.frame_messages import frame_messages
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
-from mvuav_ros.sources.opening import make_flight
+from mvuav_ros.sources.opening import open_source
 
 TANKER = Path(ROOT) / 'bags' / 'tanker.mcap'
 MARKER_TOPICS = {
@@ -149,13 +149,13 @@ def test_runway_detector(
 def test_the_attitude_of_an_autopilot(graph: Graph, tmp_path: Path) -> None:
     """A replay had no way to say what a node is told by a remapping."""
     bag, imu = tmp_path / 'approach.mcap', '/mavros/imu/data'
-    flight = make_flight('runway', {'frames': 20, 'width': 320, 'height': 240})
+    flight = open_source('sim:runway?frames=20&width=320&height=240&seed=1')
     names = {name: f'/nose/{name}' for name in INPUTS} | {'imu': imu}
     with RecordingWriter(bag) as writer:
-        for frame in flight:
-            for topic, kind, data in simulated_messages(frame, flight.camera, seed=1):
+        for frame in flight.frames():
+            for topic, kind, make in frame_messages(frame):
                 if (name := topic.removeprefix('/')) in names:
-                    writer.write(names[name], kind, frame.stamp_ns, data)
+                    writer.write(names[name], kind, frame.stamp_ns, make())
     parameters = {'mode': 'approach', 'runway_width': 30.0}
     arguments = NODE, APPROACH_TOPICS, parameters
     without = replayed(bag, tmp_path / 'without.mcap', *arguments)

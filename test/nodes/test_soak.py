@@ -3,21 +3,15 @@
 import os
 import statistics
 import time
-from pathlib import Path
 
 import pytest
-from support.live_stream import Stream
+from support.live_stream import Stream, memory_mb
 
 SECONDS = float(os.environ.get('MVUAV_SOAK', '12'))
 SETTLING = min(60.0, SECONDS / 3)
 HZ = 60.0
 DRIFT_SHOWS = 120.0
 """Seconds; in less, a latency tells of the machine's other work."""
-
-
-def memory_mb(pid: int) -> float:
-    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 @pytest.mark.long

@@ -4,7 +4,7 @@ from dataclasses import astuple, replace
 
 import pytest
 
-from mvuav_ros.offline.simulated_messages import simulated_messages
+from mvuav_ros.offline.frame_messages import frame_messages
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -14,6 +14,7 @@ from mvuav_ros.sources.opening import make_flight, open_source
 from mvuav_ros.vision.approach.attitude import horizon_from, mount_matrix
 
 FRAMES = 4
+FLIGHT = f'sim:runway?frames={FRAMES}&width=320&height=240&seed=1'
 
 
 @pytest.fixture(scope='module')
@@ -25,11 +26,11 @@ def bag(tmp_path_factory):
 
 def write_flight(path, sensor_ahead_s=0):
     """A bag whose attitude has stamps of a clock so many seconds ahead."""
-    flight = make_flight('runway', {'frames': FRAMES, 'width': 320, 'height': 240, 'seed': 1})
-    camera = flight.camera
+    flight = open_source(FLIGHT)
     with RecordingWriter(path) as writer:
-        for frame in flight:
-            for topic, kind, data in simulated_messages(frame, camera, seed=1):
+        for frame in flight.frames():
+            for topic, kind, make in frame_messages(frame):
+                data = make()
                 if topic == '/imu':
                     seconds = int.from_bytes(data[4:8], 'little') + sensor_ahead_s
                     data = data[:4] + seconds.to_bytes(4, 'little') + data[8:]
@@ -51,8 +52,7 @@ def test_frames_of_the_bag_have_the_attitude_that_was_written(bag):
 
 def test_a_flight_that_is_evaluated_as_it_is_has_the_attitude_of_its_bag(bag):
     """It had none, though the simulation knows it."""
-    direct = open_source(f'sim:runway?frames={FRAMES}&width=320&height=240&seed=1')
-    found = [astuple(frame.attitude) for frame in direct.frames()]
+    found = [astuple(frame.attitude) for frame in open_source(FLIGHT).frames()]
     recorded = [astuple(frame.attitude) for frame in BagImages(bag).frames()]
     assert found == [pytest.approx(each, rel=1e-12) for each in recorded]
 

@@ -149,6 +149,11 @@ def test_mode_approach_says_why_a_calibration_gives_no_pose():
         expected = words and f'{words}camera_info is for 640 x 480 px, the images are 320 x 240 px'
         assert expected in processor.status
         assert ('no pose' in processor.status) == bool(words)
+    assert processor.awaits_camera_info and processor.draw(processor.debug_topics)
+    # Another mode has nothing to draw yet, and needs the first calibration alone.
+    processor.configure(RunwayDetectorParameters(mode='thesis'))
+    assert not processor.awaits_camera_info and processor.draw(processor.debug_topics) == []
+    assert RunwayDetectorProcessor().awaits_camera_info
 
 
 def test_lights_without_names_need_no_calibration():

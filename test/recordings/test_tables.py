@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.commands import mvuav
+from support.hostile_recordings import GOOD_CLOUD, cloud, write_clouds
 from support.recording_samples import STORE, Sample, cdr, mcap_ends, write_mcap
 
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, view_points
@@ -264,26 +265,6 @@ def test_nothing_to_export(tmp_path: Path) -> None:
         export(path, tmp_path / 'out', 'csv')
 
 
-def cloud(fields: list[tuple[str, int, int]], step: int, data: bytes) -> bytes:
-    types = STORE.types
-    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 0), 'camera')
-    made = [types['sensor_msgs/msg/PointField'](*field, 1) for field in fields]
-    pixels = np.frombuffer(data, np.uint8)
-    count = len(data) // max(step, 1)
-    kind = types['sensor_msgs/msg/PointCloud2']
-    return cdr(kind(header, 1, count, made, False, step, len(data), pixels, True))
-
-
-def write_clouds(path: Path, clouds: list[bytes]) -> Path:
-    with RecordingWriter(path) as writer:
-        for number, data in enumerate(clouds):
-            writer.write('/cloud', 'sensor_msgs/msg/PointCloud2', STAMP_NS + number, data)
-    return path
-
-
-GOOD = cloud([('x', 0, 7), ('y', 4, 7)], 8, bytes(16))
-
-
 def account(folder: Path) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((folder / 'account_csv.json').read_text())
     return content
@@ -319,7 +300,7 @@ def test_kinds_of_messages_of_one_topic_have_tables_of_their_own(tmp_path: Path)
     with RecordingWriter(path) as writer:
         for number in range(3):
             writer.write('/a', POSE, STAMP_NS + number, POSE_DATA)
-        for data in (GOOD, cloud([('z', 0, 7)], 4, bytes(4)), GOOD):
+        for data in (GOOD_CLOUD, cloud([('z', 0, 7)], 4, bytes(4)), GOOD_CLOUD):
             writer.write('/a', 'sensor_msgs/msg/PointCloud2', STAMP_NS, data)
     files = export(path, tmp_path / 'out', 'csv')
     assert {file.name: rows for file, rows in files.items()} == {
@@ -340,7 +321,7 @@ def test_kinds_of_messages_of_one_topic_have_tables_of_their_own(tmp_path: Path)
     ids=['over each other', 'far away', 'one name', 'no number', 'no step'],
 )
 def test_a_bad_cloud_costs_itself(tmp_path: Path, bad: bytes) -> None:
-    path = write_clouds(tmp_path / 'a.mcap', [GOOD, bad, GOOD])
+    path = write_clouds(tmp_path / 'a.mcap', GOOD_CLOUD, bad, GOOD_CLOUD)
     assert list(export(path, tmp_path / 'out', 'csv').values()) == [4]
     assert account(tmp_path / 'out')['lost'] == 1
 
@@ -368,7 +349,7 @@ def test_angles_are_those_of_the_rotation_whatever_the_quaternions_length(tmp_pa
 
 def test_a_large_cloud_takes_no_memory(tmp_path: Path) -> None:
     data = cloud([(f'f{n}', n, 2) for n in range(200)], 200, bytes(20_000_000))
-    path = write_clouds(tmp_path / 'a.mcap', [data])
+    path = write_clouds(tmp_path / 'a.mcap', data)
     tracemalloc.start()
     assert list(export(path, tmp_path / 'out', 'csv').values()) == [100_000]
     _, peak = tracemalloc.get_traced_memory()

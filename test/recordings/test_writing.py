@@ -28,6 +28,7 @@ from support.recording_samples import (
     TOPIC,
     Sample,
     image_samples,
+    read_samples,
     string_sample,
     write_ros1,
     write_rosbag2,
@@ -48,15 +49,10 @@ def write(path: Path, samples: list[Sample]) -> None:
             writer.write(*sample)
 
 
-def read(path: Path) -> tuple[list[Sample], list[str]]:
-    with open_recording(path) as recording:
-        return [Sample(*message[:4]) for message in recording.messages()], recording.account.errors
-
-
 def test_read_back_by_everyone(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
     write(path, SAMPLES)
-    assert read(path) == (SAMPLES, [])
+    assert read_samples(path) == (SAMPLES, [])
     with rosbag2.Reader(path) as reader:
         assert [Sample(c.topic, c.msgtype, t, d) for c, t, d in reader.messages()] == SAMPLES
         for connection in reader.connections:
@@ -100,7 +96,7 @@ def test_a_buffer_may_be_used_again_once_its_message_was_given(tmp_path: Path) -
             size = len(sample.data)
             buffer[:size] = sample.data
             writer.write(*sample[:3], memoryview(buffer)[:size])
-    assert read(path) == (samples, [])
+    assert read_samples(path) == (samples, [])
 
 
 def test_the_same_messages_give_the_same_file(tmp_path: Path) -> None:
@@ -138,29 +134,22 @@ def test_copies_from_other_storages_decode(tmp_path: Path, kind: str) -> None:
     with open_recording(source) as recording, RecordingWriter(target) as writer:
         for message in recording.messages():
             writer.write(*message)
-    assert read(target) == (samples, [])
+    assert read_samples(target) == (samples, [])
     with rosbag2.Reader(target) as reader:
         (connection,) = reader.connections
         assert 'builtin_interfaces/Time stamp' in connection.msgdef.data
         assert 'seq' not in connection.msgdef.data
 
 
-def test_existing_file_is_kept_unless_overwritten(tmp_path: Path) -> None:
-    path = tmp_path / 'a.mcap'
-    path.write_bytes(b'mine')
+def test_the_folder_is_made_and_a_file_in_it_is_kept_unless_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / 'new' / 'folder' / 'a.mcap'
+    write(path, SAMPLES[:1])
     with pytest.raises(RecordingError, match='exists'):
         RecordingWriter(path)
-    assert path.read_bytes() == b'mine'
+    assert read_samples(path) == (SAMPLES[:1], [])
     with RecordingWriter(path, overwrite=True) as writer:
-        writer.write(*SAMPLES[0])
-    assert read(path) == (SAMPLES[:1], [])
-
-
-def test_the_folder_is_made(tmp_path: Path) -> None:
-    path = tmp_path / 'new' / 'folder' / 'a.mcap'
-    with RecordingWriter(path) as writer:
-        writer.write(*SAMPLES[0])
-    assert read(path) == (SAMPLES[:1], [])
+        writer.write(*SAMPLES[1])
+    assert read_samples(path) == (SAMPLES[1:2], [])
 
 
 def test_impossible_targets_are_refused_in_one_line(tmp_path: Path) -> None:
@@ -185,7 +174,7 @@ def test_interrupted_by_the_user_it_is_complete(
         for sample in SAMPLES[:10]:
             writer.write(*sample)
         raise interruption
-    assert read(path) == (SAMPLES[:10], [])
+    assert read_samples(path) == (SAMPLES[:10], [])
 
 
 def test_after_a_crash_it_does_not_look_complete(tmp_path: Path) -> None:
@@ -194,7 +183,7 @@ def test_after_a_crash_it_does_not_look_complete(tmp_path: Path) -> None:
         for sample in SAMPLES[:10]:
             writer.write(*sample)
         raise ZeroDivisionError
-    got, errors = read(path)
+    got, errors = read_samples(path)
     assert got == SAMPLES[:10]
     assert 'index is missing' in errors[0]
 
@@ -225,9 +214,9 @@ for number in range(100_000):
             assert time.monotonic() < deadline, f'only {len(flushed)} messages were flushed'
             shutil.copy(path, copy)
             with suppress(RecordingError):  # nothing is in it yet
-                flushed, _ = read(copy)
+                flushed, _ = read_samples(copy)
         process.send_signal(signal.SIGKILL)
-    got, errors = read(path)
+    got, errors = read_samples(path)
     assert got[: len(flushed)] == flushed
     assert [sample.stamp_ns for sample in got] == list(range(len(got)))
     assert errors
@@ -241,7 +230,7 @@ def test_idle_writer_flushes_by_itself(tmp_path: Path) -> None:
         while path.stat().st_size < 3000:
             assert time.monotonic() < deadline, 'nothing was flushed'
             time.sleep(0.05)
-        assert read(path)[0] == SAMPLES[:1]
+        assert read_samples(path)[0] == SAMPLES[:1]
 
 
 @pytest.mark.parametrize('room', [0, 1000, 500_000])
@@ -267,7 +256,7 @@ def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int) -
     assert path.exists() is is_room, 'nothing is in the way of the next attempt'
     if not is_room:
         return
-    got, errors = read(path)
+    got, errors = read_samples(path)
     assert got == SAMPLES[: len(got)]
     assert len(got) > 100
     assert len(errors) == 1  # no index, but no torn record either
@@ -285,7 +274,7 @@ def test_stamps_in_any_order(tmp_path: Path) -> None:
     stamps = [START_NS, START_NS - 10**10, START_NS + 10**10, 0, START_NS]
     samples = [SAMPLES[0]._replace(stamp_ns=stamp) for stamp in stamps]
     write(tmp_path / 'a.mcap', samples)
-    assert read(tmp_path / 'a.mcap') == (samples, [])
+    assert read_samples(tmp_path / 'a.mcap') == (samples, [])
 
 
 def test_metadata_at_the_beginning(tmp_path: Path) -> None:
@@ -295,7 +284,7 @@ def test_metadata_at_the_beginning(tmp_path: Path) -> None:
         assert b'by' in path.read_bytes()
         for sample in SAMPLES:
             writer.write(*sample)
-    assert read(path) == (SAMPLES, [])
+    assert read_samples(path) == (SAMPLES, [])
     with path.open('rb') as stream:
         indexed = make_reader(stream, validate_crcs=True)
         found = {record.name: record.metadata for record in indexed.iter_metadata()}

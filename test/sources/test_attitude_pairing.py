@@ -62,7 +62,8 @@ def test_the_order_of_arrival_does_not_matter():
 
 
 @pytest.mark.parametrize(
-    ('before', 'after', 'known'), [(0, 240, True), (0, 300, False), (60, None, True)]
+    ('before', 'after', 'known'),
+    [(0, 240, True), (0, 260, False), (51, None, True), (49, None, False)],
 )
 def test_a_gap_or_a_stale_attitude_is_none(before, after, known):
     pairing = AttitudePairing()
@@ -100,10 +101,11 @@ def test_a_jump_back_forgets_the_future():
     assert roll_of(taken(pairing, wait=False)[0][0]) == pytest.approx(1.0)
 
 
-def test_a_late_attitude_forgets_none():
+@pytest.mark.parametrize('newest', [140, 350])
+def test_a_late_attitude_forgets_none(newest):
     """As over a lossy link: the images at the later ones had no attitude."""
     pairing = AttitudePairing()
-    for stamp in (100, 120, 140, 110):
+    for stamp in (100, 120, 140, newest, 110):
         pairing.add_info(stamp * MS, rolled(stamp / 10))
     for stamp in (105, 115, 130):
         pairing.add_image(stamp * MS, stamp)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,31 @@ COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
 TOPIC = '/camera/video'
 
 
+@contextmanager
+def coded(
+    path: Path,
+    codec: str,
+    images: Iterable[np.ndarray],
+    pixels: str = 'yuv420p',
+    form: str = 'bgr24',
+    *,
+    times: Sequence[int] | None = None,
+    gop: int = 10,
+    **options: str,
+) -> Iterator[list[av.Packet]]:
+    """Packets of a video of 20 Hz, or given times; they are written as the block leaves them."""
+    frames = [av.VideoFrame.from_ndarray(each, format=form) for each in images]
+    for frame, time in zip(frames, times or range(len(frames)), strict=True):
+        frame.pts, frame.time_base = time, Fraction(1, 20)
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream(codec, rate=20, options=options)
+        stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, pixels
+        stream.codec_context.gop_size = gop
+        made = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
+        yield made
+        container.mux(made)
+
+
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
 def test_a_variable_rate_has_its_own_times(tmp_path: Path, suffix: str) -> None:
     source = VideoFile(write_video(tmp_path / f'a{suffix}', TIMES_MS))
@@ -84,6 +110,13 @@ def test_a_given_rate_replaces_the_times(tmp_path: Path) -> None:
     assert [frame.stamp_ns for frame in source.frames()] == [n * 10**8 or FIRST for n in range(6)]
 
 
+def test_a_part_says_how_many_frames_it_has() -> None:
+    assert Selection(every=3).count(10, None) == 4
+    assert Selection(start_s=1.0, duration_s=2.0, every=3).count(100, 10.0) == 7
+    assert Selection(start_s=9.5, duration_s=2.0).count(100, 10.0) == 5
+    assert Selection(start_s=1.0).count(100, None) is Selection().count(None, 10.0) is None
+
+
 def test_a_steady_rate_is_freed_of_the_files_rounding(tmp_path: Path) -> None:
     times = [round(number * 1000 / 30) for number in range(31)]
     source = VideoFile(write_video(tmp_path / 'a.mkv', times))
@@ -106,11 +139,8 @@ def test_a_camera_that_was_turned(tmp_path: Path) -> None:
 def test_a_grey_video_of_more_bits_keeps_them(tmp_path: Path, kind: str, bits: int) -> None:
     path, dtype = tmp_path / 'a.mkv', np.uint8 if bits == 8 else np.uint16
     ramp = np.tile(np.arange(WIDTH, dtype=dtype) * 3, (HEIGHT, 1))
-    with av.open(str(path), 'w') as container:
-        stream = container.add_stream('ffv1', rate=20)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, kind
-        for frame in (av.VideoFrame.from_ndarray(ramp, format=kind), None):
-            container.mux(stream.encode(frame))
+    with coded(path, 'ffv1', [ramp], kind, kind):
+        pass
     (frame,) = VideoFile(path).frames()
     assert frame.image.encoding == ('bgr8' if bits == 8 else 'mono16')
     shown = frame.image.gray().astype(int) >> (16 - bits) % 8
@@ -290,15 +320,9 @@ def test_a_video_of_any_name(tmp_path: Path, name: bytes) -> None:
 def test_a_video_that_begins_between_key_frames_says_so(tmp_path: Path, first: int) -> None:
     """As a recording of a stream does."""
     path = tmp_path / 'a.mkv'
-    with av.open(str(path), 'w') as container:
-        stream = container.add_stream('libx264', rate=20)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
-        stream.codec_context.gop_size = 5
-        stream.options = {'tune': 'zerolatency'}
-        frames = [av.VideoFrame.from_ndarray(image(n), format='bgr24') for n in range(12)]
-        coded = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
-        lost = next(n for n, packet in enumerate(coded[first:]) if packet.is_keyframe)
-        container.mux(coded[first:])
+    with coded(path, 'libx264', map(image, range(12)), gop=5, tune='zerolatency') as made:
+        del made[:first]
+        lost = next(n for n, packet in enumerate(made) if packet.is_keyframe)
     video = VideoFile(path)
     assert len(list(video.frames())) == 12 - first - lost
     assert video.account.lost == lost
@@ -310,13 +334,8 @@ def test_a_video_that_begins_between_key_frames_says_so(tmp_path: Path, first: i
 def test_a_frame_before_the_first_key_frame_counts_as_lost_once(tmp_path: Path) -> None:
     """Also of a codec whose decoder calls it an error."""
     path, options = tmp_path / 'a.mkv', {'deadline': 'realtime', 'lag-in-frames': '0'}
-    with av.open(str(path), 'w') as container:
-        stream = container.add_stream('libvpx-vp9', rate=20, options=options)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
-        stream.codec_context.gop_size = 10
-        frames = [av.VideoFrame.from_ndarray(image(n), format='bgr24') for n in range(16)]
-        coded = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
-        container.mux(coded[3:])
+    with coded(path, 'libvpx-vp9', map(image, range(16)), **options) as made:
+        del made[:3]
     video = VideoFile(path)
     assert [number_in(frame.image.pixels) for frame in video.frames()] == [*range(10, 16)]
     assert (video.account.kept, video.account.lost) == (6, 7)
@@ -326,16 +345,10 @@ def test_a_frame_before_the_first_key_frame_counts_as_lost_once(tmp_path: Path) 
 def test_no_false_image_is_shown_where_a_downlink_lost_a_part(tmp_path: Path, codec: str) -> None:
     path, lost, count = tmp_path / 'a.ts', 13, 26
     options = {'x265-params': 'bframes=0:keyint=10:log-level=none'} if codec == 'libx265' else {}
-    with av.open(str(path), 'w') as container:
-        stream = container.add_stream(codec, rate=20, options={'bf': '0', **options})
-        stream.width, stream.height, stream.pix_fmt = 160, 120, 'yuv420p'
-        stream.codec_context.gop_size, stream.bit_rate = 10, 2_000_000
-        for number in range(count):
-            pixels = np.random.default_rng(number).integers(0, 99, (120, 160, 3), np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format='bgr24')))
-        container.mux(stream.encode(None))
-    with av.open(str(path)) as container:
-        keys = [n for n, packet in enumerate(container.demux(video=0)) if packet.is_keyframe]
+    randoms = map(np.random.default_rng, range(count))
+    frames = [random.integers(0, 99, (120, 160, 3), np.uint8) for random in randoms]
+    with coded(path, codec, frames, bf='0', b='2000000', **options) as made:
+        keys = [n for n, packet in enumerate(made) if packet.is_keyframe]
     whole = {frame.stamp_ns: frame.image.pixels for frame in VideoFile(path).frames()}
     parts = [path.read_bytes()[at : at + 188] for at in range(0, path.stat().st_size, 188)]
     of_video = [at for at, part in enumerate(parts) if (part[1] & 0x1F) << 8 | part[2] == 0x100]
@@ -360,14 +373,8 @@ def test_frames_that_refer_to_later_ones_have_their_own_times(
     """Of AVI FFmpeg says the order of decoding."""
     times = [n for n in range(20) if n not in (7, 8, 13)]
     path = tmp_path / f'a{suffix}'
-    with av.open(str(path), 'w') as container:
-        stream = container.add_stream('libx264', rate=20, options={'bf': b_frames})
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
-        for time in times:
-            frame = av.VideoFrame.from_ndarray(image(time), format='bgr24')
-            frame.pts, frame.time_base = time, Fraction(1, 20)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
+    with coded(path, 'libx264', map(image, times), times=times, bf=b_frames):
+        pass
     frames = list(VideoFile(path).frames())
     assert [number_in(frame.image.pixels) for frame in frames] == times
     assert [frame.stamp_ns for frame in frames] == [50_000_000 * time or FIRST for time in times]
@@ -386,14 +393,8 @@ def test_no_false_image_is_shown_where_packets_are_missing(
 ) -> None:
     """As they are in what was saved of a stream over a bad link."""
     path = tmp_path / f'a{suffix}'
-    with av.open(str(path), 'w') as container:
-        stream = container.add_stream(codec, rate=20)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
-        stream.codec_context.gop_size, stream.options = 10, options
-        frames = [av.VideoFrame.from_ndarray(image(n), format='bgr24') for n in range(24)]
-        coded = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
-        del coded[13]
-        container.mux(coded)
+    with coded(path, codec, map(image, range(24)), **options) as made:
+        del made[13]
     video = VideoFile(path)
     shown = [number_in(frame.image.pixels) for frame in video.frames()]
     assert shown == [*range(13), *range(20, 24)]
@@ -403,18 +404,11 @@ def test_no_false_image_is_shown_where_packets_are_missing(
 
 def test_no_false_image_is_shown_behind_a_packet_that_does_not_decode(tmp_path: Path) -> None:
     path = tmp_path / 'a.mkv'
-    with av.open(str(path), 'w') as container:
-        stream = container.add_stream('mpeg4', rate=20, options={'sc_threshold': '1000000000'})
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
-        stream.codec_context.gop_size, stream.codec_context.qmax = 10, 2
-        frames = [av.VideoFrame.from_ndarray(image(n), format='bgr24') for n in range(24)]
-        for number, packet in enumerate(p for each in [*frames, None] for p in stream.encode(each)):
-            if number == 13:
-                damaged = av.Packet(bytes(packet)[:8] + bytes(30))
-                damaged.stream, damaged.pts, damaged.dts = stream, packet.pts, packet.dts
-                damaged.time_base = packet.time_base
-                packet = damaged
-            container.mux(packet)
+    options = {'sc_threshold': '1000000000', 'qmax': '2'}
+    with coded(path, 'mpeg4', map(image, range(24)), **options) as made:
+        whole, made[13] = made[13], av.Packet(bytes(made[13])[:8] + bytes(30))
+        for name in ('stream', 'pts', 'dts', 'time_base'):
+            setattr(made[13], name, getattr(whole, name))
     video = VideoFile(path)
     shown = [number_in(frame.image.pixels) for frame in video.frames()]
     assert shown == [*range(13), *range(20, 24)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sqlite3
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
@@ -67,9 +67,10 @@ def cloud(fields: list[tuple[str, int, int]], step: int, data: bytes) -> bytes:
 GOOD_CLOUD = cloud([('x', 0, 7), ('y', 4, 7)], 8, bytes(16))
 
 
-def _clouds(path: Path, bad: bytes) -> Path:
+def write_clouds(path: Path, *clouds: bytes) -> Path:
+    """A recording of clouds on one topic."""
     with RecordingWriter(path) as writer:
-        for number, data in enumerate((GOOD_CLOUD, bad, GOOD_CLOUD)):
+        for number, data in enumerate(clouds):
             writer.write('/cloud', CLOUD, START_NS + number, data)
     return path
 
@@ -77,34 +78,33 @@ def _clouds(path: Path, bad: bytes) -> Path:
 def overlapping_cloud(folder: Path) -> Known:
     """Some hundred bytes whose fields lie over each other: 600 million values."""
     fields = [(f'f{n}', 0, 2) for n in range(200)]
-    return Known(_clouds(folder / 'a.mcap', cloud(fields, 1, bytes(3_000_000))), 3, 3)
+    bad = cloud(fields, 1, bytes(3_000_000))
+    return Known(write_clouds(folder / 'a.mcap', GOOD_CLOUD, bad, GOOD_CLOUD), 3, 3)
 
 
 def far_cloud(folder: Path) -> Known:
     """An offset beyond the data."""
-    return Known(_clouds(folder / 'a.mcap', cloud([('x', 0xFFFF_FFFF, 7)], 8, bytes(16))), 3, 3)
+    bad = cloud([('x', 0xFFFF_FFFF, 7)], 8, bytes(16))
+    return Known(write_clouds(folder / 'a.mcap', GOOD_CLOUD, bad, GOOD_CLOUD), 3, 3)
 
 
 def joined(folder: Path) -> Known:
     """Two files in one, whose channels of one number are different topics."""
-    first = write_mcap(folder / '1.mcap', image_samples(20)).read_bytes()
-    second = write_mcap(folder / '2.mcap', [string_sample(n) for n in range(10)]).read_bytes()
-    path = folder / 'joined.mcap'
-    path.write_bytes(first + second)
-    for number in (1, 2):
-        (folder / f'{number}.mcap').unlink()
-    return Known(path, 30, 30)
+    return Known(_joined(folder / 'joined.mcap', write_mcap), 30, 30)
 
 
 def joined_ros1(folder: Path) -> Known:
     """The same of ROS 1."""
-    first = write_ros1(folder / '1.bag', image_samples(20)).read_bytes()
-    second = write_ros1(folder / '2.bag', [string_sample(n) for n in range(10)]).read_bytes()
-    path = folder / 'joined.bag'
-    path.write_bytes(first + second)
-    for number in (1, 2):
-        (folder / f'{number}.bag').unlink()
-    return Known(path, None, 30)
+    return Known(_joined(folder / 'joined.bag', write_ros1), None, 30)
+
+
+def _joined(path: Path, write: Callable[[Path, Sequence[Sample]], Path]) -> Path:
+    content = b''
+    for samples in (image_samples(20), [string_sample(n) for n in range(10)]):
+        content += write(path, samples).read_bytes()
+        path.unlink()
+    path.write_bytes(content)
+    return path
 
 
 def odd_rows(folder: Path) -> Known:

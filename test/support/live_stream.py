@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import time
+from pathlib import Path
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -42,6 +44,12 @@ def _topics_of(node: str, parameters: dict[str, Any], compressed: bool) -> dict[
         for name, value in parameters.items()
         if name.startswith(own) or not name.startswith('qos_overrides.')
     }
+
+
+def memory_mb(pid: int) -> float:
+    """What is resident of a process."""
+    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 class Stream:

@@ -16,6 +16,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
+from mvuav_ros.recordings.reading import open_recording
+
 IMAGE = 'sensor_msgs/msg/Image'
 TOPIC = '/camera/image_raw'
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -31,6 +33,12 @@ class Sample(NamedTuple):
     type: str
     stamp_ns: int
     data: bytes
+
+
+def read_samples(path: Path) -> tuple[list[Sample], list[str]]:
+    """What the package reads of a recording, and the errors that it says."""
+    with open_recording(path) as recording:
+        return [Sample(*message[:4]) for message in recording.messages()], recording.account.errors
 
 
 def image(number: int, width: int = 64, height: int = 48, *, noisy: bool = True) -> Any:

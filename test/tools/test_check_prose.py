@@ -1,17 +1,9 @@
 """The prose rules find what they are for, and nothing in code."""
 
-import importlib.util
-
 import pytest
-from support.places import ROOT
+from support.places import load_tool
 
-
-@pytest.fixture(scope='module')
-def prose():
-    spec = importlib.util.spec_from_file_location('check_prose', ROOT / 'tools' / 'check_prose.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+prose = load_tool('check_prose')
 
 
 LONG = 'one word ' * 20 + 'end.'
@@ -31,11 +23,11 @@ LONG = 'one word ' * 20 + 'end.'
         (f'{"one word " * 10}. {"one word " * 10}.\n', []),
     ],
 )
-def test_what_is_found(prose, text, lines):
+def test_what_is_found(text, lines):
     assert [line for line, _ in prose.problems(text)] == lines
 
 
-def test_measurements_may_have_longer_sentences(prose):
+def test_measurements_may_have_longer_sentences():
     assert list(prose.problems(LONG, 60)) == []
 
 
@@ -56,9 +48,9 @@ def test_measurements_may_have_longer_sentences(prose):
         ('tellurium = 1  # not a word of ours\n', []),
     ],
 )
-def test_what_is_found_in_source(prose, source, lines):
+def test_what_is_found_in_source(source, lines):
     assert [line for line, _ in prose.source_problems(source)] == lines
 
 
-def test_all_pages_are_looked_at(prose, capsys):
+def test_all_pages_are_looked_at(capsys):
     assert prose.main() == 0, capsys.readouterr().out

@@ -1,20 +1,11 @@
 """The installer asks the index that pip is configured for."""
 
-import importlib.util
+from support.places import ROOT, load_tool
 
-import pytest
-from support.places import ROOT
-
-
-@pytest.fixture(scope='module')
-def installer():
-    spec = importlib.util.spec_from_file_location('install', ROOT / 'tools' / 'install.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+installer = load_tool('install')
 
 
-def test_pips_settings_become_uvs(installer):
+def test_pips_settings_become_uvs():
     options, variables = installer.uv_settings(
         {
             'index-url': 'https://mirror.example/simple',
@@ -37,7 +28,7 @@ def test_pips_settings_become_uvs(installer):
     }
 
 
-def test_a_variable_wins_over_a_file(installer, tmp_path):
+def test_a_variable_wins_over_a_file(tmp_path):
     told = tmp_path / 'pip'
     told.write_text(
         '#!/bin/sh\necho ":env:.index-url=\'https://env.example\'"\n'
@@ -49,7 +40,7 @@ def test_a_variable_wins_over_a_file(installer, tmp_path):
     assert settings == {'index-url': 'https://env.example', 'find-links': '/wheels'}
 
 
-def test_the_first_index_counts_and_never_the_highest_version(installer, tmp_path, capfd):
+def test_the_first_index_counts_and_never_the_highest_version(tmp_path, capfd):
     told = tmp_path / 'uv'
     told.write_text(
         f'#!/bin/sh\necho "$@" >> {tmp_path}/asked\necho "not at version 1" >&2\n'

@@ -1,6 +1,5 @@
 """One verdict over all parts, whatever fails."""
 
-import importlib.util
 import os
 import signal
 import subprocess
@@ -8,15 +7,9 @@ import sys
 
 import pytest
 from support.commands import started
-from support.places import ROOT
+from support.places import ROOT, load_tool
 
-
-@pytest.fixture(scope='module')
-def runner():
-    spec = importlib.util.spec_from_file_location('run_tests', ROOT / 'tools' / 'run_tests.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+runner = load_tool('run_tests')
 
 
 def says(line, status=0):
@@ -34,11 +27,11 @@ def says(line, status=0):
         (says('no tests ran in 0.01s', 5), (0, 1, 0)),
     ],
 )
-def test_a_part_is_counted_as_it_ended(runner, command, counts):
+def test_a_part_is_counted_as_it_ended(command, counts):
     assert runner.run(runner.Part('part', lambda: [command]))[1:4] == counts
 
 
-def test_a_later_command_runs_although_an_earlier_one_failed(runner, tmp_path):
+def test_a_later_command_runs_although_an_earlier_one_failed(tmp_path):
     late = tmp_path / 'late'
     commands = [says('1 failed, 2 passed', 1), [sys.executable, '-c', f'open({str(late)!r}, "w")']]
     outcome = runner.run(runner.Part('part', lambda: commands))
@@ -48,30 +41,30 @@ def test_a_later_command_runs_although_an_earlier_one_failed(runner, tmp_path):
 @pytest.mark.parametrize(
     'ignores', ['', 'import signal; signal.signal(signal.SIGINT, lambda *_: 0);']
 )
-def test_a_command_that_does_not_end_is_ended_and_has_failed(runner, monkeypatch, ignores):
+def test_a_command_that_does_not_end_is_ended_and_has_failed(monkeypatch, ignores):
     monkeypatch.setattr(runner, 'MAX_ENDING_SECONDS', 0.5)
     asleep = f'{ignores} import time\nwhile True: time.sleep(600)'
     part = runner.Part('part', lambda: [[sys.executable, '-c', asleep]], max_seconds=0.5)
     assert runner.run(part)[1:4] == (0, 1, 0)
 
 
-def test_no_part_of_make_test_goes_on_for_ever(runner):
+def test_no_part_of_make_test_goes_on_for_ever():
     parts = [part for lanes in runner.stages('test') for lane in lanes for part in lane]
     assert all(part.max_seconds for part in parts)
 
 
-def test_the_tests_are_not_told_that_this_is_ci(runner, monkeypatch):
+def test_the_tests_are_not_told_that_this_is_ci(monkeypatch):
     """Else pytest prints the whole difference of two images, which takes an hour."""
     monkeypatch.setenv('CI', 'true')
     assert 'CI' not in runner.environment()
 
 
-def test_what_the_machine_lacks_is_said(runner):
+def test_what_the_machine_lacks_is_said():
     outcome = runner.run(runner.Part('Python 3.99', lambda: []))
     assert outcome.skipped == 1 and 'no such Python' in outcome.note
 
 
-def test_the_tutorials_are_in_the_gate_and_run_once(runner):
+def test_the_tutorials_are_in_the_gate_and_run_once():
     commands = [
         ' '.join(command)
         for lanes in runner.stages('test')
@@ -85,14 +78,14 @@ def test_the_tutorials_are_in_the_gate_and_run_once(runner):
     assert len(left_out) == 1
 
 
-def test_one_line_and_one_status(runner, capsys):
+def test_one_line_and_one_status(capsys):
     good, bad = runner.Outcome('a', 5, 0, 1, 2.0), runner.Outcome('b', 3, 2, 0, 1.0)
     assert runner.summarize([good]) == 0
     assert runner.summarize([good, bad]) == 1
     assert capsys.readouterr().out.splitlines()[-1] == '8 passed, 2 failed, 1 skipped'
 
 
-def test_the_end_of_the_output_names_what_failed(runner, capsys):
+def test_the_end_of_the_output_names_what_failed(capsys):
     lines = ['E   assert 1 == 2', 'FAILED test/test_it.py::test_that', '1 failed, 2 passed']
     failed = runner.run(runner.Part('tests', lambda: [says('\n'.join(lines), 1)]))
     without_tests = runner.run(runner.Part('lint', lambda: [says('Found 3 errors', 1)]))
@@ -104,7 +97,7 @@ def test_the_end_of_the_output_names_what_failed(runner, capsys):
     assert third.startswith('lint | ') and third.endswith('Found 3 errors')
 
 
-def test_another_python_does_not_take_this_ones_libraries_of_ros(runner, monkeypatch):
+def test_another_python_does_not_take_this_ones_libraries_of_ros(monkeypatch):
     monkeypatch.setenv('_ROS_WHEELS_BOOTSTRAP_COMPLETE', '1')
     monkeypatch.setenv('LD_LIBRARY_PATH', f'{ROOT}/.venv/lib:/opt/ros/jazzy/lib')
     environment = runner.environment()
@@ -124,7 +117,7 @@ while not Path(sys.argv[1]).exists():
 """
 
 
-def test_lanes_run_side_by_side_and_are_told_in_order(runner, tmp_path):
+def test_lanes_run_side_by_side_and_are_told_in_order(tmp_path):
     there = tmp_path / 'there'
     first = runner.Part('first', lambda: [[sys.executable, '-c', WAITING, str(there)]])
     second = runner.Part('second', lambda: [[sys.executable, '-c', f'open({str(there)!r}, "w")']])

@@ -14,10 +14,10 @@ from mvuav_ros.messages.marker_messages import POINT
 from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
-from mvuav_ros.offline.simulated_messages import simulated_messages
+from mvuav_ros.offline.frame_messages import frame_messages
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.result_rows import ANGLE_COLUMNS, POSE_COLUMNS
-from mvuav_ros.sources.opening import make_flight
+from mvuav_ros.sources.opening import open_source
 from mvuav_ros.vision.integrity import ProtectionLevels, RunwayLevels
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -150,8 +150,8 @@ def _flight_topics() -> dict[str, str]:
     """Topics and types that one frame of each flight has."""
     topics: dict[str, str] = {}
     for kind in ('tanker', 'runway'):
-        flight = make_flight(kind, {'frames': 1, 'width': 64, 'height': 64, 'detail': 0.0})
-        messages = simulated_messages(next(iter(flight)), flight.camera, seed=0)
+        flight = open_source(f'sim:{kind}?frames=1&width=64&height=64&detail=0')
+        messages = frame_messages(next(flight.frames()))
         topics |= {name: type_name for name, type_name, _ in messages}
     return topics
 

@@ -12,7 +12,6 @@ from itertools import cycle
 from threading import Thread
 from typing import Any
 
-import cv2
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -23,8 +22,8 @@ from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.cli.bench.live import FLOOR
 from mvuav_ros.cli.bench.scenes import FRAMES, lights_above_runway
-from mvuav_ros.messages.cdr import cdr_header, stamp_ns_in
-from mvuav_ros.messages.images import serialize_compressed_image, serialize_image
+from mvuav_ros.messages.cdr import STAMP_END, STAMP_START, cdr_header, stamp_ns_in
+from mvuav_ros.messages.images import serialize_image, serialize_jpeg
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes.publishing import as_encoding
 from mvuav_ros.nodes.running import prepare_transport
@@ -36,22 +35,13 @@ _RESULT_BYTES = 400
 """Of the rows of five markers."""
 WARM_UP = 1.0
 """Seconds of images before those that count."""
-_STAMP_AT = 4
 _STREAMS = {'raw': (RosImage, 'image_raw'), 'compressed': (CompressedImage, 'image_raw/compressed')}
 """Type and topic of the images by transport."""
 
 
-def _serialized(image: Image, compressed: bool) -> bytes:
-    header = cdr_header(0, 'nose')
-    if not compressed:
-        return serialize_image(image, header)
-    jpeg = cv2.imencode('.jpg', image.pixels)[1].tobytes()
-    return serialize_compressed_image('jpeg', jpeg, header)
-
-
 def _stamped(message: bytes, stamp_ns: int) -> bytes:
     stamp = struct.pack('<iI', *divmod(stamp_ns, 1_000_000_000))
-    return b''.join((message[:_STAMP_AT], stamp, memoryview(message)[_STAMP_AT + 8 :]))
+    return b''.join((message[:STAMP_START], stamp, memoryview(message)[STAMP_END:]))
 
 
 def floor(transport: str) -> None:
@@ -107,14 +97,13 @@ def camera(orders: str) -> None:
 
 def _publish(node: Any, given: dict[str, Any]) -> list[int]:
     """Returns the stamps of the images that count, ns."""
-    compressed = given['transport'] == 'compressed'
+    serialize = serialize_jpeg if given['transport'] == 'compressed' else serialize_image
     images = (
         Image(lights_above_runway(given['width'], given['height'], index), 'mono8')
         for index in range(FRAMES)
     )
-    messages = cycle(
-        [_serialized(as_encoding(image, given['encoding']), compressed) for image in images]
-    )
+    header, encoding = cdr_header(0, 'nose'), given['encoding']
+    messages = cycle([serialize(as_encoding(image, encoding), header) for image in images])
     publisher = node.create_publisher(*_STREAMS[given['transport']], QoSProfile(depth=10))
     end = time.monotonic() + 20.0
     while publisher.get_subscription_count() < given['subscribers'] and time.monotonic() < end:
@@ -136,8 +125,7 @@ def _publish(node: Any, given: dict[str, Any]) -> list[int]:
 
 
 def _keep_arrival(answers: dict[int, int], message: bytes) -> None:
-    now = time.time_ns()
-    answers[stamp_ns_in(message)] = now
+    answers[stamp_ns_in(message)] = time.time_ns()  # taken before the stamp is read
 
 
 def _keep_status(newest: dict[str, dict[str, str]], message: DiagnosticArray) -> None:

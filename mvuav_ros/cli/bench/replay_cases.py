@@ -116,12 +116,7 @@ def _floor(bag: Path) -> int:
 
 def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> None:
     from mvuav_ros.messages.cdr import cdr_header
-    from mvuav_ros.messages.images import (
-        COMPRESSED_IMAGE,
-        IMAGE,
-        serialize_compressed_image,
-        serialize_image,
-    )
+    from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, serialize_image, serialize_jpeg
     from mvuav_ros.recordings.writing import RecordingWriter
     from mvuav_ros.vision.image import Image
 
@@ -137,6 +132,5 @@ def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> No
                 writer.write('/image_raw', IMAGE, stamp_ns, message)
                 continue
             colour = cv2.cvtColor(cv2.resize(scene, jpeg_size), cv2.COLOR_GRAY2BGR)
-            jpeg = cv2.imencode('.jpg', colour)[1].tobytes()
-            message = serialize_compressed_image('jpeg', jpeg, header)
+            message = serialize_jpeg(Image(np.asarray(colour, np.uint8), 'bgr8'), header)
             writer.write('/image_raw/compressed', COMPRESSED_IMAGE, stamp_ns, message)

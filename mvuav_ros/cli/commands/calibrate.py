@@ -17,6 +17,7 @@ from mvuav_ros.cli.options import (
     ImageTopic,
     Param,
     ParamsFile,
+    parse_pair,
     refuse_to_overwrite,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
@@ -35,13 +36,8 @@ ReportFolder = Annotated[
 ]
 
 
-class LensModel(StrEnum):
-    """Of ``--model``; typer 0.9, which a robot has, knows no ``Literal``."""
-
-    AUTO = 'auto'
-    PLUMB_BOB = 'plumb_bob'
-    RATIONAL_POLYNOMIAL = 'rational_polynomial'
-    EQUIDISTANT = 'equidistant'
+# Of ``--model``; typer 0.9, which a robot has, knows no ``Literal``.
+LensModel = StrEnum('LensModel', ['auto', 'plumb_bob', 'rational_polynomial', 'equidistant'])
 
 
 def calibrate(
@@ -62,7 +58,7 @@ def calibrate(
     model: Annotated[
         LensModel,
         typer.Option(help='Of the lens. auto: the simplest that does best on views kept back.'),
-    ] = LensModel.AUTO,
+    ] = LensModel.auto,
     output: Annotated[Path, typer.Option('--output', '-o', help='Calibration file.')] = Path(
         'camera.yaml'
     ),
@@ -89,11 +85,9 @@ def calibrate(
     from mvuav_ros.vision.camera import CalibrationError
     from mvuav_ros.vision.camera_calibration import TOO_MUCH, TUNING
 
-    columns, _, rows = board.lower().partition('x')
-    if not (columns.isdecimal() and rows.isdecimal()):
-        raise ParameterError('--board', f'write columns x rows, as in 9x6, not {board!r}')
+    corners = parse_pair('--board', board, 'columns x rows, as in 9x6')
     try:
-        printed = Board(int(columns), int(rows), square, charuco or '', marker)
+        printed = Board(*corners, square, charuco or '', marker)
     except BoardError as error:
         raise ParameterError('--board, --square, --charuco, --marker', str(error)) from error
     report = _report_folder(report, output, force, source)
@@ -105,7 +99,7 @@ def calibrate(
     except CalibrationError as error:
         raise SourceError(f'{images.name}: {error}') from error
     save_calibration(found.camera, output, name)
-    write_report(work.report_of(images.name, printed, search, chosen, found), report)
+    page = write_report(work.report_of(images.name, printed, search, chosen, found), report)
     say(
         f'{search.frames} frames, board found in {len(search.views)} of {search.searched} looked '
         f'at, {found.used.sum()} views used'
@@ -115,7 +109,7 @@ def calibrate(
     for what, value, deviation, unit in work.describe(found):
         say(f'{what} {value:.6g} ± {deviation:.2g} {unit}'.rstrip())
     say(work.extent([search.views[i] for i in chosen], found))
-    say(output, report / 'index.html')
+    say(output, page)
 
 
 rig = typer.Typer(help='Examine and calibrate marker rigs.', no_args_is_help=True)
@@ -155,12 +149,11 @@ def check(
         body = load_rig(file)
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
-    words = f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across'
+    plane = len(body.names) > MIN_MARKERS and dimensions(body) < 3
+    note = ', all in one plane: the tilt is ambiguous' if plane else ''
     if len(body.names) == MIN_MARKERS:
-        words += ': names, but no pose, which takes four'
-    elif len(body.names) > MIN_MARKERS and dimensions(body) < 3:
-        words += ', all in one plane: the tilt is ambiguous'
-    say(words)
+        note = ': names, but no pose, which takes four'
+    say(f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across{note}')
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
@@ -260,7 +253,7 @@ def calibrate_rig(
             raise SourceError(f'{flight.name}: {error}') from error
     found = made.found
     write_whole(output, rig_text(made.rig, found.deviations))
-    write_report(work.report_of(flight.name, made), report)
+    page = write_report(work.report_of(flight.name, made), report)
     say(
         f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
         f'detections fit, noise {found.noise:.2f} px',
@@ -277,7 +270,7 @@ def calibrate_rig(
             f'the scale is that of the rough rig, known to {100 * found.scale_deviation:.2g} %; '
             'a measured --distance is better'
         )
-    say(output, report / 'index.html')
+    say(output, page)
 
 
 def _report_folder(

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from mvuav_ros.cli.options import Force, refuse_to_overwrite, take_options
+from mvuav_ros.cli.options import Force, parse_pair, refuse_to_overwrite, take_options
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
+from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-
-if TYPE_CHECKING:
-    from mvuav_ros.simulation.flight import SimulatedFrame
 
 simulate = typer.Typer(
     help='Write a synthetic flight: images, calibration and the truth.',
@@ -35,7 +33,7 @@ def _command(kind: str, settings: type[ParameterSet]) -> Callable[..., None]:
         **given: Any,
     ) -> None:
         if size:
-            given['width'], given['height'] = _parse_size(size)
+            given['width'], given['height'] = parse_pair('--size', size, 'WxH, as in 640x480')
         _write(kind, given, output, force)
 
     options = {}
@@ -52,34 +50,26 @@ simulate.command('tanker')(_command('tanker', TankerSettings))
 simulate.command('runway')(_command('runway', RunwaySettings))
 
 
-def _parse_size(text: str) -> tuple[int, int]:
-    width, sign, height = text.lower().partition('x')
-    if not (sign and width.isdecimal() and height.isdecimal()):
-        raise ParameterError('--size', f'write WxH, as in 640x480, not {text!r}')
-    return int(width), int(height)
-
-
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
-    from mvuav_ros.offline.simulated_messages import simulated_messages
+    from mvuav_ros.offline.frame_messages import frame_messages
     from mvuav_ros.recordings.writing import RecordingWriter
-    from mvuav_ros.sources.opening import make_flight
+    from mvuav_ros.sources.opening import SimulatedFlight, make_flight
 
-    flight = make_flight(kind, given)
+    flight = SimulatedFlight(f'sim:{kind}', make_flight(kind, given))
     if output.is_dir():
         raise RecordingError(f'{output} is a folder; give the name of a file, such as flight.mcap')
     refuse_to_overwrite(output, force)
-    seed = flight.settings.seed
     with (
         stop_on_signals() as stop,
         RecordingWriter(output, overwrite=force) as writer,
         frame_progress() as progress,
     ):
-        frames: Iterable[SimulatedFrame[Any]] = flight
-        for frame in progress.track(frames, total=len(flight), description=f'sim:{kind}'):
-            for topic, type_name, data in simulated_messages(frame, flight.camera, seed):
-                writer.write(topic, type_name, frame.stamp_ns, data)
+        track = partial(progress.track, total=flight.count, description=flight.name)
+        for frame in track(flight.frames()):
+            for topic, type_name, make in frame_messages(frame):
+                writer.write(topic, type_name, frame.stamp_ns, make())
             if stop:
                 break
     if stop:
         raise Interrupted(stop.number)
-    say(f'{output}: {len(flight)} frames, {output.stat().st_size / 1e6:.1f} MB')
+    say(f'{output}: {flight.count} frames, {output.stat().st_size / 1e6:.1f} MB')

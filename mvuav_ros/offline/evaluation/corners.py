@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.processing.tracking import draw
 from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.attitude import HorizonLine
-from mvuav_ros.vision.approach.overlay import draw_approach
-from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
 
@@ -331,7 +330,7 @@ def _results(
 
 
 def _image(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArray[np.uint8]:
-    image = draw_overlay(result) if isinstance(result, RunwayResult) else draw_approach(result)
+    image = draw(result)
     factor = max(1, round(_IMAGE_WIDTH / image.shape[1]))
     image = image.repeat(factor, axis=0).repeat(factor, axis=1)
     corners = np.array([frame.near_left, frame.near_right, frame.far_right, frame.far_left])

@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 
 import mvuav_ros
 from mvuav_ros.messages.cdr import CdrReader, cdr_header
-from mvuav_ros.messages.images import IMAGE, BadFrame, Frame, serialize_image
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.messages.sensors import CAMERA_INFO, encode_camera_info, topic_beside
+from mvuav_ros.offline.frame_messages import frame_messages
 from mvuav_ros.offline.replay.pipeline import FrameResults, Item, make_processors, replay
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
@@ -170,11 +171,6 @@ class JobProgress(NamedTuple):
     total: int | None
 
 
-IMAGE_TOPIC = '/image_raw'
-"""Of the frames of a video or of image files."""
-CAMERA_TOPIC = topic_beside(IMAGE_TOPIC, 'camera_info')
-
-
 class ReplayInput:
     """A bag, a video, or images, or the part of it that a selection names."""
 
@@ -240,27 +236,12 @@ class ReplayInput:
             if isinstance(frame, Frame):
                 if self._camera is not None:
                     frame = replace(frame, camera=self._camera)
-                yield from _made_of(frame, keep)
+                for topic, kind, make in frame_messages(frame):
+                    if keep is None or topic in keep:
+                        qos = RELIABLE_QOS
+                        yield RecordedMessage(topic, kind, frame.stamp_ns, make(), None, qos)
             if index % self._selection.every == 0:
                 yield frame
-
-
-def _made_of(frame: Frame, keep: Collection[str] | None) -> Iterator[RecordedMessage]:
-    """The messages to keep that a bag would hold of a frame which comes from none."""
-    from mvuav_ros.offline.simulated_messages import truth_messages
-
-    made: list[tuple[str, str, bytes]] = []
-    if keep is None:
-        header = cdr_header(frame.stamp_ns, frame.frame_id)
-        made += [(IMAGE_TOPIC, IMAGE, serialize_image(frame.image, header))]
-    if frame.truth is not None:
-        made += truth_messages(frame.stamp_ns, frame.truth)
-    for topic, kind, data in made:
-        message = RecordedMessage(topic, kind, frame.stamp_ns, data, None, RELIABLE_QOS)
-        if topic == IMAGE_TOPIC and frame.camera is not None:
-            yield from _calibration(message, frame.camera, CAMERA_TOPIC)
-        if keep is None or topic in keep:
-            yield message
 
 
 def _calibration(

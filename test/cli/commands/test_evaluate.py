@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.commands import NO_POSE, mvuav
+from support.commands import NO_POSE, mvuav, read
 from support.flights import write_bag
 from support.places import ROOT
 from typer.testing import CliRunner
@@ -216,7 +216,8 @@ def test_what_says_how_the_nodes_run_has_them_run(tmp_path):
         assert found['value'] == frames
 
 
-def test_a_replay_of_a_simulated_flight_keeps_its_truth(tmp_path):
+def test_a_replay_of_a_simulated_flight_keeps_what_a_bag_of_it_holds(tmp_path):
+    """The attitude as well, which was left out."""
     out = tmp_path / 'out.mcap'
     given = ('-o', out, '--keep-inputs', '--nodes', 'marker_tracker')
     assert mvuav('replay', FLIGHT, *given).status == 0
@@ -224,6 +225,17 @@ def test_a_replay_of_a_simulated_flight_keeps_its_truth(tmp_path):
     report = json.loads((tmp_path / 'report' / 'report.json').read_text())
     assert report['settings']['results'] == "the bag's own"
     assert {row['marker'] for row in report['tables']['markers']} >= {'rudder', 'all 5'}
+    bag = tmp_path / 'bag.mcap'
+    small = ('--width', 320, '--height', 240, '--frames', 2)
+    assert mvuav('simulate', 'runway', '-o', bag, *small).status == 0
+    flight = 'sim:runway?width=320&height=240&frames=2'
+    assert mvuav('replay', flight, '-o', out, '--keep-inputs', '--force').status == 0
+    kept = [
+        message
+        for message in read(out)
+        if message.topic.count('/') < 2 or '/truth' in message.topic
+    ]
+    assert kept == read(bag)
 
 
 def test_sweep_writes_table_and_trends_and_reports_a_failed_run(tmp_path):

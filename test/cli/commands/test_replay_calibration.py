@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -230,6 +231,10 @@ def test_a_damaged_calibration_or_attitude_is_refused_wherever_it_is_cut():
     info = encode_camera_info(camera, header)
     imu = encode_imu((0.0, 0.6, 0.0, 0.8), 0.1, header)
     assert decode_imu(imu) == (1_500_000_000, Attitude(0.0, 0.6, 0.0, 0.8, pytest.approx(0.1)))
+    for axis in (0, 4):
+        uneven = bytearray(imu)
+        struct.pack_into('<d', uneven, len(imu) - (33 - axis) * 8, 0.09)
+        assert decode_imu(bytes(uneven))[1].sigma == pytest.approx(0.3)
     # Of a calibration the last byte and what fills up its word are not needed.
     for decode, data in ((CameraInfoDecoder().decode, info[:-4]), (decode_imu, imu)):
         for length in range(len(data)):

@@ -12,7 +12,7 @@ from support.headers import make_header
 
 from mvuav_ros.messages.cdr import PointLayout, cdr_header
 from mvuav_ros.offline.evaluation.bag_report import bag_report
-from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, nodes_for, read_bag, replay
 from mvuav_ros.offline.evaluation.metrics import (
     line_errors,
     marker_errors,
@@ -28,7 +28,8 @@ from mvuav_ros.recordings.result_rows import marker_names
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import SourceError
-from mvuav_ros.vision.markers.marker_results import TANKER_NAMES
+from mvuav_ros.vision.markers.marker_results import TANKER_NAMES, MarkerState
+from mvuav_ros.vision.runway.results import LineFlag
 
 TANKER = 'sim:tanker?frames=12&motion=roll&fps=15&noise=0'
 TYPES = {'markers': 'sensor_msgs/msg/PointCloud2', 'rpy': 'geometry_msgs/msg/Vector3Stamped'}
@@ -89,6 +90,11 @@ def test_exchanged_names_are_noticed():
     assert errors.wrong[:, [0, 4]].all()
     assert not errors.wrong[:, 1:4].any()
     assert values(swapped)['wrong names'] == 24
+    # Of a prediction, and of what is near no light, no name is judged.
+    first, second, *_ = swapped.results.markers.values()
+    first['state'] = MarkerState.PREDICTED
+    second['x'] += 6.0
+    assert values(swapped)['wrong names'] == 20
 
 
 def test_roll_error_is_taken_the_short_way():
@@ -136,15 +142,22 @@ def test_errors_of_a_pose_are_those_that_were_made():
     assert table.rows[0][3] == 5000.0 and table.rows[0][7] == pytest.approx(30.0)
 
 
-def test_true_lines_given_back_are_found_without_error():
+def test_true_lines_turned_about_their_middles_are_found_with_that_error():
     observed = replay(RUNWAY, ReplaySettings({'runway_detector': {}}))
     assert line_errors(observed).frames == 6
     for stamp, rows in observed.truth.lines.items():
-        observed.results.lines[stamp] = rows
+        turned = observed.results.lines[stamp] = rows.copy()
+        theta = turned['theta'] + 0.01
+        x, y = (rows['x'] + rows['x2']) / 2, (rows['y'] + rows['y2']) / 2
+        turned['theta'], turned['rho'] = theta, x * np.cos(theta) + y * np.sin(theta)
+        turned['flags'] = LineFlag.RHO_ERROR
     errors = line_errors(observed)
     assert len(errors.matches) == sum(errors.visible) > 0
     assert max(abs(match.distance) for match in errors.matches) < 1e-3
-    assert values(observed)['true lines found'] == 100.0
+    assert max(abs(match.dtheta - 0.01) for match in errors.matches) < 1e-5
+    measured = values(observed)
+    assert measured['true lines found'] == 100.0
+    assert (measured['rho flags'], measured['theta flags']) == (6.0, 0.0)
 
 
 @pytest.mark.parametrize('name', ['rho', 'theta'])
@@ -200,6 +213,21 @@ def test_a_rig_of_ones_own_has_its_names_and_the_roll_of_its_pose(tmp_path):
     assert [row[0] for row in markers.items[0].rows][-2:] == ['tail', 'all 4']
     for section in (roll, pose):
         assert section.items[0].rows[0][:2] == (6, 100.0)
+
+
+@pytest.mark.parametrize(
+    ('topics', 'nodes'),
+    [
+        (['/truth/rpy'], ['marker_tracker']),
+        (['/truth/markers', '/truth/lines'], ['marker_tracker', 'runway_detector']),
+        (['/truth/pose'], ['marker_tracker', 'runway_detector']),
+    ],
+)
+def test_a_truth_says_which_nodes_it_judges(tmp_path, topics, nodes):
+    with RecordingWriter(path := tmp_path / 'a.mcap') as writer:
+        for topic in topics:
+            writer.write(topic, TYPES['rpy'], 1, serialize_message(Vector3Stamped()))
+    assert nodes_for(str(path)) == nodes
 
 
 def test_names_do_not_follow_the_order_of_topics(tmp_path):

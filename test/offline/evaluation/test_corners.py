@@ -51,6 +51,8 @@ def test_the_tolerance_is_3_px_or_5_percent_of_the_near_width():
 @pytest.mark.parametrize(('aside', 'found'), [(0.0, True), (2.9, True), (3.2, False)])
 def test_a_line_must_pass_near_both_corners(aside, found):
     assert score_frame(NARROW, edges(NARROW, left=aside)).found is found
+    further = edge(LineRole.LEFT_EDGE, NARROW.near_left, NARROW.far_left, aside + 1.0)
+    assert score_frame(NARROW, [*edges(NARROW, left=aside), further]).found is found
     assert score_frame(NARROW, edges(NARROW, right=-aside)).found is found
 
 

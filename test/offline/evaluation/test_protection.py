@@ -1,3 +1,4 @@
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -22,17 +23,21 @@ def test_faults_are_as_frequent_as_asked_for_and_last():
 def test_every_kind_of_fault_moves_its_light_alone(kind):
     begun = (protection._Fault(np.random.default_rng(seed), 2, 5) for seed in range(99))
     faults = protection._Faults(np.random.default_rng(0), 0.0)
-    faults._of[2] = next(fault for fault in begun if fault.kind == kind)
+    faults._of[2] = fault = next(fault for fault in begun if fault.kind == kind)
     true = np.arange(10.0).reshape(5, 2) ** 2
     pixels = true.copy()
     assert faults.apply(pixels) == [2]
     moved = np.abs(pixels - true).sum(axis=1) > 0
     assert moved.tolist() == [False, False, True, False, False]
+    if kind == 'joined lights':
+        before, after = (np.linalg.norm(each[2] - true[fault.other]) for each in (true, pixels))
+        assert 0.5 * before <= after < before
 
 
 def test_levels_hold_on_flights_with_and_without_faults():
     usual = fly(ProtectionTask(4, 1.0, BUDGET, frames=300))
     assert usual.frames == 300 and not usual.misleading
+    assert usual.available + usual.alerts <= 300
     assert 295 - usual.faulty <= usual.available <= usual.at_distance == 300 - usual.faulty
     faulty = fly(ProtectionTask(4, 1000.0, BUDGET, frames=300))
     assert faulty.faulty > 30 and faulty.misleading == 0
@@ -47,8 +52,10 @@ def test_levels_that_are_too_small_are_counted(monkeypatch):
 
     protection_levels = protection.protection_levels
     monkeypatch.setattr(protection, 'protection_levels', small)
+    # With limits of no length, but for the height, all else is within them.
+    monkeypatch.setattr(protection, 'ALERT_LIMITS', (math.inf, math.inf, 0.02))
     counts = fly(ProtectionTask(4, 1.0, BUDGET, frames=100))
-    assert counts.misleading > 20
+    assert counts.misleading > 20 and counts.hazardous > 0
     seed, _, _, worst = counts.failures[0]
     assert seed == 4 and 'level' in worst
 
