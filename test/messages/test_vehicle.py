@@ -373,6 +373,28 @@ def quaternion_product(a, b):
     )
 
 
+def test_robot_localization_gets_the_vehicle_in_the_map():
+    """A pose is multiplied with the transform from its frame to the map, and is base_link's."""
+    given = {'base_frame': 'base_link', 'camera_mount_rpy_deg': DOWN_20, 'publish_tf': 'off'}
+    said = fly(runway(**given), RUNWAY, RUNWAY_CAMERA)
+    runway_in_map = np.eye(4)
+    runway_in_map[:3, :3], runway_in_map[:3, 3] = about_z(0.6), (100.0, -40.0, 3.0)
+    listener = Listener(('map', 'runway', runway_in_map))
+    checked = 0
+    for each in said:
+        if 'vision_pose' not in each:
+            continue
+        vehicle = place(each['vision_pose'])[0]
+        measured = listener.lookup('map', 'runway') @ vehicle
+        roll, pitch, yaw = rpy(measured[:3, :3])
+        assert math.degrees(pitch) == pytest.approx(0.0, abs=2.5)
+        assert math.degrees(roll) == pytest.approx(0.0, abs=2.5)
+        assert yaw == pytest.approx(0.6, abs=0.05)
+        assert measured[2, 3] == pytest.approx(3.0 + vehicle[2, 3])
+        checked += 1
+    assert checked > 3
+
+
 HEADINGS = (0.0, 90.0, 215.0)
 
 

@@ -156,6 +156,13 @@ def test_existing_file_is_kept_unless_overwritten(tmp_path: Path) -> None:
     assert read(path) == (SAMPLES[:1], [])
 
 
+def test_the_folder_is_made(tmp_path: Path) -> None:
+    path = tmp_path / 'new' / 'folder' / 'a.mcap'
+    with RecordingWriter(path) as writer:
+        writer.write(*SAMPLES[0])
+    assert read(path) == (SAMPLES[:1], [])
+
+
 def test_impossible_targets_are_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / 'folder.mcap').mkdir()
     (tmp_path / 'folder.mcap' / 'file').touch()

@@ -16,10 +16,6 @@ from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
-from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.sensors import CAMERA_INFO, encode_camera_info
-from mvuav_ros.vision.camera import CameraModel
-
 IMAGE = 'sensor_msgs/msg/Image'
 TOPIC = '/camera/image_raw'
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -76,18 +72,6 @@ def pose_sample(number: int, topic: str = '/pose') -> Sample:
     kind = 'geometry_msgs/msg/PoseStamped'
     pose = types[kind](header, types['geometry_msgs/msg/Pose'](place, turn))
     return Sample(topic, kind, stamp_ns, cdr(pose))
-
-
-def calibration_sample(
-    number: int, focal_length: float, size: tuple[int, int] = (64, 48)
-) -> Sample:
-    """The CameraInfo of image ``number``, by our writer, which is held against rclpy's."""
-    (width, height), stamp_ns = size, START_NS + number * STEP_NS
-    k = (focal_length, 0, width / 2, 0, focal_length, height / 2, 0, 0, 1)
-    data = encode_camera_info(
-        CameraModel(width, height, k), cdr_header(stamp_ns, f'camera {number}')
-    )
-    return Sample('/camera/camera_info', CAMERA_INFO, stamp_ns, data)
 
 
 def write_mcap(

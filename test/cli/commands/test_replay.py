@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from rosbags import rosbag2
+from support.calibrations import calibration_sample
 from support.coded_videos import HEIGHT, WIDTH
 from support.coded_videos import image as coded_image
 from support.commands import (
@@ -30,7 +31,6 @@ from support.recording_samples import (
     STORE,
     TOPIC,
     Sample,
-    calibration_sample,
     cdr,
     image,
     image_samples,

@@ -9,13 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.calibrations import calibration_sample
 from support.commands import NO_LIGHT, mvuav_process, read, write_flight
 from support.recording_samples import (
     START_NS,
     STEP_NS,
     STORE,
     Sample,
-    calibration_sample,
     cdr,
     image,
     write_mcap,
