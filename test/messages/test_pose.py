@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from support.node_outputs import messages_of
 
+from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.marker_results import MarkerState
 
 FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=90, seed=3, failures='all@0.2-9'))
 CAMERA = CameraModel(640, 480, tuple(FLIGHT.camera.matrix.ravel()))
@@ -50,6 +53,19 @@ def test_one_pose_for_every_frame_and_nan_without_markers():
             assert all(math.isnan(number) for number in numbers(pose))
 
 
+def test_markers_that_are_lost_are_nan_and_have_no_topic():
+    processor = MarkerTrackerProcessor()
+    dark = Frame(1, 'camera', Image(np.zeros((48, 64), np.uint8), 'mono8'))
+    outputs = messages_of(processor, processor.process(dark))
+    lost = view_points(outputs['markers'])
+    assert list(lost['state']) == [MarkerState.LOST] * 5 and not outputs['markers'].is_dense
+    assert all(
+        np.isnan(lost[name]).all() for name in ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area')
+    )
+    assert math.isnan(outputs['rpy'].vector.x)
+    assert not any(topic.startswith('marker/') for topic in outputs)
+
+
 def test_roll_stays_the_images_and_pitch_and_yaw_are_the_poses():
     _, with_pose = run()
     _, without = run(camera=None)
@@ -83,19 +99,12 @@ def test_a_wrong_calibration_withholds_the_pose_aloud_and_no_name():
     assert all(math.isnan(number) for outputs in frames for number in numbers(outputs['pose']))
     vector = frames[5]['rpy'].vector
     assert vector.x == pytest.approx(FLIGHT.truth(5).roll, abs=1e-3) and math.isnan(vector.y)
-    _, frames = run(camera=CameraModel(640, 480, tuple(k)), debug=())
     assert 'no pose: camera_info says a focal length of' in processor.status
 
 
-def test_without_camera_info_nobody_complains():
-    processor, frames = run(camera=None)
-    assert 'pose' not in processor.status
-    assert all(math.isnan(number) for outputs in frames for number in numbers(outputs['pose']))
-
-
-@pytest.mark.parametrize('parameters', [{'pose': False}, {'mode': 'detect_any'}])
-def test_no_pose_where_none_is_wanted_or_possible(parameters):
-    processor, frames = run(**parameters)
+@pytest.mark.parametrize('given', [{'camera': None}, {'pose': False}, {'mode': 'detect_any'}])
+def test_nobody_complains_where_no_pose_is_wanted_or_possible(given):
+    processor, frames = run(**given)
     assert all(math.isnan(number) for outputs in frames for number in numbers(outputs['pose']))
     assert 'pose' not in processor.status
 

@@ -170,6 +170,12 @@ def jpeg(width: int, height: int, before: bytes = b'') -> bytes:
     return data[:2] + before + data[2:]
 
 
+def webp(channels: int, quality: int) -> bytes:
+    """7 x 9 pixels: lossless above a quality of 100, in the extended format with alpha."""
+    pixels = np.zeros((9, 7, channels), np.uint8)
+    return cv2.imencode('.webp', pixels, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
+
+
 EXIF = b'\xff\xe1\xff\xff' + bytes(65_533)
 
 
@@ -184,6 +190,8 @@ EXIF = b'\xff\xe1\xff\xff' + bytes(65_533)
         (jpeg(640, 480, b'\xff' * 20), (640, 480)),
         (png(7, 9)[:20], None),
         (jpeg(640, 480)[:30], None),
+        *((webp(*kind), (7, 9)) for kind in ((3, 101), (3, 80), (4, 80))),
+        (cv2.imencode('.tiff', np.zeros((9, 7), np.uint8))[1].tobytes(), (7, 9)),
         (b'\xff\xd8', None),
         (b'\xff\xd8' + b'\xff\xd0' * 50_000, None),
         (b'BM' + bytes(100), None),

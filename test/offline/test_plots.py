@@ -7,6 +7,7 @@ import dataclasses
 import math
 import os
 import tracemalloc
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import cv2
@@ -17,7 +18,7 @@ from support.commands import mvuav
 from mvuav_ros.messages import marker_messages
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
-from mvuav_ros.offline.plots import Curves, collect, page
+from mvuav_ros.offline.plots import Curves, FlightPlot, collect, page
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
@@ -54,6 +55,22 @@ def tables(season: Path) -> Path:
     run = mvuav('export', season, '-o', out, '--plot')
     assert run.status == 0
     return out
+
+
+DARK = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
+LIGHTS = PointLayout(marker_messages.POINT).encode
+
+
+def drawn_of(
+    path: Path, stamps_ns: Iterable[int], encode: Callable[[int, bytes], bytes]
+) -> FlightPlot:
+    """What is drawn of markers: ``encode`` has a frame's number and its header."""
+    with RecordingWriter(path) as writer:
+        for number, stamp_ns in enumerate(stamps_ns):
+            data = encode(number, cdr_header(stamp_ns, 'camera'))
+            writer.write('/marker_tracker/markers', CLOUD, stamp_ns, data)
+    with open_recording(path) as recording:
+        return collect(recording, 'flight')
 
 
 def read(path: Path) -> list[dict[str, str]]:
@@ -120,7 +137,7 @@ def test_names_of_another_rig_are_those_of_its_topics(
     """Also where the first one is seen late; a marker that is never seen has none."""
     markers = {'nose': [0, 0, 0], 'left': [0, 1, 0], 'right': [0.2, -1.5, 0], 'top': [0, 0, 2]}
     rig = parse_rig({'markers': markers})
-    result = MarkerTracker(rig=rig).process(Image(np.zeros((480, 640), np.uint8), 'mono8'), 0)
+    result = MarkerTracker(rig=rig).process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
     path = tmp_path / 'results.mcap'
     with RecordingWriter(path) as writer:
         for index, seen in enumerate(in_sight):
@@ -157,19 +174,6 @@ def test_trajectories_have_a_file_for_each_flight(
         assert all(len(line) == 10 and line[7:] == ['-1'] * 3 for line in lines)
     else:
         assert all(len(line[0].split()) == 8 for line in lines)
-
-
-def test_a_mot_box_lies_around_the_marker(season: Path, tables: Path, tmp_path: Path) -> None:
-    single = season / 'flight_0.mcap'
-    assert mvuav('export', single, '-o', tmp_path / 'out', '--format', 'mot').status == 0
-    text = (tmp_path / 'out' / 'marker_tracker_markers.txt').read_text().splitlines()[0]
-    left, top, width, height = map(float, text.split(',')[2:6])
-    marker = read(tables / 'marker_tracker_markers.csv')
-    first = next(row for row in marker if row['flight'] == 'flight_0')
-    # MOTChallenge counts pixels from 1, and their corners from 0.5 before.
-    assert left + 0.5 * width - 1.5 == pytest.approx(float(first['x']), abs=0.01)
-    assert top + 0.5 * height - 1.5 == pytest.approx(float(first['y']), abs=0.01)
-    assert width * height == pytest.approx(float(first['area']), rel=0.01)
 
 
 def test_every_flight_has_a_page_and_there_is_an_overview(tables: Path) -> None:
@@ -286,32 +290,21 @@ def test_other_programs_topics_of_that_name_are_not_drawn(
 
 
 def test_the_time_begins_at_the_first_frame_whatever_its_stamp(tmp_path: Path) -> None:
-    path = tmp_path / 'video.mcap'
-    result = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
-    with RecordingWriter(path) as writer:
-        for number in range(6):
-            stamp_ns = number * 100_000_000
-            data = encode_markers(result, cdr_header(stamp_ns, 'camera'))
-            writer.write('/marker_tracker/markers', CLOUD, stamp_ns, data)
-    with open_recording(path) as recording:
-        flight = collect(recording, 'video')
+    stamps = range(0, 600_000_000, 100_000_000)
+    flight = drawn_of(tmp_path / 'video.mcap', stamps, lambda _, head: encode_markers(DARK, head))
     assert flight.seconds == pytest.approx(0.5)
     assert flight.parts[0].times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
 
 
 def test_every_loss_of_one_frame_is_seen_on_the_page_of_a_long_flight(tmp_path: Path) -> None:
-    path = tmp_path / 'flight.mcap'
-    result = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
-    seen = [m._replace(x=9.0, y=9.0, state=MarkerState.DETECTED) for m in result.markers]
-    with RecordingWriter(path) as writer:
-        for number in range(2900):
-            markers = result.markers if number % 401 == 300 else seen
-            frame = dataclasses.replace(result, markers=markers)
-            data = encode_markers(frame, cdr_header(number * 33_000_000, 'camera'))
-            writer.write('/marker_tracker/markers', CLOUD, number, data)
-    with open_recording(path) as recording:
-        flight = collect(recording, 'flight')
-    figure = page(flight)
+    seen = [m._replace(x=9.0, y=9.0, state=MarkerState.DETECTED) for m in DARK.markers]
+    bright = dataclasses.replace(DARK, markers=seen)
+
+    def encode(number: int, header: bytes) -> bytes:
+        return encode_markers(DARK if number % 401 == 300 else bright, header)
+
+    stamps = (number * 33_000_000 for number in range(2900))
+    figure = page(drawn_of(tmp_path / 'flight.mcap', stamps, encode))
     figure.savefig(tmp_path / 'page.png')
     left, low, right, _ = figure.axes[-1].get_window_extent().extents.round().astype(int)
     row = cv2.imread(str(tmp_path / 'page.png'))[-low - 9, left + 2 : right - 2]
@@ -320,29 +313,20 @@ def test_every_loss_of_one_frame_is_seen_on_the_page_of_a_long_flight(tmp_path: 
 
 
 def test_frames_without_a_light_are_drawn_as_zero_lights(tmp_path: Path) -> None:
-    path = tmp_path / 'flight.mcap'
-    encode = PointLayout(marker_messages.POINT).encode
-    with RecordingWriter(path) as writer:
-        for number, lights in enumerate((0, 2, 0, 1, 0)):
-            rows = [(1.0,) * 8 + (255, 1, 1.0)] * lights
-            data = encode(rows, cdr_header(number * 10**9, 'camera'))
-            writer.write('/marker_tracker/markers', CLOUD, number * 10**9, data)
-    with open_recording(path) as recording:
-        flight = collect(recording, 'flight')
+    counts, light = (0, 2, 0, 1, 0), (1.0,) * 8 + (255, 1, 1.0)
+    stamps = range(0, 5 * 10**9, 10**9)
+    flight = drawn_of(
+        tmp_path / 'flight.mcap', stamps, lambda n, head: LIGHTS([light] * counts[n], head)
+    )
     (part,) = flight.parts
     assert (part.frames, flight.seconds) == (5, 4.0)
     assert part.curves['markers'].by_name()['lights'][0].tolist() == [0, 2, 0, 1, 0]
 
 
 def test_a_flight_whose_clock_jumps_back_has_a_length(tmp_path: Path) -> None:
-    path = tmp_path / 'flight.mcap'
-    result = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
-    with RecordingWriter(path) as writer:
-        for seconds in (50, 52, 2, 3):
-            data = encode_markers(result, cdr_header(seconds * 10**9, 'camera'))
-            writer.write('/marker_tracker/markers', CLOUD, seconds * 10**9, data)
-    with open_recording(path) as recording:
-        assert collect(recording, 'flight').seconds == pytest.approx(50.0)
+    stamps = (seconds * 10**9 for seconds in (50, 52, 2, 3))
+    flight = drawn_of(tmp_path / 'flight.mcap', stamps, lambda _, head: encode_markers(DARK, head))
+    assert flight.seconds == pytest.approx(50.0)
 
 
 def test_names_are_no_formulas(season: Path, tmp_path: Path) -> None:
@@ -354,15 +338,13 @@ def test_names_are_no_formulas(season: Path, tmp_path: Path) -> None:
 
 
 def test_the_rig_may_change_in_the_middle_of_a_recording(tmp_path: Path) -> None:
+    def encode(number: int, header: bytes) -> bytes:
+        labels = range(5 if number % 4 else 4)
+        return LIGHTS([(1.0,) * 8 + (label, 1, 1.0) for label in labels], header)
+
     path = tmp_path / 'flight.mcap'
-    with RecordingWriter(path) as writer:
-        for number in range(6):
-            lights = [(1.0,) * 8 + (label, 1, 1.0) for label in range(5 if number % 4 else 4)]
-            data = PointLayout(marker_messages.POINT).encode(lights, cdr_header(number, 'camera'))
-            writer.write('/marker_tracker/markers', CLOUD, number, data)
+    (part,) = drawn_of(path, range(6), encode).parts
     assert mvuav('export', path, '-o', tmp_path / 'out', '--plot').status == 0
-    with open_recording(path) as recording:
-        (part,) = collect(recording, 'flight').parts
     assert part.counts == [4 * 2 + 5 * 4, 0, 0]
     assert [len(states) for states in part.states] == [4, 5, 5, 5, 5, 5]
     assert part.states[4] == [0, 0, 0, 0, 2]

@@ -76,6 +76,9 @@ def test_names_and_defaults_are_the_contracts():
         ('association', 'order', 'index, nearest'),
         ('edge_thinning', 1, 'boolean'),
         ('max_hold', -1, '0'),
+        ('mode', 'both', 'thesis, approach'),
+        ('target', 'river', 'runway'),
+        ('runway_width', -1.0, '0'),
     ],
 )
 def test_invalid_values_are_refused_with_the_reason(name, value, reason):

@@ -14,6 +14,7 @@ import pytest
 from mcap.writer import Writer as McapWriter
 from support.coded_videos import compressed_image
 from support.recording_samples import (
+    IMAGE,
     ROS1_STORE,
     START_NS,
     STORE,
@@ -157,6 +158,15 @@ def test_compressed_images_whatever_their_format_says(
     assert topic.images.formats == [f'64x48 {kind}'.rstrip()]
 
 
+def refusal_of(path: Path, kind: str, data: bytes) -> str:
+    """Why an image is none, for its reader and for `mvuav info` alike."""
+    (frame,) = BagImages(write_mcap(path, [Sample(TOPIC, kind, START_NS, data)])).frames()
+    (topic,) = summarise(path).topics
+    assert isinstance(frame, BadFrame) and topic.images is not None
+    assert topic.images.first_problem == frame.reason
+    return frame.reason
+
+
 @pytest.mark.parametrize('extension', ['.jpg', '.png', '.webp', '.tiff'])
 def test_a_header_that_claims_gigapixels(tmp_path: Path, extension: str) -> None:
     data = bytearray(cv2.imencode(extension, np.full((48, 64, 3), 90, np.uint8))[1].tobytes())
@@ -170,12 +180,8 @@ def test_a_header_that_claims_gigapixels(tmp_path: Path, extension: str) -> None
         data = data.replace(old, new, 1)
     if (lossless := data.find(b'VP8L')) > 0:
         data[lossless + 9 : lossless + 13] = b'\xff' * 4
-    sample = Sample(TOPIC, COMPRESSED_IMAGE, START_NS, compressed_image(bytes(data), '', START_NS))
-    path = write_mcap(tmp_path / 'a.mcap', [sample])
-    (frame,) = BagImages(path).frames()
-    assert isinstance(frame, BadFrame) and 'megapixels' in frame.reason
-    (topic,) = summarise(path).topics
-    assert topic.images is not None and 'megapixels' in topic.images.first_problem
+    message = compressed_image(bytes(data), '', START_NS)
+    assert 'megapixels' in refusal_of(tmp_path / 'a.mcap', COMPRESSED_IMAGE, message)
 
 
 @pytest.mark.parametrize(
@@ -187,18 +193,9 @@ def test_images_that_are_refused_for_the_right_reason(
     message = image(1)
     message.encoding, message.step = encoding, 256
     message.data = np.zeros(256 * 48, np.uint8)
-    path = write_mcap(tmp_path / 'a.mcap', [SAMPLES[0]._replace(data=cdr(message))])
-    (frame,) = BagImages(path).frames()
-    (topic,) = summarise(path).topics
-    assert isinstance(frame, BadFrame) and reason in frame.reason
-    assert topic.images is not None and reason in topic.images.first_problem
+    assert reason in refusal_of(tmp_path / 'a.mcap', IMAGE, cdr(message))
 
 
 def test_depth_is_refused(tmp_path: Path) -> None:
-    kind = '16UC1; compressedDepth png'
-    sample = Sample(TOPIC, COMPRESSED_IMAGE, START_NS, compressed_image(b'0' * 40, kind, START_NS))
-    path = write_mcap(tmp_path / 'a.mcap', [sample])
-    (frame,) = BagImages(path).frames()
-    (topic,) = summarise(path).topics
-    assert isinstance(frame, BadFrame) and 'distances' in frame.reason
-    assert topic.images is not None and 'distances' in topic.images.first_problem
+    message = compressed_image(b'0' * 40, '16UC1; compressedDepth png', START_NS)
+    assert 'distances' in refusal_of(tmp_path / 'a.mcap', COMPRESSED_IMAGE, message)

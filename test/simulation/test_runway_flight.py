@@ -1,4 +1,3 @@
-import itertools
 import math
 import tracemalloc
 
@@ -146,7 +145,7 @@ def test_the_same_settings_give_the_same_frames_and_another_seed_others():
     assert other.truth(0).lines != frames[0].truth.lines
 
 
-def test_gain_steps_and_a_slow_camera():
+def test_the_gain_jumps_now_and_then():
     sim = flight(gain_steps=0.3, frames=900, width=160, height=120, noise=0.0, detail=0.0)
     gains = np.array([sim.truth(i).gain for i in range(900)])
     changes = np.flatnonzero(np.diff(gains))
@@ -155,10 +154,6 @@ def test_gain_steps_and_a_slow_camera():
     step = max(changes, key=lambda i: abs(gains[i + 1] - gains[i]))
     before, after = (sim.frame(int(i)).image.pixels[70:].mean() for i in (step, step + 1))
     assert after / before == pytest.approx(gains[step + 1] / gains[step], abs=0.03)
-    slow = flight(camera_rate=10.0, frames=6, width=160, height=120, detail=0.0)
-    frames = list(slow)
-    same = [np.array_equal(a.image.pixels, b.image.pixels) for a, b in itertools.pairwise(frames)]
-    assert same == [True, True, False, True, True]
 
 
 def test_a_runway_that_is_behind_is_not_visible():

@@ -25,7 +25,6 @@ from support.recording_samples import (
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.image_files import compressed_size
 from mvuav_ros.messages.images import (
     COMPRESSED_IMAGE,
     COMPRESSED_VIDEO,
@@ -115,15 +114,6 @@ def test_malformed_messages_raise_one_error() -> None:
     assert 1000 < malformed < 3000
     with pytest.raises(MalformedMessageError, match='not known'):
         decode_message('no_such/msg/Type', data)
-
-
-@pytest.mark.parametrize('extension', ['.jpg', '.png', '.webp', '.tiff'])
-def test_compressed_size(extension: str) -> None:
-    assert compressed_size(decode_message(COMPRESSED_IMAGE, compressed(1, extension)).data) == (
-        64,
-        48,
-    )
-    assert compressed_size(np.arange(200, dtype=np.uint8)) is None
 
 
 def test_only_image_types_are_images() -> None:

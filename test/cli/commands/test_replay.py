@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from rosbags import rosbag2
+from support.calibrations import calibration_sample
 from support.coded_videos import HEIGHT, WIDTH
 from support.coded_videos import image as coded_image
 from support.commands import (
@@ -41,7 +42,7 @@ from support.recording_samples import (
 
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.messages.sensors import CAMERA_INFO, IMU
+from mvuav_ros.messages.sensors import IMU
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
@@ -55,16 +56,6 @@ SAMPLES = image_samples(30)
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
     return write_mcap(tmp_path / 'flight.mcap', SAMPLES)
-
-
-def test_help_names_every_option() -> None:
-    run = mvuav_process('replay', '--help')
-    assert run.status == 0
-    options = (
-        'nodes image-topic params-file param fps start duration every keep-inputs debug-images'
-    )
-    for option in [*options.split(), 'gamma', 'jobs', 'dask', 'strict', 'force']:
-        assert f'--{option}' in run.out
 
 
 def test_gamma_is_applied_before_the_nodes_see_an_image(bag: Path, tmp_path: Path) -> None:
@@ -342,18 +333,6 @@ def test_frames_that_cannot_be_used(tmp_path: Path) -> None:
     assert len(stamps(out)) == 28
 
 
-def test_images_without_a_stamp_get_the_time_of_recording(tmp_path: Path) -> None:
-    messages = [image(n) for n in range(3)]
-    for message in messages:
-        message.header.stamp.sec = message.header.stamp.nanosec = 0
-    samples = [Sample(TOPIC, IMAGE, stamp(n), cdr(message)) for n, message in enumerate(messages)]
-    bag, out = write_mcap(tmp_path / 'in.mcap', samples), tmp_path / 'out.mcap'
-    assert mvuav('replay', bag, '-o', out, *NODE, '--strict').status == 0
-    assert stamps(out) == [stamp(n) for n in range(3)]
-    cloud = decode_message('sensor_msgs/msg/PointCloud2', read(out)[0].data)
-    assert cloud.header.stamp.nanosec == stamp(0) % 10**9
-
-
 def test_strict_accepts_what_is_whole(tmp_path: Path) -> None:
     folder = write_rosbag2(tmp_path / 'bag', SAMPLES)
     (folder / 'metadata.yaml').unlink()
@@ -369,14 +348,6 @@ def test_strict_refuses_a_cut_recording(tmp_path: Path) -> None:
         run = mvuav('replay', bag, '-o', tmp_path / 'o.mcap', *NODE, '--force', *option)
         assert run.status == status
         assert 'cut off' in run.err
-
-
-def test_channels_that_are_not_cdr_are_named(tmp_path: Path) -> None:
-    samples = [*SAMPLES, string_sample(1, '/web')]
-    bag = write_mcap(tmp_path / 'in.mcap', samples, encodings={'/web': 'json'})
-    run = mvuav('replay', bag, '-o', tmp_path / 'out.mcap', *NODE)
-    assert run.status == 0
-    assert run.err == 'note: /web is json, not CDR: skipped\n' + NO_POSE
 
 
 def test_one_node_refusing_a_frame_does_not_silence_the_other(
@@ -487,27 +458,38 @@ def test_the_camera_comes_with_the_bag(tmp_path: Path, monkeypatch: pytest.Monke
         return process(self, frame, *arguments)
 
     monkeypatch.setattr(tracker, 'process', noted)
-    samples = [*SAMPLES[:2], _calibration(2, 500.0), SAMPLES[3], _calibration(4, 600.0)]
-    samples += [SAMPLES[5], _calibration(6, 700.0)._replace(topic='/belly/camera_info')]
+    samples = [*SAMPLES[:2], calibration_sample(2, 500.0), SAMPLES[3], calibration_sample(4, 600.0)]
+    samples += [SAMPLES[5], calibration_sample(6, 700.0)._replace(topic='/belly/camera_info')]
     bag = write_mcap(tmp_path / 'in.mcap', samples)
     assert mvuav('replay', bag, '-o', tmp_path / 'out.mcap', *NODE).status == 0
     assert seen == [None, None, 500.0, 600.0]
     seen.clear()
     # An image waits for the calibration of its own stamp, as in a live node.
-    samples = [SAMPLES[0], _calibration(0, 500.0), SAMPLES[1], SAMPLES[2], _calibration(2, 600.0)]
+    samples = [
+        SAMPLES[0],
+        calibration_sample(0, 500.0),
+        SAMPLES[1],
+        SAMPLES[2],
+        calibration_sample(2, 600.0),
+    ]
     bag = write_mcap(tmp_path / 'after.mcap', samples)
     assert mvuav('replay', bag, '-o', tmp_path / 'after_out.mcap', *NODE).status == 0
     assert seen == [500.0, 500.0, 600.0]
     seen.clear()
     # One that was published once holds for a part that begins later.
     part = ('--start', '0.05')
-    samples = [_calibration(0, 500.0), *SAMPLES[:6]]
+    samples = [calibration_sample(0, 500.0), *SAMPLES[:6]]
     bag = write_mcap(tmp_path / 'once.mcap', samples)
     assert mvuav('replay', bag, '-o', tmp_path / 'part.mcap', *NODE, *part).status == 0
     assert 0 < len(seen) < 6 and set(seen) == {500.0}
     seen.clear()
     # Of several the newest before the part.
-    samples = [_calibration(0, 500.0), SAMPLES[0], _calibration(1, 600.0), *SAMPLES[1:6]]
+    samples = [
+        calibration_sample(0, 500.0),
+        SAMPLES[0],
+        calibration_sample(1, 600.0),
+        *SAMPLES[1:6],
+    ]
     bag = write_mcap(tmp_path / 'twice.mcap', samples)
     part = (*part, '--force')
     assert mvuav('replay', bag, '-o', tmp_path / 'part.mcap', *NODE, *part).status == 0
@@ -523,7 +505,7 @@ def test_a_topic_may_have_messages_of_several_types(tmp_path: Path) -> None:
     still, level = place(0, 0, 0), turn(0, 0, 0, 1)
     attitude = STORE.types[IMU](header, level, unknown, still, unknown, still, unknown)
     others = [string_sample(1)._replace(topic=name) for name in ('/camera/camera_info', '/imu')]
-    samples = [_calibration(0, 500.0), Sample('/imu', IMU, stamp(0), cdr(attitude)), *others]
+    samples = [calibration_sample(0, 500.0), Sample('/imu', IMU, stamp(0), cdr(attitude)), *others]
     bag = tmp_path / 'in.mcap'
     with RecordingWriter(bag) as writer:
         for sample in [*samples, *SAMPLES[1:3]]:
@@ -531,17 +513,6 @@ def test_a_topic_may_have_messages_of_several_types(tmp_path: Path) -> None:
     nodes = ('--nodes', 'runway_detector', '--param', 'runway_detector:mode:=approach')
     run = mvuav('replay', bag, '-o', tmp_path / 'out.mcap', *nodes)
     assert run.status == 0 and 'results for 2 of 2 frames' in run.out
-
-
-def _calibration(number: int, focal_length: float) -> Sample:
-    types = STORE.types
-    header = image(number).header
-    k = np.array([focal_length, 0, 32, 0, focal_length, 24, 0, 0, 1])
-    roi = types['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
-    message = types[CAMERA_INFO](
-        header, 48, 64, 'plumb_bob', np.zeros(5), k, np.eye(3).ravel(), np.zeros(12), 0, 0, roi
-    )
-    return Sample('/camera/camera_info', CAMERA_INFO, stamp(number), cdr(message))
 
 
 def test_the_output_says_from_what_it_was_made(bag: Path, tmp_path: Path) -> None:

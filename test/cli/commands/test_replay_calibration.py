@@ -10,7 +10,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import yaml
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, Imu
 from support.commands import mvuav, mvuav_process, read
@@ -28,6 +27,7 @@ from mvuav_ros.messages.sensors import (
     stamp_ns_of,
 )
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.calibration import save_calibration
 from mvuav_ros.sources.opening import make_flight, open_source
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
@@ -43,17 +43,7 @@ def flight(distortion='-0.2,0.05,0,0'):
 
 
 def save(path: Path, camera: CameraModel) -> Path:
-    sizes = {'image_width': camera.width, 'image_height': camera.height}
-    p = camera.p or (*camera.k[:3], 0, *camera.k[3:6], 0, *camera.k[6:], 0)
-    matrices = {
-        'camera_matrix': camera.k,
-        'distortion_coefficients': camera.d,
-        'rectification_matrix': np.eye(3).ravel().tolist(),
-        'projection_matrix': p,
-    }
-    content = {name: {'data': list(map(float, data))} for name, data in matrices.items()}
-    model = {'distortion_model': camera.distortion_model}
-    path.write_text(yaml.safe_dump({**sizes, **content, **model}))
+    save_calibration(camera, path)
     return path
 
 

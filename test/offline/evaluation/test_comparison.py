@@ -256,11 +256,6 @@ def test_a_truth_without_roll_is_said(tmp_path):
     )
 
 
-def test_an_input_without_frames_is_refused(tmp_path):
-    with pytest.raises(SourceError):
-        replay(str(tmp_path / 'nothing.mcap'), ReplaySettings({'marker_tracker': {}}))
-
-
 def test_a_flight_is_flown_with_its_calibration(monkeypatch):
     given = []
     monkeypatch.setattr(

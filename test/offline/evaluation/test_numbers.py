@@ -6,7 +6,6 @@ import pytest
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Observations
 from mvuav_ros.offline.evaluation.metrics import (
     TrueLine,
-    angle_difference,
     distance_rms,
     match_lines,
     metrics_of,
@@ -21,12 +20,6 @@ def test_rms_of_distances_by_hand():
     assert distance_rms(errors) == pytest.approx(math.sqrt((25 + 0 + 25) / 3))
     assert rms(np.array([1.0, math.nan, -1.0])) == 1.0
     assert math.isnan(rms(np.array([math.nan])))
-
-
-def test_angles_differ_the_short_way_round():
-    assert angle_difference(np.array([3.1]), np.array([-3.1]))[0] == pytest.approx(
-        6.2 - 2 * math.pi
-    )
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.calibrations import calibration_sample
 from support.commands import NO_LIGHT, mvuav_process, read, write_flight
-from support.recording_samples import START_NS, STEP_NS, STORE, Sample, cdr, image, write_mcap
+from support.recording_samples import (
+    START_NS,
+    STEP_NS,
+    STORE,
+    Sample,
+    cdr,
+    image,
+    write_mcap,
+)
 
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.offline.replay.pipeline import make_processors, replay
@@ -34,18 +43,6 @@ def compressed(number: int, size: tuple[int, int] = (96, 128), *, broken: bool =
     return Sample(COMPRESSED, kind, START_NS + number * STEP_NS, cdr(message))
 
 
-def camera_info(number: int) -> Sample:
-    kind = 'sensor_msgs/msg/CameraInfo'
-    types = STORE.types
-    k = np.array([100.0, 0, 64, 0, 100, 48, 0, 0, 1])
-    p = np.array([100.0, 0, 64, 0, 0, 100, 48, 0, 0, 0, 1, 0])
-    message = types[kind](
-        header(number), 96, 128, 'plumb_bob', np.zeros(5), k, np.eye(3).ravel(), p, 0, 0,
-        types['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False),
-    )  # fmt: skip
-    return Sample('/camera/image_raw/camera_info', kind, START_NS + number * STEP_NS, cdr(message))
-
-
 def both(bag: Path, folder: Path, *options: object) -> list[tuple[int, str]]:
     """The exit status and words of a run by one thread and of one by three."""
     said = []
@@ -61,11 +58,12 @@ def test_damaged_frames_calibrations_and_copies(tmp_path: Path) -> None:
         broken, size = number % 7 == 3, ((96, 128) if number < 40 else (480, 640))
         samples.append(compressed(number - (number == 20), size, broken=broken))
         if number % 5 != 2:
-            samples.append(camera_info(number))
+            samples.append(calibration_sample(number, 100.0, (128, 96)))
     bag = write_mcap(tmp_path / 'bag.mcap', samples)
     first, second = both(bag, tmp_path, '--keep-inputs', '--debug-images')
     assert first == second
     assert first[0] == 0 and 'the stamp of the frame before' in first[1]
+    assert 'no calibration comes with the images' not in first[1]
     one, three = read(tmp_path / '1.mcap'), read(tmp_path / '3.mcap')
     assert {message.topic for message in one} > {COMPRESSED, '/marker_tracker/debug_image'}
     assert one == three

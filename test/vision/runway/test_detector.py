@@ -156,20 +156,6 @@ def test_any_frame_gives_a_result(frame, start_row, num_peaks, thinning, channel
     np.testing.assert_array_equal(frame, before)
 
 
-@pytest.mark.parametrize(
-    'frame',
-    [
-        np.zeros((4, 4), np.float32),
-        np.zeros((4, 4, 4), np.uint8),
-        np.zeros(4, np.uint8),
-        np.zeros((4, 4, 2), np.uint8),
-    ],
-)
-def test_a_wrong_format_is_an_error_of_the_caller(frame):
-    with pytest.raises(ValueError, match='uint8 or uint16'):
-        pipeline().process(frame, 0)
-
-
 def test_rows_beyond_the_frame_are_cut_off_and_said():
     result = pipeline(num_peaks=2).process(painted(*TWO_LINES)[:100], 0)
     assert result.rows == (50, 100)

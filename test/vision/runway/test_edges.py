@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mvuav_ros.vision.point_operations import select_channel
 from mvuav_ros.vision.runway.edges import (
     automatic_threshold,
     detect_edges,
@@ -104,24 +103,6 @@ def test_opening_removes_short_vertical_runs(edges, length):
     np.testing.assert_array_equal(
         open_edges(edges, 'vertical_line', length), naive_opening(edges, length)
     )
-
-
-@pytest.mark.parametrize(('channel', 'index'), [('blue', 0), ('green', 1), ('red', 2)])
-@pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
-def test_channels_of_blue_green_red_images(channel, index, dtype):
-    image = np.random.default_rng(1).integers(0, 256, (4, 6, 3)).astype(dtype)
-    np.testing.assert_array_equal(select_channel(image, channel), image[:, :, index])
-
-
-def test_intensity_weighs_the_colours():
-    image = np.array([[[10, 200, 100]]], np.uint8)
-    assert select_channel(image, 'intensity') == round(0.114 * 10 + 0.587 * 200 + 0.299 * 100)
-
-
-@pytest.mark.parametrize('channel', ['red', 'intensity'])
-def test_a_gray_image_is_its_own_channel(channel):
-    gray = np.arange(6, dtype=np.uint16).reshape(2, 3)
-    np.testing.assert_array_equal(select_channel(gray, channel), gray)
 
 
 ELEMENTS = {

@@ -97,12 +97,6 @@ def test_peaks_of_any_numbers_with_many_ties(data, half_columns, half_cells, num
     check(accumulator, num_peaks, threshold, (2 * reach_rho + 1, 2 * reach_theta + 1))
 
 
-def test_of_equal_cells_the_smaller_theta_comes_first_then_the_smaller_rho():
-    accumulator = np.zeros((6, 9), np.intp)
-    accumulator[4, 1] = accumulator[1, 8] = accumulator[1, 2] = 7
-    assert find_peaks(accumulator, 3, 1, 1, 1) == [Peak(1, 2, 7), Peak(1, 8, 7), Peak(4, 1, 7)]
-
-
 def test_a_horizontal_line_is_one_peak_although_it_lies_at_both_ends_of_theta():
     edges = np.zeros((40, 60), np.uint8)
     edges[20] = 1
@@ -114,13 +108,6 @@ def test_a_horizontal_line_is_one_peak_although_it_lies_at_both_ends_of_theta():
     ] == [(-20.0, -90)]
     # Without the wrap, its mirror image at +89° would be the second peak.
     assert accumulator[-1].max() >= 25
-
-
-def test_the_threshold_itself_is_enough():
-    accumulator = np.zeros((4, 5), np.intp)
-    accumulator[2, 2] = 15
-    assert len(find_peaks(accumulator, 1, 15, 3, 3)) == 1
-    assert find_peaks(accumulator, 1, 15.5, 3, 3) == []
 
 
 def test_a_cell_without_votes_is_never_a_peak():

@@ -68,13 +68,6 @@ def test_the_accumulator_is_octaves(octave):
     np.testing.assert_array_equal(accumulator.T, reachable)
 
 
-@pytest.mark.parametrize(('thinning', 'edge_key', 'opened_key', 'peaks_key'), VARIANTS)
-def test_the_same_three_peaks_in_the_same_order(octave, thinning, edge_key, opened_key, peaks_key):
-    for opened, expected in zip(octave[opened_key], octave[peaks_key], strict=True):
-        lines, _ = peaks_of(opened, 2.0)
-        np.testing.assert_allclose(lines, expected, atol=1e-12)
-
-
 def test_the_same_votes(octave):
     for opened, expected in zip(octave['opened'], octave['votes'], strict=True):
         assert peaks_of(opened, 2.0)[1] == list(expected)
