@@ -20,8 +20,8 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
-from rclpy.qos import QoSPolicyKind
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import QoSPolicyKind, QoSProfile
+from rclpy.qos_overriding_options import QosCallbackResult, QoSOverridingOptions
 
 from mvuav_ros.parameters.declaration import (
     ParameterError,
@@ -33,13 +33,23 @@ from mvuav_ros.parameters.declaration import (
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, fits, read_node_keys
 
 P = TypeVar('P', bound=ParameterSet)
+
+
+def _check_qos(qos: QoSProfile) -> QosCallbackResult:
+    """Whether a topic can have the QoS that a user gave."""
+    result = QosCallbackResult(successful=qos.depth >= 0)
+    result.reason = f'depth must be 0 or more, not {qos.depth}'
+    return result
+
+
 OVERRIDABLE = QoSOverridingOptions(
     [
         QoSPolicyKind.HISTORY,
         QoSPolicyKind.DEPTH,
         QoSPolicyKind.RELIABILITY,
         QoSPolicyKind.DURABILITY,
-    ]
+    ],
+    callback=_check_qos,
 )
 """What users may set of a topic: ``qos_overrides.TOPIC.subscription.reliability``."""
 _AT_THE_START = ('autostart', 'qos_overrides.', 'start_type_description_service')

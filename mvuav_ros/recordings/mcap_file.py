@@ -119,7 +119,7 @@ class McapFile(RecordingFile):
         """Whether the channels could be taken from the file's end."""
         found = _Records(stream, self).summary()
         if found is None:
-            self.lose('index', 'its index is missing (was the recording cut off?)', 0)
+            self.lose('index', 'its index is missing (was the recording cut off?)')
             return False
         start, is_intact = found
         statistics, end = None, stream.seek(0, 2) - len(MAGIC)

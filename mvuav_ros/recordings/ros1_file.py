@@ -34,9 +34,11 @@ _PARSE_ERRORS = (ReaderError, struct.error, UnicodeDecodeError, ValueError)
 _MAX_HEADER = 1 << 20
 _SEARCH_BLOCK = 1 << 20
 _KINDS = frozenset(int(kind) for kind in RecordType)
+_IN_CHUNK = (RecordType.CONNECTION, RecordType.MSGDATA)
 _CHUNK_MARK = re.compile(rb'op=\x05')
 _MAX_CONNECTION = 1 << 24
 _INDEX_ENTRY_SIZE = 12
+_CHUNK_FIELDS = frozenset(('compression', 'size'))
 _MAX_CONNECTIONS = 1 << 16
 # Each costs some milliseconds; Autoware has hundreds.
 _MAX_DEFINITIONS = 2000
@@ -76,23 +78,24 @@ def _record_at(read: _Read, position: int) -> _Record | None:
     size = read(data - 4, 4)
     if len(size) < 4 or kind not in _KINDS:
         return None
+    if kind == RecordType.CHUNK and not header.keys() >= _CHUNK_FIELDS:
+        return None
     return _Record(header, kind, data, int.from_bytes(size, 'little'))
 
 
-def _next_chunk(read: _Read, start: int, size: int) -> int | None:
-    """Where the next chunk's record begins; its header holds three fields in any order."""
+def _next_chunk(read: _Read, start: int, size: int) -> int:
+    """Where the next chunk's record begins, or the file ends.
+
+    Its header holds three fields in any order.
+    """
     for offset in range(start, size, _SEARCH_BLOCK):
         for match in _CHUNK_MARK.finditer(read(offset, _SEARCH_BLOCK + 64)):
             mark = offset + match.start()
             for position in range(mark - 8, max(mark - 64, start - 1), -1):
                 record = _record_at(read, position)
-                if (
-                    record is not None
-                    and record.kind == RecordType.CHUNK
-                    and {'compression', 'size'} <= record.header.keys()
-                ):
+                if record is not None and record.kind == RecordType.CHUNK:
                     return position
-    return None
+    return size
 
 
 class Ros1File(RecordingFile):
@@ -102,6 +105,9 @@ class Ros1File(RecordingFile):
         super().__init__(path, account, limit)
         self._raw: dict[int, tuple[str, bytes]] = {}
         self._definitions: set[tuple[str, str]] = set()
+        # By the index at the bag's end: messages of each chunk by its place, and all its chunks.
+        self._listed: dict[int, int] = {}
+        self._chunk_count = 0
 
     def _stored(
         self, stream: BinaryIO, _topics: Container[str] | None, _first_ns: int, _end_ns: int
@@ -110,46 +116,62 @@ class Ros1File(RecordingFile):
         size = stream.seek(0, 2)
         read = _reader_of(stream)
         self._raw.clear()
-        chunk = ChunkTally()
+        listed = self._listed if self._is_indexed else {}
+        met: set[int] = set()
+        hidden: dict[int, int] = {}
+        written: list[int | None] = []
+        chunk, is_gapped = ChunkTally(), False
         position = len(_VERSION_LINE)
         while position < size:
             record = _record_at(read, position)
-            if record is None or record.size > SIZE_LIMIT:
-                found = _next_chunk(read, position + 1, size)
-                if found is None:
-                    self._end(chunk)
-                    self.lose_end(size - position)
-                    return
-                said = f'damaged at byte {position}, reading continues at byte {found}'
-                self.lose(position, said)
-                position = found
-                continue
-            available = min(record.size, size - record.data)
-            if record.kind == RecordType.IDXDATA:
-                chunk.indexed = (chunk.indexed or 0) + record.size // _INDEX_ENTRY_SIZE
+            if record is not None and record.size > SIZE_LIMIT:
+                record = None
+            end = size + 1 if record is None else record.data + record.size
+            if is_cut := end > size:
+                # A damaged length may reach over the chunks that follow.
+                end = _next_chunk(read, position + 1, size)
+                is_gapped, chunk.is_index_whole = True, False
+            if record is None:
+                pass
+            elif record.kind == RecordType.IDXDATA:
+                entries = record.size // _INDEX_ENTRY_SIZE
+                chunk.indexed = (chunk.indexed or 0) + entries
+                chunk.is_index_whole &= record.header.get('count') == struct.pack('<I', entries)
             elif record.kind == RecordType.CHUNK:
-                self._end(chunk)
-                chunk = ChunkTally(position)
+                written.append(self._end(chunk))
+                chunk = ChunkTally(position, listed=listed.get(position))
+                met.add(position)
                 stream.seek(record.data)
                 if self._limit.left <= 0:
-                    chunk.offset = -1
-                    self.lose('limit', self._limit.reason)
-                    position = record.data + record.size
-                    continue
-                raw, chunk.reason = self._chunk(record, stream, cut=available < record.size)
-                for message in self._records(raw, chunk):
-                    chunk.got += 1
-                    yield message
-            elif record.kind in (RecordType.CONNECTION, RecordType.MSGDATA):
-                data = memoryview(read(record.data, available))
+                    chunk.offset, chunk.reason = -1, self._limit.reason
+                    self.lose('limit', chunk.reason)
+                else:
+                    raw, chunk.reason = self._chunk(record, stream, end - record.data, cut=is_cut)
+                    yield from self._records(raw, chunk)
+                    chunk.reason = 'it is cut off' if is_cut else chunk.reason
+            elif record.kind in _IN_CHUNK:
+                data = memoryview(read(record.data, end - record.data))
                 yield from self._record(record, data, in_index=True)
-            if available < record.size:
-                self.lose_end(size - position)
-                return
-            position = record.data + record.size
-        self._end(chunk)
+            if is_cut:
+                behind = {at: listed[at] for at in listed.keys() - met if position <= at < end}
+                lost = sum(behind.values()) if self._is_indexed else None
+                hidden |= behind
+                if end == size:
+                    self.lose_end(size - position, lost)
+                else:
+                    said = f'damaged at byte {position}, reading continues at byte {end}'
+                    self.lose(position, said, lost)
+            position = end
+        written += [self._end(chunk), *hidden.values()]
+        # Where chunks may be hidden, all have to be known by their places.
+        is_listed = hidden.keys() | met == listed.keys() and len(listed) == self._chunk_count
+        if is_gapped and self._is_indexed and not is_listed:
+            self.lose('chunks', 'its index speaks of other chunks than are there')
+            written.append(None)
+        is_known = self._is_indexed and None not in written
+        self._written = sum(filter(None, written)) if is_known else None
 
-    def _chunk(self, record: _Record, stream: BinaryIO, *, cut: bool) -> Unpacked:
+    def _chunk(self, record: _Record, stream: BinaryIO, length: int, *, cut: bool) -> Unpacked:
         """What a chunk holds; of one that is cut, what there is of it, of a damaged one nothing."""
         try:
             compression = record.header.get_string('compression')
@@ -158,7 +180,7 @@ class Ros1File(RecordingFile):
             return Unpacked(memoryview(b''), 'its header is damaged')
         if size > SIZE_LIMIT:
             return Unpacked(memoryview(b''), f'it is larger than 1 GB ({size} bytes)')
-        raw, problem = unpack(stream, record.size, compression, size, size)
+        raw, problem = unpack(stream, length, compression, size, size)
         self._limit.left -= len(raw)
         if not problem and len(raw) != size:
             problem = 'its size is wrong'
@@ -170,9 +192,11 @@ class Ros1File(RecordingFile):
         position = 0
         while position < len(raw):
             record = _record_at(lambda at, size: bytes(raw[at : at + size]), position)
-            if record is None or record.data + record.size > len(raw):
+            is_whole = record is not None and record.data + record.size <= len(raw)
+            if record is None or not is_whole or record.kind not in _IN_CHUNK:
                 chunk.reason = 'it holds what is no record'
                 return
+            chunk.got += record.kind == RecordType.MSGDATA
             yield from self._record(record, raw[record.data : record.data + record.size])
             position = record.data + record.size
 
@@ -186,7 +210,8 @@ class Ros1File(RecordingFile):
                 number, stamp_ns = record.header.get_uint32('conn'), record.header.get_time('time')
                 yield number, None, stamp_ns, None, data
             except _PARSE_ERRORS:
-                self.lose(record.data, 'a message record is damaged', 1)
+                count = None if in_index else 1
+                self.lose(record.data, 'a message record is damaged', count)
 
     def _connect(self, header: Header, data: memoryview, in_index: bool) -> None:
         """Take in a connection record; one of the index counts where the data have none."""
@@ -226,9 +251,9 @@ class Ros1File(RecordingFile):
         size = stream.seek(0, 2)
         read = _reader_of(stream)
         start, count = self._index_place(read)
-        is_read = len(_VERSION_LINE) < start <= size and self._read_entries(read, start, count)
+        is_read = len(_VERSION_LINE) < start and self._read_entries(read, start, count) == size
         if not is_read:
-            self.lose('index', 'not indexed (was the recording cut off?)', 0)
+            self.lose('index', 'not indexed (was the recording cut off?)')
         return is_read
 
     def _index_place(self, read: _Read) -> tuple[int, int]:
@@ -240,29 +265,37 @@ class Ros1File(RecordingFile):
         if header.get('encryptor'):
             raise RecordingError(f'{self._path} is encrypted; decrypt it with "rosbag decrypt"')
         try:
-            count = header.get_uint32('conn_count') + header.get_uint32('chunk_count')
+            self._chunk_count = header.get_uint32('chunk_count')
+            count = header.get_uint32('conn_count') + self._chunk_count
             return header.get_uint64('index_pos'), count
         except ReaderError:
             return 0, 0
 
-    def _read_entries(self, read: _Read, position: int, left: int) -> bool:
-        """Take the index's records; whether all are sound."""
+    def _read_entries(self, read: _Read, position: int, left: int) -> int:
+        """Take the index's records; where they end, or 0 if one is damaged."""
         counts: Counter[int] = Counter()
+        listed, last = dict[int, int](), position
         for _ in range(left):
             record = _record_at(read, position)
             if record is None:
-                return False
+                return 0
             data = memoryview(read(record.data, min(record.size, _MAX_CONNECTION)))
             if len(data) < record.size:
-                return False
+                return 0
             if record.kind == RecordType.CONNECTION:
                 self._connect(record.header, data, True)
             elif record.kind == RecordType.CHUNK_INFO and record.size % 8 == 0:
-                for key, count in struct.iter_unpack('<II', data):
-                    counts[key] += count
+                of = Counter(dict(struct.iter_unpack('<II', data)))
+                counts += of
+                listed[int.from_bytes(record.header.get('chunk_pos', b''), 'little')] = of.total()
             else:
-                return False
+                return 0
             position = record.data + record.size
         self._channels.take_counts(counts)
-        self._written = counts.total()
-        return True
+        # Behind a chunk is an entry for each of its messages: a larger number is damaged.
+        ends = [*sorted(listed)[1:], last]
+        room = zip(sorted(listed), ends, strict=False)
+        self._listed = {
+            at: listed[at] for at, end in room if listed[at] <= (end - at) // _INDEX_ENTRY_SIZE
+        }
+        return position

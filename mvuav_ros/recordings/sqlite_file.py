@@ -20,6 +20,7 @@ from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import counted
 from mvuav_ros.recordings.compression import SIZE_LIMIT
+from mvuav_ros.recordings.layout import ZSTD_START
 from mvuav_ros.recordings.sqlite_pages import PageFile
 from mvuav_ros.recordings.stored_file import (
     READABLE_FORMATS,
@@ -79,7 +80,7 @@ class SqliteFile(RecordingFile):
             self.lose(problem, f'{counted(count, "row")} {problem}: skipped', count)
 
     def _rows(self, wanted: Iterable[int], first: int, last: int) -> Iterator[tuple[Any, Any, Any]]:
-        """Topic, stamp and data of every row; the data are 1 where nobody wants them."""
+        """Topic, stamp and data of every row; the data are empty where nobody needs them."""
         pages = PageFile(self._path)
         position = _FIRST
         keys = ','.join(str(key) for key in wanted)
@@ -88,12 +89,15 @@ class SqliteFile(RecordingFile):
             try:
                 with self._connect() as database:
                     left = self._size()
+                    # Messages that are compressed are all examined: see `RecordingFile.messages`.
+                    start = 'SELECT substr(data, 1, 4) FROM messages LIMIT 9'
+                    is_packed = (ZSTD_START,) in database.execute(start).fetchall()
                     rows = database.execute(
                         # Of a value whose type alone is asked for, SQLite reads nothing else.
                         "SELECT rowid, topic_id, timestamp, CASE WHEN typeof(data) != 'blob' "
-                        f'THEN NULL WHEN topic_id IN ({keys}) AND timestamp BETWEEN ? AND ? '
-                        'THEN data ELSE 1 END FROM messages ORDER BY rowid',
-                        (first, last),
+                        f'THEN NULL WHEN ? OR topic_id IN ({keys}) AND timestamp BETWEEN ? AND ? '
+                        "THEN data ELSE x'' END FROM messages ORDER BY rowid",
+                        (is_packed, first, last),
                     )
                     for rowid, key, stamp_ns, data in rows:
                         left -= len(data) if isinstance(data, bytes) else 0

@@ -89,6 +89,21 @@ class ChunkTally:
     got: int = 0  # messages that came out
     indexed: int | None = None  # messages that the indexes behind it list; None without any
     is_index_whole: bool = True  # whether no record behind it may be a damaged index
+    listed: int | None = None  # messages that the file's end says it has; None if it says nothing
+
+    def written(self) -> int | None:
+        """How many messages were written into it; None if nobody knows.
+
+        What came out of a whole one, its indexes and the file's end are asked, and what two say
+        counts. Of a whole one the end alone is not believed, whose numbers have no check.
+        """
+        indexed = self.indexed if self.is_index_whole else None
+        got = None if self.reason else self.got
+        said = Counter(n for n in (indexed, self.listed, got) if n is not None)
+        number, votes = next(iter(said.most_common(1)), (None, 0))
+        if votes < 2 and len(said) > 1:
+            number = None if got is None else max(got, indexed or 0)
+        return number if number is None else max(number, self.got)
 
 
 class Channels:
@@ -250,15 +265,19 @@ class RecordingFile(ABC):
                     sound += 1
                     if topic.serialization_format not in READABLE_FORMATS:
                         skipped += 1
-                    elif first <= stamp_ns < last and (topics is None or topic.name in topics):
-                        data: bytes | memoryview | None = raw
-                        if converter is not None or raw[:4] == ZSTD_START:
-                            data = self._converted(raw, topic.name, converter)
-                        elif len(raw) < _LARGE:
-                            data = bytes(raw)
-                        if data is None:
-                            sound -= 1
-                            continue
+                        continue
+                    is_wanted = first <= stamp_ns < last
+                    is_wanted = is_wanted and (topics is None or topic.name in topics)
+                    # What nobody wants is examined as well where there is a balance.
+                    data: bytes | memoryview | None = raw
+                    is_packed = converter is not None or raw[:4] == ZSTD_START
+                    if is_packed and (is_wanted or is_whole):
+                        data = self._converted(raw, topic.name, converter)
+                    elif is_wanted and len(raw) < _LARGE:
+                        data = bytes(raw)
+                    if data is None:
+                        sound -= 1
+                    elif is_wanted:
                         account.kept += 1
                         of = topic.schema, topic.qos, publish_ns, sequence
                         yield RecordedMessage(topic.name, topic.type, stamp_ns, data, *of)
@@ -295,18 +314,20 @@ class RecordingFile(ABC):
         if contradiction := self._channels.define(number, topic):
             self.note(contradiction, contradiction)
 
-    def _end(self, chunk: ChunkTally) -> None:
-        """Say what a chunk lacks; of one that was left out, as nobody wanted it, nothing."""
-        missing = None
-        if chunk.indexed is not None and chunk.is_index_whole:
-            missing = max(chunk.indexed - chunk.got, 0)
-        if chunk.offset < 0 or not (chunk.reason or (missing and chunk.got)):
-            return
-        if missing == 0 and chunk.got:  # what is no record held none
-            return
-        how = f'skipped, as {chunk.reason}' if chunk.reason else 'is not all there'
-        messages = 'its messages are' if missing is None else counted(missing, 'message')
-        self.lose(chunk.offset, f'chunk at byte {chunk.offset} {how}: {messages} lost', missing)
+    def _end(self, chunk: ChunkTally) -> int | None:
+        """Say what a chunk lacks, of one that was left out, as nobody wanted it, nothing.
+
+        Returns how many messages were written into it, None if nobody knows.
+        """
+        written = chunk.written()
+        missing = None if written is None else written - chunk.got
+        # What is no record held none.
+        if chunk.offset >= 0 and not (missing == 0 and chunk.got) and (chunk.reason or chunk.got):
+            how = f'skipped, as {chunk.reason}' if chunk.reason else 'is not all there'
+            messages = 'its messages are' if missing is None else counted(missing, 'message')
+            said = f'chunk at byte {chunk.offset} {how}: {messages} lost'
+            self.lose(chunk.offset, said, missing)
+        return written
 
     def lose(self, key: Hashable, text: str, count: int | None = None) -> None:
         """Say what cannot be read, and how many messages that are; see `Account.lose`."""
@@ -316,6 +337,7 @@ class RecordingFile(ABC):
         """Say what is unusual, though nothing is lost by it."""
         self._account.note((self._path.name, key), f'{self._path.name}: {text}')
 
-    def lose_end(self, size: int) -> None:
-        """Say that so many bytes at the end cannot be read."""
-        self.lose('end', f'cut off or damaged; its last {size} bytes cannot be read in full')
+    def lose_end(self, size: int, count: int | None = None) -> None:
+        """Say that so many bytes at the end cannot be read, and how many messages they held."""
+        said = f'cut off or damaged; its last {size} bytes cannot be read in full'
+        self.lose('end', said, count)

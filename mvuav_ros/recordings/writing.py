@@ -230,10 +230,11 @@ class McapPart:
             self.counts[channel] += 1
             number = self.counts[channel] if number is None else number
             published_ns = logged_ns if published_ns is None else published_ns
-            index = indexes.setdefault(channel, records.MessageIndex(channel, []))
-            index.records.append((logged_ns, content.count))
-            content.write(HEADER.pack(Opcode.MESSAGE, MESSAGE_HEADER.size + len(data)))
-            content.write(MESSAGE_HEADER.pack(channel, number, logged_ns, published_ns))
+            if channel not in indexes:
+                indexes[channel] = records.MessageIndex(channel, [])
+            indexes[channel].records.append((logged_ns, content.count))
+            head = HEADER.pack(Opcode.MESSAGE, MESSAGE_HEADER.size + len(data))
+            content.write(head + MESSAGE_HEADER.pack(channel, number, logged_ns, published_ns))
             content.write(data)
         return content.end(), indexes
 

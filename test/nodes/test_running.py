@@ -155,6 +155,10 @@ app.main()
         (['-r', '__ns:=not a namespace'], 'namespace'),
         (['-p', 'threshold:=[0.1'], 'threshold'),
         (['-p', 'qos_overrides./image_raw.subscription.history:=forever'], 'history'),
+        (
+            ['-p', 'qos_overrides./image_raw.subscription.depth:=-1'],
+            'depth must be 0 or more, not -1',
+        ),
     ],
 )
 def test_a_mistake_on_the_command_line_is_no_traceback(arguments, words, domain):

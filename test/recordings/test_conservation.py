@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import random
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +30,7 @@ from support.recording_samples import (
     write_rosbag2,
 )
 
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
 
 TRIALS = 3
@@ -75,12 +77,15 @@ def write(folder: Path, kind: Format, written: list[Sample], choose: random.Rand
 
 
 def damage(path: Path, how: str, choose: random.Random) -> None:
-    """Cut the file off, flip some bytes, or both, at random."""
+    """Cut the file off, flip some bytes, do both, or take a piece out, at random."""
     content = bytearray(path.read_bytes())
-    if how != 'cut':
+    if how == 'holed':
+        start = choose.randrange(len(content))
+        del content[start : start + choose.choice([1, 50, 500, 3000])]
+    if how in ('flipped', 'both'):
         for _ in range(choose.choice([1, 1, 2, 5, 20])):
             content[choose.randrange(len(content))] ^= choose.randrange(1, 256)
-    if how != 'flipped':
+    if how in ('cut', 'both'):
         del content[choose.randrange(len(content) // 10, len(content)) :]
     path.write_bytes(content)
 
@@ -107,6 +112,27 @@ EVERY = (
     pytest.mark.parametrize('how', ['cut', 'flipped', 'both']),
     pytest.mark.parametrize('kind', FORMATS, ids=lambda kind: kind.name),
 )
+
+
+@pytest.mark.parametrize('how', ['flipped', 'holed'])
+@EVERY[1]
+def test_as_many_are_lost_whatever_topics_are_asked_for(
+    kind: Format, how: str, tmp_path: Path
+) -> None:
+    """As `mvuav info` asks for all, and `mvuav export` for those with a table."""
+    for seed in range(40):
+        choose = random.Random(f'topics {kind.name} {how} {seed}')
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        path = write(folder, kind, samples(choose), choose)
+        damage(storage_file(path) if path.is_dir() else path, how, choose)
+        said = set()
+        for topics in (None, {'/pose'}, {'/other'}):
+            with suppress(RecordingError), open_recording(path) as recording:
+                for _ in recording.messages(topics):
+                    pass
+                said.add((recording.account.lost, recording.account.is_exact))
+        assert len(said) < 2, (seed, said)
 
 
 @EVERY[0]

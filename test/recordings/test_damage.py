@@ -19,6 +19,7 @@ from support.recording_samples import (
     ros1_ends,
     sqlite_ends,
     storage_file,
+    string_sample,
     write_mcap,
     write_ros1,
     write_rosbag2,
@@ -166,6 +167,47 @@ def test_ros1_index_that_lies_behind_the_end(tmp_path: Path, place: int) -> None
     got, errors = read_samples(path)
     assert got == SAMPLES
     assert errors == ['a.bag: not indexed (was the recording cut off?)']
+
+
+def ros1_balance(path: Path, topics: set[str] | None = None) -> tuple[int, bool]:
+    """Messages lost as a pass for some topics has them, and whether that is exact."""
+    with open_recording(path) as recording:
+        list(recording.messages(topics))
+        return recording.account.lost, recording.account.is_exact
+
+
+def test_ros1_damage_counts_whichever_topics_are_read(tmp_path: Path) -> None:
+    path = write_ros1(tmp_path / 'a.bag', [*SAMPLES, *(string_sample(n) for n in range(9))])
+    content = bytearray(path.read_bytes())
+    text = content.index(b'note 4')
+    content[text - 4 : text] = b'\xff\xff\0\0'  # the text's length
+    path.write_bytes(content)
+    assert ros1_balance(path) == ros1_balance(path, {SAMPLES[0].topic}) == (1, True)
+
+
+def test_ros1_index_that_claims_more_than_the_chunks_hold(tmp_path: Path) -> None:
+    path = write_ros1(tmp_path / 'a.bag', SAMPLES)
+    content = bytearray(path.read_bytes())
+    for claim in (b'\x40\0\0\0', b'\0\0\1\0'):  # of the last chunk
+        content[-4:] = claim
+        path.write_bytes(content)
+        assert ros1_balance(path) == (0, True)
+
+
+@pytest.mark.parametrize('compression', ['none', 'bz2'])
+def test_ros1_chunk_that_cannot_be_found_is_counted_by_the_index(
+    tmp_path: Path, compression: str
+) -> None:
+    path = write_ros1(tmp_path / 'a.bag', SAMPLES, compression)
+    ends = ros1_ends(path)
+    content = bytearray(path.read_bytes())
+    start = [match.start() for match in re.finditer(rb'op=\x05', content)][1]
+    content[start : start + 4] = b'none'
+    path.write_bytes(content)
+    assert ros1_balance(path) == (ends.count(sorted(set(ends))[1]), True)
+    # Without the index at its end nobody knows what was behind.
+    path.write_bytes(content[: ends[-1]])
+    assert not ros1_balance(path)[1]
 
 
 def test_power_loss_that_leaves_zeros(tmp_path: Path) -> None:

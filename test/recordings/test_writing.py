@@ -186,6 +186,9 @@ def test_after_a_crash_it_does_not_look_complete(tmp_path: Path) -> None:
     got, errors = read_samples(path)
     assert got == SAMPLES[:10]
     assert 'index is missing' in errors[0]
+    with open_recording(path) as recording:
+        list(recording.messages())
+        assert 'unknown number lost' in recording.account.balance
 
 
 def test_killed_writer_leaves_all_that_it_had_flushed(tmp_path: Path) -> None:

@@ -17,11 +17,11 @@ import numpy as np
 import zstandard
 from mcap._chunk_builder import ChunkBuilder
 from mcap.data_stream import RecordBuilder
-from mcap.records import Channel, Chunk, Header, Message, Schema
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Schema
 from mcap.writer import Writer as McapWriter
 
 from mvuav_ros.recordings.mcap_file import HEADER, MAGIC
-from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.recordings.writing import RecordingWriter, record_bytes
 from support.recording_samples import (
     IMAGE,
     START_NS,
@@ -256,6 +256,8 @@ def zero_in_a_chunk(folder: Path) -> Known:
     images = image_samples(6)
     records = [*_channel(1, images[0]), *(_message(1, sample) for sample in images[:3])]
     path = _mcap(folder / 'a.mcap', [[*records, bytes(9), *(_message(1, s) for s in images[3:])]])
+    end = b''.join(map(record_bytes, (DataEnd(0), Footer(0, 0, 0))))
+    path.write_bytes(path.read_bytes() + end + MAGIC)
     return Known(path, 6, 3)
 
 

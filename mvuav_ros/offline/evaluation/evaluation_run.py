@@ -106,7 +106,8 @@ class EvaluationRun:
     rejected: int | None = None  # without a result; None for results read from a bag
     milliseconds: float = float('nan')  # of all nodes for a frame, median; NaN without a replay
     errors: list[str] = field(default_factory=list)  # what could not be read, in words
-    unreadable: Counter[str] = field(default_factory=Counter)  # messages, by why they are
+    unreadable: Counter[str] = field(default_factory=Counter)  # messages, by topic
+    _reasons: dict[str, str] = field(default_factory=dict)  # of each such topic's first one
 
     @property
     def mismatch(self) -> str:
@@ -123,12 +124,14 @@ class EvaluationRun:
             elif topic in RESULT_TOPICS:
                 self.results.add(RESULT_TOPICS[topic], data)
         except (AttributeError, KeyError, ValueError, OverflowError) as error:
-            self.unreadable[f'{topic} not used: {error}'] += 1
+            self.unreadable[topic] += 1
+            self._reasons.setdefault(topic, words(error))
 
     def end(self, account: Account) -> None:
         """After the last message: say what could not be read."""
-        for why, count in self.unreadable.items():
-            account.lose('', why, f'{counted(count, "message")} of {why}', count)
+        for topic, count in self.unreadable.items():
+            said = f'{counted(count, "message")} of {topic} not used: {self._reasons[topic]}'
+            account.lose('', topic, said, count)
         self.errors += account.errors
 
 

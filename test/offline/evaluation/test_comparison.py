@@ -295,3 +295,13 @@ def test_a_truth_without_the_fields_is_refused_with_the_reason(tmp_path):
     refused = mvuav('evaluate', tmp_path / 'poor.mcap', '-o', tmp_path / 'out')
     assert refused.status == 1
     assert '1 message of /truth/markers not used: it has no label, state' in refused.err
+
+
+def test_messages_that_are_no_truth_are_said_in_one_line(tmp_path):
+    with RecordingWriter(tmp_path / 'odd.mcap') as writer:
+        for n in range(20):
+            message = bytes([0, 1, 0, 0]) + bytes(n)
+            writer.write('/truth/markers', TYPES['markers'], n, message)
+    (line,) = read_bag(tmp_path / 'odd.mcap').errors
+    assert '20 messages of /truth/markers not used: ' in line
+    assert len(line) < 300
