@@ -96,7 +96,7 @@ def _sharpest(
     """Of each stretch of frames the sharpest one: its time (s) and its grey image."""
     best: tuple[float, float, Pixels] | None = None
     first_ns, inside = None, 0
-    for frame in source.frames():
+    for number, frame in enumerate(source.frames(), 1):
         advance()
         try:
             if isinstance(frame, BadFrame):
@@ -109,8 +109,8 @@ def _sharpest(
         size = frame.image.width, frame.image.height
         if search.frames and size != search.size:
             raise SourceError(
-                f'{source.name} has images of {search.size[0]} x {search.size[1]} px and of '
-                f'{size[0]} x {size[1]} px: a calibration is for one size'
+                f'{source.name}: image {number} is {size[0]} x {size[1]} px, those before it '
+                f'{search.size[0]} x {search.size[1]} px: a calibration is for one size'
             )
         search.size, search.frames, inside = size, search.frames + 1, inside + 1
         value = sharpness(gray)

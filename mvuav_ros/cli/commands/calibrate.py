@@ -46,7 +46,7 @@ class LensModel(StrEnum):
 
 def calibrate(
     source: Annotated[
-        str, typer.Argument(help='A video, folder of images, bag, or camera (0, /dev/video0).')
+        str, typer.Argument(help="A video, folder or '*.png', bag, or camera (0, /dev/video0).")
     ],
     board: Annotated[
         str, typer.Option(help='Inner corners of the board, columns x rows, as in 9x6.')

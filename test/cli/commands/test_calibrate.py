@@ -106,8 +106,10 @@ def test_nothing_to_calibrate_from(rendered, tmp_path):
     assert 'no images and no bag there' in refused(tmp_path, tmp_path / 'empty')
     (tmp_path / 'broken.mp4').write_bytes(b'\0' * 5000)
     assert 'not a video' in refused(tmp_path, tmp_path / 'broken.mp4')
-    mixed = write(tmp_path / 'mixed', [empty, empty[:60]])
-    assert '160 x 120 px and of 160 x 60 px' in refused(tmp_path, mixed)
+    mixed = write(tmp_path / 'mixed', [empty, empty, empty[:60]])
+    (mixed / '000.png').write_bytes(b'cut off')
+    said = 'image 3 is 160 x 60 px, those before it 160 x 120 px'
+    assert said in refused(tmp_path, mixed)
     cut = write(tmp_path / 'cut', [empty])
     (cut / '000.png').write_bytes(b'cut off')
     why = 'there is no image to read; 1 image left out: 000.png'
