@@ -50,7 +50,7 @@ def _run(name: str) -> None:
         run = getattr(module, name, None) or module.main
         run()
     except ModuleNotFoundError as error:
-        sys.exit(f'{name}: {explain_missing_module(name, error)}')
+        sys.exit(explain_missing_module(name, error))
 
 
 def __getattr__(name: str) -> Callable[[], None]:

@@ -35,8 +35,13 @@ def run(missing, *arguments):
         ('yaml', ('video_source',), 'needs yaml: apt install python3-yaml'),
         ('matplotlib', ('mvuav', 'demo'), 'demo needs matplotlib: apt install python3-matplotlib'),
         ('matplotlib', ('mvuav', 'evaluate', 'bags/tanker.mcap'), 'evaluate needs matplotlib'),
-        ('fsspec', ('mvuav', 'info', 's3://a/b.mcap'), 'fsspec: pip install "mvuav_ros[remote]"'),
-        ('sensor_msgs', ('mvuav', 'replay', 'bags/tanker.mcap', '-o', 'x.mcap'), 'needs ROS 2'),
+        ('fsspec', ('mvuav', 'info', 's3://a/b.mcap'), "pip install '.[remote]' in a checkout"),
+        (
+            'sensor_msgs',
+            ('mvuav', 'replay', 'bags/tanker.mcap', '-o', 'x.mcap'),
+            "needs ROS 2 (sensor_msgs): source it, or pip install '.[ros]' in a checkout",
+        ),
+        ('nicegui', ('tuning_panel',), "pip install '.[panel]' in a checkout of mvuav_ros"),
     ],
 )
 def test_an_error_names_what_is_missing(missing, arguments, words):

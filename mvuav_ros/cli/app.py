@@ -217,7 +217,7 @@ def _explained(error: Exception, name: str) -> tuple[str, int]:
         say(*error.ctx.get_help().splitlines())  # type: ignore[attr-defined]
         _leave(2)
     if hasattr(error, 'format_message'):
-        return f'{error.format_message()} (see mvuav --help)', 2
+        return f'{error.format_message()} (see {error.ctx.command_path} --help)', 2  # type: ignore[attr-defined]
     if type(error).__name__ == 'Abort':
         return 'interrupted', 128 + signal.SIGINT
     raise error

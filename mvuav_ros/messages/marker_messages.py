@@ -24,8 +24,8 @@ _TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)
 
 def refused_names(rig: MarkerRig) -> list[str]:
     """Why markers cannot have the topics of their names: a line for each such name."""
-    refused = [name for name in rig.names if not _TOPIC_WORD.fullmatch(name)]
-    return [f'{name!r} cannot be part of a topic' for name in refused]
+    why = 'cannot be part of a topic: only a letter, then A-Z a-z 0-9 _'
+    return [f'{name!r} {why}' for name in rig.names if not _TOPIC_WORD.fullmatch(name)]
 
 
 def encode_markers(result: MarkerResult, header: bytes, *, numbered: bool = False) -> bytes:

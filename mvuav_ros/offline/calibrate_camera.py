@@ -96,7 +96,7 @@ def _sharpest(
     """Of each stretch of frames the sharpest one: its time (s) and its grey image."""
     best: tuple[float, float, Pixels] | None = None
     first_ns, inside = None, 0
-    for frame in source.frames():
+    for number, frame in enumerate(source.frames(), 1):
         advance()
         try:
             if isinstance(frame, BadFrame):
@@ -109,8 +109,8 @@ def _sharpest(
         size = frame.image.width, frame.image.height
         if search.frames and size != search.size:
             raise SourceError(
-                f'{source.name} has images of {search.size[0]} x {search.size[1]} px and of '
-                f'{size[0]} x {size[1]} px: a calibration is for one size'
+                f'{source.name}: image {number} is {size[0]} x {size[1]} px, those before it '
+                f'{search.size[0]} x {search.size[1]} px: a calibration is for one size'
             )
         search.size, search.frames, inside = size, search.frames + 1, inside + 1
         value = sharpness(gray)
@@ -133,21 +133,21 @@ def calibrate_from(
     Raises:
         CalibrationError: the views are too few or do not determine the camera.
     """
-    found = len(search.views)
+    found, looked = len(search.views), f'{search.searched} images looked at of {search.frames}'
     if not found:
         whole = ', and the whole board must be in view'
         raise CalibrationError(
-            f'no board of {board.columns}x{board.rows} inner corners in any of the '
-            f'{search.searched} images looked at, of {search.frames}: --board counts the corners '
-            'where four squares meet'
+            f'no board of {board.columns}x{board.rows} inner corners in {looked}: --board counts '
+            'the corners where four squares meet'
             f'{"; --charuco names its dictionary" if board.dictionary else whole}'
         )
     chosen = search.different(most)
     if len(chosen) < MIN_VIEWS:
         raise CalibrationError(
-            f'the board is seen in {found} images, of which only {len(chosen)} '
-            f'{"differs" if len(chosen) == 1 else "differ"}: {MIN_VIEWS} are needed, and 20 '
-            'to 40 are good; move the board over the whole image, and tilt it'
+            f'a board of {board.columns}x{board.rows} inner corners is seen in {found} of '
+            f'{looked}, different views: {len(chosen)}. {MIN_VIEWS} are needed, and 20 to 40 are '
+            'good: move the board over the whole image, and tilt it; and see that it has no more '
+            'corners than --board says'
         )
     chosen = search.different(most, _NOT_THE_SAME)
     return chosen, calibrate_camera([search.views[i] for i in chosen], search.size, model)

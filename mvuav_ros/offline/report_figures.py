@@ -42,6 +42,7 @@ _RC: Any = {
     'axes.edgecolor': SOFT,
     'axes.spines.top': False,
     'axes.spines.right': False,
+    'axes.formatter.useoffset': False,
     'axes.grid': True,
     'axes.axisbelow': True,
     'axes.prop_cycle': cycler(color=COLORS),

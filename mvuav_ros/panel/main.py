@@ -25,11 +25,9 @@ def main() -> None:
     """Run the node."""
     parser = _parser()
     parse_arguments(parser)
-    try:
-        # Before ROS: without the extra nothing is to be started.
-        import nicegui  # noqa: F401
-    except ImportError:
-        sys.exit('tuning_panel needs NiceGUI: pip install "mvuav_ros[panel]"')
+    # Before ROS: without the extra nothing is to be started.
+    import nicegui  # noqa: F401
+
     from mvuav_ros.panel.ros_thread import RosThread
     from mvuav_ros.processing.process_tuning import tune_process
 

@@ -116,3 +116,17 @@ def test_a_place_that_cannot_be_written_is_named_with_the_reason(tmp_path):
     (tmp_path / 'file').touch()
     run = mvuav('evaluate', 'sim:tanker', '-o', tmp_path / 'file' / 'report')
     assert (run.status, run.err) == (1, f'mvuav: {tmp_path}/file/report: Not a directory\n')
+
+
+@pytest.mark.parametrize(
+    ('command', 'help_of'),
+    [
+        # Of a pattern without quotes the shell makes several arguments.
+        (('calibrate', 'a.png', 'b.png', '--board', '9x6', '--square', 0.03), 'mvuav calibrate'),
+        (('rig', 'check', '--dist', 2), 'mvuav rig check'),
+        (('replya',), 'mvuav'),
+    ],
+)
+def test_a_mistake_names_the_help_of_its_command(command, help_of):
+    run = mvuav(*command)
+    assert run.status == 2 and run.error.endswith(f' (see {help_of} --help)')

@@ -60,6 +60,15 @@ def test_the_same_data_make_the_same_image():
     assert draw(2).png == draw(2).png != draw(3).png
 
 
+def test_numbers_at_an_axis_are_whole_ones():
+    """Not 0.0042 with +18.85 in a corner, as of rolls that hardly differ."""
+    with drawing() as canvas:
+        axes = canvas.figure.subplots()
+        axes.plot([18.85421, 18.85423])
+        canvas.figure.draw_without_rendering()
+        assert not axes.yaxis.get_offset_text().get_text()
+
+
 class Judged(JudgedCell):
     value = 2.5
     mark = 'bad'

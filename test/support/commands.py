@@ -25,7 +25,7 @@ NO_CAMERA = 'no pose: no calibration comes with the images, and --camera-info na
 NO_POSE = f'note: marker_tracker, every frame: {NO_CAMERA}'
 NO_LIGHT = (
     'note: marker_tracker, every frame: 0 of 5 markers in view; no pixel is above the threshold; '
-    f'{NO_CAMERA}'
+    f'the brightest is 0; {NO_CAMERA}'
 )
 """What a replay of dark images says at its end."""
 COMMAND = [sys.executable, '-m', 'mvuav_ros', 'mvuav']

@@ -42,7 +42,7 @@ LensModel = StrEnum('LensModel', ['auto', 'plumb_bob', 'rational_polynomial', 'e
 
 def calibrate(
     source: Annotated[
-        str, typer.Argument(help='A video, folder of images, bag, or camera (0, /dev/video0).')
+        str, typer.Argument(help="A video, folder or '*.png', bag, or camera (0, /dev/video0).")
     ],
     board: Annotated[
         str, typer.Option(help='Inner corners of the board, columns x rows, as in 9x6.')

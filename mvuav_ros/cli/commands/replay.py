@@ -118,8 +118,7 @@ def _report(outcome: ReplayOutcome) -> None:
     reasons = sorted(outcome.rejected.items(), key=lambda item: -item[1])
     for reason, count in reasons[:_MAX_REASONS]:
         say(f'warning: {count} without a result: {reason}', err=True)
-    if len(reasons) > _MAX_REASONS:
-        rest = sum(count for _, count in reasons[_MAX_REASONS:])
+    if rest := sum(count for _, count in reasons[_MAX_REASONS:]):
         say(f'warning: {rest} without a result for other reasons', err=True)
     if outcome.account is not None:
         report_account(outcome.account)

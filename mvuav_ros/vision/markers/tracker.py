@@ -195,10 +195,11 @@ class MarkerTracker:
             return result.remarked(f'cut off by the border of the image: {", ".join(cut)}')
         if any(marker.state is not MarkerState.LOST for marker in result.markers):
             return result
-        brightest = int(image.pixels.max(initial=0))
-        if brightest > self.parameters.threshold * full_scale(image.pixels):
+        brightest = int(image.pixels.max(initial=0)) / full_scale(image.pixels)
+        if brightest > self.parameters.threshold:
             return result
-        return result.remarked('no pixel is above the threshold')
+        # Two parts, as replay repeats those alone that are the same in every frame.
+        return result.remarked(f'no pixel is above the threshold; the brightest is {brightest:.2g}')
 
     def _time_of(self, stamp_ns: int) -> float:
         """Seconds since the first frame."""

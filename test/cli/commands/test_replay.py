@@ -197,7 +197,8 @@ def test_keep_inputs_of_images_are_images(tmp_path: Path, kind: str) -> None:
             cv2.imwrite(str(source / f'{number}.png'), frame)
     out = tmp_path / 'out.mcap'
     run = mvuav('replay', source, '-o', out, *NODE, '--keep-inputs', '--fps', 20)
-    assert (run.status, run.err) == (0, NO_LIGHT)
+    # The brightest pixel is another in each image.
+    assert (run.status, run.err) == (0, NO_LIGHT.replace('the brightest is 0; ', ''))
     expected = [n * 50_000_000 or BEGINNING_NS for n in range(10)]
     assert stamps(out) == stamps(out, '/image_raw') == expected
     kept = [m for m in read(out) if m.topic == '/image_raw']

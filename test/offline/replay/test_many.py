@@ -273,7 +273,7 @@ def test_dask_missing_or_away(
         words = 'no Dask scheduler answers there'
     else:
         monkeypatch.setitem(__import__('sys').modules, 'distributed', None)
-        words = 'pip install "mvuav_ros[dask]"'
+        words = "pip install '.[dask]' in a checkout"
     run = mvuav('replay', *bags, '-o', tmp_path / 'out', '--dask', address)
     assert run.status == 1
     assert words in run.error
