@@ -141,26 +141,15 @@ class Ros1File(RecordingFile):
                 written.append(self._end(chunk))
                 chunk = ChunkTally(position, listed=listed.get(position))
                 met.add(position)
-                stream.seek(record.data)
-                if self._limit.left <= 0:
-                    chunk.offset, chunk.reason = -1, self._limit.reason
-                    self.lose('limit', chunk.reason)
-                else:
-                    raw, chunk.reason = self._chunk(record, stream, end - record.data, cut=is_cut)
-                    yield from self._records(raw, chunk)
-                    chunk.reason = 'it is cut off' if is_cut else chunk.reason
+                yield from self._read_chunk(record, stream, end, chunk, is_cut)
             elif record.kind in _IN_CHUNK:
                 data = memoryview(read(record.data, end - record.data))
                 yield from self._record(record, data, in_index=True)
             if is_cut:
                 behind = {at: listed[at] for at in listed.keys() - met if position <= at < end}
-                lost = sum(behind.values()) if self._is_indexed else None
                 hidden |= behind
-                if end == size:
-                    self.lose_end(size - position, lost)
-                else:
-                    said = f'damaged at byte {position}, reading continues at byte {end}'
-                    self.lose(position, said, lost)
+                lost = sum(behind.values()) if self._is_indexed else None
+                self._lose_stretch(position, end, size, lost)
             position = end
         written += [self._end(chunk), *hidden.values()]
         # Where chunks may be hidden, all have to be known by their places.
@@ -170,6 +159,26 @@ class Ros1File(RecordingFile):
             written.append(None)
         is_known = self._is_indexed and None not in written
         self._written = sum(filter(None, written)) if is_known else None
+
+    def _lose_stretch(self, position: int, end: int, size: int, lost: int | None) -> None:
+        if end == size:
+            self.lose_end(size - position, lost)
+        else:
+            said = f'damaged at byte {position}, reading continues at byte {end}'
+            self.lose(position, said, lost)
+
+    def _read_chunk(
+        self, record: _Record, stream: BinaryIO, end: int, chunk: ChunkTally, is_cut: bool
+    ) -> Iterator[StoredMessage]:
+        if self._limit.left <= 0:
+            chunk.offset, chunk.reason = -1, self._limit.reason
+            self.lose('limit', chunk.reason)
+            return
+        stream.seek(record.data)
+        raw, chunk.reason = self._chunk(record, stream, end - record.data, cut=is_cut)
+        yield from self._records(raw, chunk)
+        if is_cut:
+            chunk.reason = 'it is cut off'
 
     def _chunk(self, record: _Record, stream: BinaryIO, length: int, *, cut: bool) -> Unpacked:
         """What a chunk holds; of one that is cut, what there is of it, of a damaged one nothing."""
@@ -251,7 +260,8 @@ class Ros1File(RecordingFile):
         size = stream.seek(0, 2)
         read = _reader_of(stream)
         start, count = self._index_place(read)
-        is_read = len(_VERSION_LINE) < start and self._read_entries(read, start, count) == size
+        is_inside = len(_VERSION_LINE) < start <= size
+        is_read = is_inside and self._read_entries(read, start, count) == size
         if not is_read:
             self.lose('index', 'not indexed (was the recording cut off?)')
         return is_read
