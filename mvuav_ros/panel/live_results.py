@@ -180,13 +180,12 @@ class Figures:
     def _take_integrity(self, message: DiagnosticArray) -> None:
         """Whether the pose may be used, and its protection level, or why it may not."""
         status = message.status[0]
-        is_safe = status.level == DiagnosticStatus.OK
-        words = f'protection level {sanitized.words(status.message)}'
-        if is_safe:
+        said = sanitized.words(status.message)
+        if is_safe := status.level == DiagnosticStatus.OK:
             levels = sanitized.key_values(status.values)
             largest = max(sanitized.number(levels[name]) for name in _LEVELS if name in levels)
-            words = f'protection level {_written(largest, " m", largest)}'
-        self._integrity = is_safe, words
+            said = _written(largest, ' m', largest)
+        self._integrity = is_safe, f'protection level {said}'
 
     def _take_lines(self, rows: Any) -> None:
         found = np.isfinite(rows['rho'])
@@ -244,7 +243,8 @@ def _side(value: float) -> str:
 def _figure(name: str, value: float, deviation: float, unit: str) -> Figure:
     known = deviation < _MAX_VALUE and not math.isnan(value)
     shown = _written(value, unit, deviation if known else 1.0)
-    return name, shown, f'± {deviation:.2g}{unit}' if known else ''
+    plain = np.format_float_positional(deviation, 2, fractional=False, trim='-')  # no 1e-05
+    return name, shown, f'± {plain}{unit}' if known else ''
 
 
 def _written(value: float, unit: str, exact: float = 1.0) -> str:

@@ -92,6 +92,9 @@ def test_what_is_known_to_millimetres_is_shown_so():
     assert figures['right'] == ('0.012 m', '± 0.002 m')
     assert figures['above'] == ('0.20 m', '± 0.03 m')
     assert figures['ahead'] == ('3.1 m', '± 0.4 m')
+    far = 8.3e-5, 0.03, 171.0, 0.1, 0.1, 0.1
+    figures, _ = said('marker_tracker', TRACK, *near, deviations=far)
+    assert (figures['right'][1], figures['ahead'][1]) == ('± 0.000083 m', '± 170 m')
 
 
 @pytest.mark.parametrize('number', [math.nan, math.inf, 0.0, 1e308])
