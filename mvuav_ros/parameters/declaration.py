@@ -89,7 +89,7 @@ class ParameterSpec:
         if type(value) is not self.type:
             given = _TYPE_NAMES.get(type(value), type(value).__name__)
             wanted = _TYPE_NAMES[self.type]
-            raise ParameterError(self.name, f'takes a {wanted}, not the {given} {value!r}')
+            raise ParameterError(self.name, f'takes a {wanted}, not the {given} {value!r:.200}')
         checked: Value = self._checked(value)
         return checked
 
@@ -97,7 +97,9 @@ class ParameterSpec:
         is_list = isinstance(value, Sequence) and not isinstance(value, str)
         given: list[Any] = [*map(_of_python, value)] if is_list else []  # type: ignore[call-overload]
         if len(given) != length or any(type(number) not in (int, float) for number in given):
-            shown = given if is_list else f'{value!r} (ROS has them all alike: [0.0, 20.5, 0.0])'
+            shown = f'{given if is_list else value!r:.200}'
+            if not is_list:
+                shown += ' (ROS has them all alike: [0.0, 20.5, 0.0])'
             raise ParameterError(self.name, f'takes {length} numbers, not {shown}')
         return tuple(self._checked(float(number)) for number in given)
 
@@ -109,7 +111,7 @@ class ParameterSpec:
         is_unknown = self.choices and value not in self.choices
         is_beyond = self.limits is not None and not self.limits[0] <= value <= self.limits[1]
         if is_unknown or is_beyond or (self.odd and value % 2 == 0):
-            raise ParameterError(self.name, f'must be {self.constraint}, not {value!r}')
+            raise ParameterError(self.name, f'must be {self.constraint}, not {value!r:.200}')
         return value
 
 

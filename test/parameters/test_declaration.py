@@ -82,6 +82,14 @@ def test_bad_values_are_refused_with_the_name_and_the_reason(name, value, reason
     assert reason in str(caught.value)
 
 
+@pytest.mark.parametrize('name', ['mode', 'ratio'])
+def test_a_long_value_is_refused_in_few_words(name):
+    with pytest.raises(ParameterError) as caught:
+        Sample().changed({name: 'x' * 5000})
+    assert 'xxx' in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
 def test_numbers_of_numpy_are_taken():
     """As in a loop over np.linspace."""
     for threshold in (np.float64(0.5), np.float32(0.5), np.array(0.5)):
