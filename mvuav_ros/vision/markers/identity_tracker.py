@@ -223,12 +223,12 @@ class IdentityTracker:
         remark: str = '',
     ) -> MarkerResult:
         """What is reported of a frame; hidden and missing markers are where expected, px."""
+        if spots.keys() - hidden:
+            self._last_named = frame.time
         if not self._is_redundant:
             hidden = {*hidden, *memory.untrusted}
         if hidden:
             spots = {index: spot for index, spot in spots.items() if index not in hidden}
-        if spots:
-            self._last_named = frame.time
         earliest = frame.time - frame.parameters.lost_timeout
         rows = zip(self._labels, memory.predictor.motions(), memory.markers, strict=True)
         markers, detected = [], MarkerState.DETECTED

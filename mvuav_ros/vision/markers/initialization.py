@@ -349,6 +349,7 @@ CLEAR_RESIDUAL = (1.0, 0.008)
 STRICT_RESIDUAL = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same residual for some time."""
 MAX_AT_START = 20  # Lights among which a body is looked for, the largest: in 9 ms
+MIN_REDUNDANCY = 2  # Measurements beyond the unknowns, with more of which a loose fit tells a body
 MIN_WITH_HIDDEN = 4  # Markers, with more of which one may be hidden at the start
 MAX_WITH_HIDDEN = 8  # Lights up to which such a body is looked for: in 4 ms; of twelve in 15 ms
 MIN_AWAY = 1.2
@@ -415,11 +416,13 @@ def _whole(shape: WeakPerspective, spots: Sequence[Light], names: Sequence[str])
         limit = LONE_RESIDUAL * best.view.scale if free else exact
         is_sure, is_strict = best.evidence > SURE_AT_START, _is_strict(best.view)
         are_many = len(spots) > MAX_NAMED
-        # Of many lights, or through a lens that may be any, some five nearly look like the body.
+        # Of many lights some nearly look like the body, and of fewer where little is measured
+        # twice: four markers have eight coordinates and six unknowns, eight before any lens.
         if are_many:
             is_like = is_sure and is_strict
         else:
-            is_like = alone or shape.lens.focal is not None or is_sure or is_strict
+            redundancy = 2 * count - (COUNT if shape.lens.focal is None else FOCAL)
+            is_like = alone or redundancy > MIN_REDUNDANCY or is_sure or is_strict
         if is_like and best.view.rms_residual <= max(limit, exact):
             frames = 1 if alone or (is_sure and not are_many) else CONFIRMED
             if not (free or is_strict):
