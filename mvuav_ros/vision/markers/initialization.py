@@ -349,7 +349,6 @@ CLEAR_RESIDUAL = (1.0, 0.008)
 STRICT_RESIDUAL = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same residual for some time."""
 MAX_AT_START = 20  # Lights among which a body is looked for, the largest: in 9 ms
-MIN_REDUNDANCY = 2  # Measurements beyond the unknowns, with more of which a loose fit tells a body
 MIN_WITH_HIDDEN = 4  # Markers, with more of which one may be hidden at the start
 MAX_WITH_HIDDEN = 8  # Lights up to which such a body is looked for: in 4 ms; of twelve in 15 ms
 MIN_AWAY = 1.2
@@ -411,27 +410,33 @@ def _whole(shape: WeakPerspective, spots: Sequence[Light], names: Sequence[str])
     alone = len(spots) == count
     free = alone and shape.lens.focal is None
     best = _outstanding(_bodies(shape, spots, count))
-    if best is not None:
+    if best is not None and _is_probable(shape, best, len(spots)):
         exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
         limit = LONE_RESIDUAL * best.view.scale if free else exact
-        is_sure, is_strict = best.evidence > SURE_AT_START, _is_strict(best.view)
-        are_many = len(spots) > MAX_NAMED
-        # Of many lights some nearly look like the body, and of fewer where little is measured
-        # twice: four markers have eight coordinates and six unknowns, eight before any lens.
-        if are_many:
-            is_like = is_sure and is_strict
-        else:
-            redundancy = 2 * count - (COUNT if shape.lens.focal is None else FOCAL)
-            is_like = alone or redundancy > MIN_REDUNDANCY or is_sure or is_strict
-        if is_like and best.view.rms_residual <= max(limit, exact):
-            frames = 1 if alone or (is_sure and not are_many) else CONFIRMED
-            if not (free or is_strict):
+        if best.view.rms_residual <= max(limit, exact):
+            is_sure = best.evidence > SURE_AT_START and len(spots) <= MAX_NAMED
+            frames = 1 if alone or is_sure else CONFIRMED
+            if not (free or _is_strict(best.view)):
                 frames = CONFIRMED_ODD
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             return Named(
                 best.lights(spots), best.view, frames, best.view.rms_residual <= exact, remark
             )
     return _as_the_thesis(shape, spots) if free and tuple(names) == TANKER_NAMES else None
+
+
+def _is_probable(shape: WeakPerspective, body: Hypothesis, lights: int) -> bool:
+    """Whether the evidence of a body of all markers is more than so many lights give by chance.
+
+    It is asked for among many lights, and where little is measured twice: four markers have eight
+    coordinates and six unknowns, eight before any lens, and that it may be any costs evidence.
+    """
+    is_sure, is_strict = body.evidence > SURE_AT_START, _is_strict(body.view)
+    if lights > MAX_NAMED:
+        return is_sure and is_strict
+    count, any_lens = len(shape.points), shape.lens.focal is None
+    redundancy = 2 * count - (COUNT if any_lens else FOCAL)
+    return lights == count or redundancy > 2 or is_sure or (any_lens and is_strict)
 
 
 def _with_hidden(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
