@@ -39,7 +39,7 @@ from mvuav_ros.vision.markers.marker_results import (
 from mvuav_ros.vision.markers.naming import Clutter, Search
 from mvuav_ros.vision.markers.rig_view import WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
-from mvuav_ros.vision.rig import MarkerRig
+from mvuav_ros.vision.rig import MAX_NAMED, MarkerRig
 
 GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
 WIDEST = 200.0  # px, by which a search window grows at most
@@ -147,7 +147,7 @@ class IdentityTracker:
         if search.faults is not faults:
             self._body = search.faults, memory
             memory.start_afresh()
-        if frame.time - self._last_named > frame.parameters.lost_timeout:
+        if self._is_lost(frame):
             # A body wholly in view may be far from where it was lost.
             if frame.time - self._last_named > GIVEN_UP:
                 self._start_again()
@@ -206,8 +206,14 @@ class IdentityTracker:
             lights = find_spots(frame, self._lens, around)
         except GroupingError as error:
             return str(error)
-        search.name(lights, self._clutter, self._sure)
+        # Among many lights either this or a start takes long enough for one frame.
+        starts = self._is_lost(frame) and len(lights) > MAX_NAMED and self._attempts.rest == 0
+        search.name(lights, self._clutter, None if starts else self._sure)
         return ''
+
+    def _is_lost(self, frame: Frame) -> bool:
+        """Whether no name has been reported for so long that the body is looked for anew."""
+        return frame.time - self._last_named > frame.parameters.lost_timeout
 
     def _nothing(self, status: str) -> MarkerResult:
         return all_lost(self._rig.names, status)

@@ -348,7 +348,7 @@ CLEAR_RESIDUAL = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 STRICT_RESIDUAL = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same residual for some time."""
-MAX_AT_START = 20  # Lights among which a body is looked for, the largest: in 9 ms
+MAX_AT_START = 18  # Lights among which a body is looked for at once: in 8 ms
 MIN_WITH_HIDDEN = 4  # Markers, with more of which one may be hidden at the start
 MAX_WITH_HIDDEN = 8  # Lights up to which such a body is looked for: in 4 ms; of twelve in 15 ms
 MIN_AWAY = 1.2
@@ -523,7 +523,7 @@ class Attempts:
     agreed: int = 0  # frames in a row that named the body alike
     last: Mapping[int, Light] = field(default_factory=dict)  # its markers in the last one
     failed: int = 0  # attempts
-    _rest: int = 0  # frames until the next attempt
+    rest: int = 0  # frames until the next attempt
     _lights: int = 0
     _came: bool = False  # whether there were others in the frame before
     _is_flicker: bool = False  # the same, of the first frame of those in a row
@@ -532,14 +532,14 @@ class Attempts:
 
     def due(self, lights: int) -> bool:
         """Whether to try in this frame: another number of lights may be what was waited for."""
-        is_due = self._rest == 0 or (lights != self._lights and lights <= MAX_NAMED)
+        is_due = self.rest == 0 or (lights != self._lights and lights <= MAX_NAMED)
         self._came = 0 < self._lights != lights
-        self._rest, self._lights = max(self._rest - 1, 0), lights
+        self.rest, self._lights = max(self.rest - 1, 0), lights
         return is_due
 
     def fail(self) -> None:
         """No way of naming the lights stood out."""
-        self.agreed, self.last, self._rest = 0, {}, RESTED
+        self.agreed, self.last, self.rest = 0, {}, RESTED
         self.failed += 1
 
     def confirmed(self, named: Named, is_calibrated: bool) -> bool:
