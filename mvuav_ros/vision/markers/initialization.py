@@ -394,31 +394,35 @@ def initialize(
     spots, every = candidates(lights, count), by_size(lights)
     if len(spots) < fewest_at_start(shape):
         return Named(remark=f'{len(spots)} of {count} markers in view')
-    named = _whole(shape, spots, names) if len(spots) <= MAX_NAMED else None
+    named = _whole(shape, spots, names, len(spots)) if len(spots) <= MAX_NAMED else None
     # A body's lights may be far smaller than letters, and than lamps nearer by.
     if named is None and len(every) > min(len(spots), MAX_NAMED):
         step = MAX_AT_START // 2
         first = step * (turn % max(1, math.ceil(len(every) / step) - 1))
-        named = _whole(shape, every[first : first + MAX_AT_START], names)
+        some = every[first : first + MAX_AT_START]
+        named = _whole(shape, some, names, len(every))
     if named is None and len(spots) <= MAX_WITH_HIDDEN:
         named = _with_hidden(shape, spots)
     return named or Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
 
 
-def _whole(shape: WeakPerspective, spots: Sequence[Light], names: Sequence[str]) -> Named | None:
+def _whole(
+    shape: WeakPerspective, spots: Sequence[Light], names: Sequence[str], lights: int
+) -> Named | None:
+    """All markers among some spots, of so many lights in view."""
     count = len(names)
-    alone = len(spots) == count
+    alone = lights == count
     free = alone and shape.lens.focal is None
     best = _outstanding(_bodies(shape, spots, count))
-    if best is not None and _is_probable(shape, best, len(spots)):
+    if best is not None and _is_probable(shape, best, lights):
         exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
         limit = LONE_RESIDUAL * best.view.scale if free else exact
         if best.view.rms_residual <= max(limit, exact):
-            is_sure = best.evidence > SURE_AT_START and len(spots) <= MAX_NAMED
+            is_sure = best.evidence > SURE_AT_START and lights <= MAX_NAMED
             frames = 1 if alone or is_sure else CONFIRMED
             if not (free or _is_strict(best.view)):
                 frames = CONFIRMED_ODD
-            remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
+            remark = '' if alone else f'{lights} lights in view, the {count} that fit were used'
             return Named(
                 best.lights(spots), best.view, frames, best.view.rms_residual <= exact, remark
             )
