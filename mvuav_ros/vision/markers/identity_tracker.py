@@ -41,7 +41,7 @@ from mvuav_ros.vision.markers.rig_view import WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED, MarkerRig
 
-GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
+GIVEN_UP = 10.0  # Seconds without a reported name after which nothing is known of the body any more
 WIDEST = 200.0  # px, by which a search window grows at most
 
 
