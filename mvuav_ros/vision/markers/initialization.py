@@ -233,13 +233,11 @@ def _starts(shape: WeakPerspective, places: Complex, prior: Prior, fewest: int) 
     views, errors = views[allowed], errors[allowed]
     if not len(views):
         return []
+    seen, scale = shape.project(views), np.exp(views[:, SCALE])
+    showing, nearest, squares = _nearest(seen, places, _REACH * scale, fewest)
+    views, errors, scale = views[showing], errors[showing], scale[showing, None]
     cost = prior.away(views)
-    seen = shape.project(views)
-    apart = np.square(seen[..., :1] - places.real) + np.square(seen[..., 1:] - places.imag)
-    nearest = apart.argmin(axis=2)
-    squares = np.take_along_axis(apart, nearest[..., None], axis=2)[..., 0]
-    scale = np.exp(views[:, SCALE, None])
-    has = squares < (_REACH * scale) ** 2
+    has = squares < np.square(_REACH * scale)
     squares /= (_ROUGH * scale if prior.noise is None else 3.0 * prior.noise) ** 2 + errors**2
     if prior.noise is not None:
         has &= squares < MISSED_COST
@@ -259,6 +257,27 @@ def _starts(shape: WeakPerspective, places: Complex, prior: Prior, fewest: int) 
         if len(starts) == most:
             break
     return list(starts.values())
+
+
+def _nearest(
+    seen: Array, places: Complex, reach: Array, fewest: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """The views (v, n, 2) with spots within reach (v,) of the fewest of their markers at least.
+
+    And their markers' nearest spots, and squared distances from those, px², each (w, n). Marker by
+    marker: most views of three are out of the question after the first other one.
+    """
+    left, spare = np.arange(len(seen)), np.full(len(seen), seen.shape[1] - fewest)
+    nearest, squares = np.empty(seen.shape[:2], np.intp), np.empty(seen.shape[:2])
+    limit = np.square(reach)
+    for marker, (x, y) in enumerate(seen.transpose(1, 2, 0)):
+        across, down = x[left, None] - places.real, y[left, None] - places.imag
+        apart = across * across + down * down
+        nearest[left, marker] = own = apart.argmin(axis=1)
+        squares[left, marker] = away = apart[np.arange(len(left)), own]
+        spare[left] -= away >= limit[left]
+        left = left[spare[left] >= 0]
+    return left, nearest[left], squares[left]
 
 
 def _views_of_threes(
@@ -295,7 +314,7 @@ def _views_of_twos(
     # Perspective makes more than one step of it.
     for step in range(_STEPS):
         first, second, a, b = twos
-        seen = shape.linearize(views)[0].view(np.complex128)
+        seen = shape.project(views).view(np.complex128)[..., 0]
         here = np.take_along_axis(seen, first[:, None], axis=1)[:, 0]
         there = np.take_along_axis(seen, second[:, None], axis=1)[:, 0]
         turn = (places[b] - places[a]) / (there - here)
@@ -391,36 +410,43 @@ def initialize(
     Among very many lights it is looked for by size, some in each turn.
     """
     count = len(names)
-    spots, every = candidates(lights, count), by_size(lights)
+    every = by_size(lights)
+    spots = candidates(every, count)
     if len(spots) < fewest_at_start(shape):
         return Named(remark=f'{len(spots)} of {count} markers in view')
-    named = _whole(shape, spots, names, len(spots)) if len(spots) <= MAX_NAMED else None
+    few = len(spots) <= MAX_NAMED
+    bodies = _bodies(shape, spots, count) if few else []
+    named = _whole(shape, spots, bodies, names, len(spots)) if few else None
     # A body's lights may be far smaller than letters, and than lamps nearer by.
     if named is None and len(every) > min(len(spots), MAX_NAMED):
         step = MAX_AT_START // 2
         first = step * (turn % max(1, math.ceil(len(every) / step) - 1))
         some = every[first : first + MAX_AT_START]
-        named = _whole(shape, some, names, len(every))
-    if named is None and len(spots) <= MAX_WITH_HIDDEN:
+        named = _whole(shape, some, _bodies(shape, some, count), names, len(every))
+    if named is None and len(spots) <= MAX_WITH_HIDDEN and not any(map(_is_strict, bodies)):
         named = _with_hidden(shape, spots)
     return named or Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
 
 
 def _whole(
-    shape: WeakPerspective, spots: Sequence[Light], names: Sequence[str], lights: int
+    shape: WeakPerspective,
+    spots: Sequence[Light],
+    bodies: Sequence[Hypothesis],
+    names: Sequence[str],
+    lights: int,
 ) -> Named | None:
     """All markers among some spots, of so many lights in view."""
     count = len(names)
     alone = lights == count
     free = alone and shape.lens.focal is None
-    best = _outstanding(_bodies(shape, spots, count))
+    best = _outstanding(bodies)
     if best is not None and _is_probable(shape, best, lights):
         exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
         limit = LONE_RESIDUAL * best.view.scale if free else exact
         if best.view.rms_residual <= max(limit, exact):
             is_sure = best.evidence > SURE_AT_START and lights <= MAX_NAMED
             frames = 1 if alone or is_sure else CONFIRMED
-            if not (free or _is_strict(best.view)):
+            if not (free or _is_strict(best)):
                 frames = CONFIRMED_ODD
             remark = '' if alone else f'{lights} lights in view, the {count} that fit were used'
             return Named(
@@ -435,7 +461,7 @@ def _is_probable(shape: WeakPerspective, body: Hypothesis, lights: int) -> bool:
     It is asked for among many lights, and where little is measured twice: four markers have eight
     coordinates and six unknowns, eight before any lens, and that it may be any costs evidence.
     """
-    is_sure, is_strict = body.evidence > SURE_AT_START, _is_strict(body.view)
+    is_sure, is_strict = body.evidence > SURE_AT_START, _is_strict(body)
     if lights > MAX_NAMED:
         return is_sure and is_strict
     count, any_lens = len(shape.points), shape.lens.focal is None
@@ -446,10 +472,10 @@ def _is_probable(shape: WeakPerspective, body: Hypothesis, lights: int) -> bool:
 def _with_hidden(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
     """A body without one marker, where the others leave no doubt."""
     count, fewest = len(shape.points), fewest_at_start(shape)
-    if fewest == count or any(_is_strict(body.view) for body in _bodies(shape, spots, count)):
+    if fewest == count:
         return None
     best = _outstanding(_bodies(shape, spots, fewest))
-    if best is None or best.evidence < SURE_AT_START or not _is_strict(best.view):
+    if best is None or best.evidence < SURE_AT_START or not _is_strict(best):
         return None
     named = best.lights(spots)
     x, y = best.view.parameters[[X, Y]].tolist()
@@ -472,8 +498,8 @@ def _outstanding(bodies: Sequence[Hypothesis]) -> Hypothesis | None:
     return None
 
 
-def _is_strict(view: ViewState) -> bool:
-    return view.rms_residual <= STRICT_RESIDUAL[0] + STRICT_RESIDUAL[1] * view.scale
+def _is_strict(body: Hypothesis) -> bool:
+    return body.view.rms_residual <= STRICT_RESIDUAL[0] + STRICT_RESIDUAL[1] * body.view.scale
 
 
 def _may_be_one_body(lights: Sequence[Light]) -> bool:

@@ -295,9 +295,8 @@ def by_size(lights: Sequence[Light]) -> list[Light]:
     return sorted(spots, key=lambda light: -light.seen.area)
 
 
-def candidates(lights: Sequence[Light], count: int) -> list[Light]:
-    """The round ones that could be among a body's ``count`` markers, the largest first."""
-    spots = by_size(lights)
+def candidates(spots: Sequence[Light], count: int) -> Sequence[Light]:
+    """Of lights by size those that could be among a body's ``count`` markers."""
     if len(spots) < count:
         return spots
     least = MIN_SHARE * spots[count - 1].seen.area

@@ -20,7 +20,7 @@ from mvuav_ros.vision.markers.initialization import (
     body_hypotheses,
     log_odds_of,
 )
-from mvuav_ros.vision.markers.lights import Light, are_close, candidates, places_of
+from mvuav_ros.vision.markers.lights import Light, are_close, by_size, candidates, places_of
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
@@ -382,7 +382,7 @@ class Search:
     def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view."""
         count = len(self._markers)
-        lights = candidates(every, count)
+        lights = candidates(by_size(every), count)
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         holds = is_firm or (self.found and count > FAULTS.min_firm)
         if len(lights) > MAX_AT_START or (holds and len(lights) <= len(self.found)):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,24 @@ _TURNS: Complex = np.zeros((COUNT, 3), np.complex128)
 _TURNS[[SCALE, ROLL], 0], _TURNS[YAW, 1], _TURNS[PITCH, 2] = (1.0, 1j), -1j, 1j
 _NEAREST = 0.05  # Least distance of a marker over the rig's: else it would be behind the camera
 _MIN_AREA = 1e-3  # Twice that of three markers that are not on one line, in squared units
+
+
+class _Seen(NamedTuple):
+    """Markers in m views: their image points are N / D, complex numbers from the image's centre.
+
+    N is the turned point, px, plus the origin's place, and D its depth over the origin's.
+    """
+
+    turn: Complex  # (m, 1), of scale and roll
+    pitch: Complex  # (m, 1)
+    across: Array  # (m, n), and so on, of the points:
+    ahead: Array
+    down: Array
+    depth: Array
+    turned: Complex  # (m, n), px
+    nearness: Array  # (m, 1), logarithm of units per distance
+    larger: Array  # (m, n), 1 / D
+    image: Complex  # (m, n), px
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,31 +116,25 @@ class WeakPerspective:
         the image's diagonal; 0 where it is calibrated).
         """
         views = np.ascontiguousarray(parameters).reshape(-1, COUNT)
-        return self.linearize(views)[0].reshape(*parameters.shape[:-1], -1, 2)
+        seen = self._seen(views)
+        image = seen.image
+        if self.lens.focal is None:
+            image = image + views[:, BARREL:] * self._cubic(image)
+        if self.offsets is not None:
+            image = image + self.offsets * seen.turn
+        image = image + self.middle
+        return image.view(np.float64).reshape(*parameters.shape[:-1], len(self.points), 2)
 
     def linearize(self, views: Array) -> tuple[Array, Array]:
         """Places of the markers (m, 2 n) in views (m, 8), and their slopes (m, 8, 2 n).
 
-        Image points are complex numbers, x + iy from the image's centre: N / D, where N is the
-        turned point in px plus the origin's place, and D its depth over the origin's. By a
-        parameter p, that changes by (dN/dp - N / D dD/dp) / D.
+        By a parameter p a place N / D changes by (dN/dp - N / D dD/dp) / D; see `_Seen`.
         """
-        px, py, pz = self.points.T
-        turn, yaw, pitch = np.exp(views.dot(_TURNS)).T[..., None]
-        flat = (px + 1j * pz) * yaw
-        across, ahead = flat.real, flat.imag
-        upright = (py + 1j * ahead) * pitch
-        down, depth = upright.real, upright.imag
-        turned = turn * (across + 1j * down)
-        # The origin comes no nearer, whatever scale and focal length say.
-        nearness = views[:, SCALE, None] - views[:, FOCAL, None]
-        near = np.exp(np.minimum(nearness, self._max_nearness))
-        larger = 1.0 / np.maximum(1.0 + near * depth, _NEAREST)
-        origin = views[:, X : Y + 1].view(np.complex128) - self.middle
-        image = (turned + origin) * larger
-        moved = image * near
+        seen = self._seen(views)
+        turn, pitch, across, ahead, down, depth, turned, nearness, larger, image = seen
+        moved = image * np.exp(np.minimum(nearness, self._max_nearness))
         deeper = moved * (depth * (nearness <= self._max_nearness))
-        slopes = np.zeros((len(views), COUNT, len(px)), np.complex128)
+        slopes = np.zeros((len(views), COUNT, len(self.points)), np.complex128)
         slopes[:, ROLL] = 1j * turned
         slopes[:, SCALE] = turned - deeper
         slopes[:, X], slopes[:, Y] = 1.0, 1j
@@ -136,21 +149,41 @@ class WeakPerspective:
             image = image + beside
             slopes[:, ROLL] += 1j * beside
             slopes[:, SCALE] += beside
-        image += self.middle
+        image = image + self.middle
         return image.view(np.float64), slopes.view(np.float64)
+
+    def _seen(self, views: Array) -> _Seen:
+        """The markers in views (m, 8) before what the lens and offsets make of them."""
+        px, py, pz = self.points.T
+        turn, yaw, pitch = np.exp(views.dot(_TURNS)).T[..., None]
+        flat = (px + 1j * pz) * yaw
+        across, ahead = flat.real, flat.imag
+        upright = (py + 1j * ahead) * pitch
+        down, depth = upright.real, upright.imag
+        turned = turn * (across + 1j * down)
+        # The origin comes no nearer, whatever scale and focal length say.
+        nearness = views[:, SCALE, None] - views[:, FOCAL, None]
+        near = np.exp(np.minimum(nearness, self._max_nearness))
+        larger = 1.0 / np.maximum(1.0 + near * depth, _NEAREST)
+        origin = views[:, X : Y + 1].view(np.complex128) - self.middle
+        image = (turned + origin) * larger
+        return _Seen(turn, pitch, across, ahead, down, depth, turned, nearness, larger, image)
 
     def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> tuple[Complex, Complex]:
         """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n)."""
         # With k the barrel over half the diagonal squared, z becomes z (1 + k |z|²), and dz becomes
         # (1 + 2 k |z|²) dz + k z² dz*.
-        share = 1.0 / self.lens.half_diagonal**2
-        cubic = image * (image.real**2 + image.imag**2) * share
-        bent = (barrel * share) * image
+        cubic = self._cubic(image)
+        bent = (barrel / self.lens.half_diagonal**2) * image
         slopes = (1.0 + 2.0 * (bent * image.conj()).real)[:, None] * slopes + (
             (bent * image)[:, None] * slopes.conj()
         )
         slopes[:, BARREL] = cubic
         return image + barrel * cubic, slopes
+
+    def _cubic(self, image: Complex) -> Complex:
+        """How far a barrel of 1 moves points from the image's centre."""
+        return image * (image.real**2 + image.imag**2) / self.lens.half_diagonal**2
 
     @cached_property
     def middle(self) -> complex:
