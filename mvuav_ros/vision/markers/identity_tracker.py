@@ -206,9 +206,10 @@ class IdentityTracker:
             lights = find_spots(frame, self._lens, around)
         except GroupingError as error:
             return str(error)
-        # Among many lights either this or a start takes long enough for one frame.
-        starts = self._is_lost(frame) and len(lights) > MAX_NAMED and self._attempts.rest == 0
-        search.name(lights, self._clutter, None if starts else self._sure)
+        # Among many lights either this or a new start takes long enough for one frame.
+        rests = self._attempts.rest or self._attempts.last
+        if rests or len(lights) <= MAX_NAMED or not self._is_lost(frame):
+            search.name(lights, self._clutter, self._sure)
         return ''
 
     def _is_lost(self, frame: Frame) -> bool:

@@ -249,12 +249,8 @@ class Search:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
 
-    def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter | None) -> None:
-        """Name the lights of a frame.
-
-        The older filter is that which last had enough firm names; None where there is no time for
-        what it expects.
-        """
+    def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter) -> None:
+        """Name the lights of a frame; the older filter is that which last had enough firm names."""
         self._clutter, self._seen = clutter, len(lights)
         self._free = [
             light
@@ -282,7 +278,7 @@ class Search:
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
         few = len(self.reacquired) < FAULTS.min_firm
-        if older and (not self.found or (nameless and self.missing and few)):
+        if not self.found or (nameless and self.missing and few):
             self._find_otherwise(lights, older)
 
     def _name_clear(self) -> None:
