@@ -48,7 +48,7 @@ def assign(
     for marker, place in expected.items():
         near = {}
         for number, light in enumerate(lights):
-            cost = ((light.x - place.x) ** 2 + (light.y - place.y) ** 2) / place.deviation**2
+            cost = _squared_distance(light, place)
             unlike = appearance(marker, light) if cost <= GATE else math.inf
             if unlike < math.inf:
                 near[number] = cost + unlike
@@ -65,6 +65,11 @@ def assign(
         if all(way.get(marker) == number for way in probable)
         and not appearance(marker, lights[number])
     }
+
+
+def _squared_distance(light: Light, place: Expectation) -> float:
+    """Of a light from where a marker is expected, over the variance."""
+    return ((light.x - place.x) ** 2 + (light.y - place.y) ** 2) / place.deviation**2
 
 
 def _ways(
@@ -350,7 +355,10 @@ class Search:
     def _find_again(self) -> None:
         """Name a body of which fewer markers than show each other's place are firm."""
         lights = [*self.found.values(), *self._free]
-        new = [light for light in lights if not self._clutter.include(light)][:MAX_RETURNED]
+        places = self.expected(range(len(self._markers))).values()
+        new = [light for light in lights if not self._clutter.include(light)]
+        new.sort(key=lambda light: min(_squared_distance(light, place) for place in places))
+        new = new[:MAX_RETURNED]
         may_be_none, density = self._clutter.may_be_new, self._clutter_density
         if self._clutter.is_about and not may_be_none:
             density *= KNOWN_CLUTTER
@@ -379,6 +387,8 @@ class Search:
         """Find the body where names that may be those of other lights have bent the view."""
         count = len(self._markers)
         lights = candidates(by_size(every), count)
+        if len(lights) > MAX_AT_START:
+            lights = [light for light in lights if not self._clutter.include(light)]
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         holds = is_firm or (self.found and count > FAULTS.min_firm)
         if len(lights) > MAX_AT_START or (holds and len(lights) <= len(self.found)):
