@@ -355,10 +355,7 @@ class Search:
     def _find_again(self) -> None:
         """Name a body of which fewer markers than show each other's place are firm."""
         lights = [*self.found.values(), *self._free]
-        places = self.expected(range(len(self._markers))).values()
-        new = [light for light in lights if not self._clutter.include(light)]
-        new.sort(key=lambda light: min(_squared_distance(light, place) for place in places))
-        new = new[:MAX_RETURNED]
+        new = self._nearest(lights, MAX_RETURNED)
         may_be_none, density = self._clutter.may_be_new, self._clutter_density
         if self._clutter.is_about and not may_be_none:
             density *= KNOWN_CLUTTER
@@ -377,6 +374,13 @@ class Search:
             self._begin(self.views.shape, again)
         self._name_clear()
 
+    def _nearest(self, lights: Sequence[Light], most: int) -> list[Light]:
+        """Of lights that are no known clutter those nearest to where markers are expected."""
+        places = self.expected(range(len(self._markers))).values()
+        new = [light for light in lights if not self._clutter.include(light)]
+        new.sort(key=lambda light: min(_squared_distance(light, place) for place in places))
+        return new[:most]
+
     @property
     def _clutter_density(self) -> float:
         """Density of lights that are no markers, per px²."""
@@ -388,10 +392,10 @@ class Search:
         count = len(self._markers)
         lights = candidates(by_size(every), count)
         if len(lights) > MAX_AT_START:
-            lights = [light for light in lights if not self._clutter.include(light)]
+            lights = self._nearest(lights, MAX_AT_START)
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         holds = is_firm or (self.found and count > FAULTS.min_firm)
-        if len(lights) > MAX_AT_START or (holds and len(lights) <= len(self.found)):
+        if holds and len(lights) <= len(self.found):
             return
         prior = Prior.of(older, JOLT)
         # All of them among many lights: to look for others as well would stall the stream.
