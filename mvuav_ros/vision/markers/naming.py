@@ -390,9 +390,9 @@ class Search:
     def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view."""
         count = len(self._markers)
-        lights = candidates(by_size(every), count)
-        if len(lights) > MAX_AT_START:
-            lights = self._nearest(lights, MAX_AT_START)
+        spots = by_size(every)
+        few = len(spots) <= MAX_AT_START
+        lights = candidates(spots, count) if few else self._nearest(spots, MAX_AT_START)
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         holds = is_firm or (self.found and count > FAULTS.min_firm)
         if holds and len(lights) <= len(self.found):
