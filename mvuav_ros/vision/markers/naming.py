@@ -12,14 +12,14 @@ import numpy as np
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
-from mvuav_ros.vision.markers.initialization import (
+from mvuav_ros.vision.markers.hypotheses import (
     CLUTTER_DENSITY,
-    MAX_AT_START,
     MISSED_COST,
     Prior,
     body_hypotheses,
     log_odds_of,
 )
+from mvuav_ros.vision.markers.initialization import MAX_AT_START
 from mvuav_ros.vision.markers.lights import Light, are_close, by_size, candidates, places_of
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective

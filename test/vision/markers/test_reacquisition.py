@@ -8,7 +8,7 @@ import pytest
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.initialization import Prior, body_hypotheses, log_odds_of
+from mvuav_ros.vision.markers.hypotheses import Prior, body_hypotheses, log_odds_of
 from mvuav_ros.vision.markers.lights import Lens, Light
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE
 from mvuav_ros.vision.markers.naming import JOLT, reacquire
