@@ -7,6 +7,8 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from mvuav_ros.vision.markers import (
     calibrated_tracker,
     identity_tracker,
@@ -39,7 +41,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'a steady residual': [(initialization, 'SAME_RESIDUAL', (math.inf, math.inf))],
     'sure place': [(marker_memory, 'SURE_PLACE', 0.0)],
     'returning': [(marker_memory, 'RETURNING', 0)],
-    'clutter by age': [(Clutter, 'include', _returns(False))],
+    'clutter by age': [(Clutter, 'include', lambda _, lights: np.zeros(len(lights), bool))],
     'suspects by evidence': [(FaultDetector, '_without_suspects', _returns(None))],
     'bank': [(view_filter.TUNING, 'bending', (1, 0))],
     'process noise': [(ViewFilter, '_learn_motion', _returns(None))],

@@ -20,7 +20,6 @@ from mvuav_ros.vision.markers.lights import (
     GroupingError,
     Lens,
     Light,
-    Point,
     find_spots,
     places_of,
 )
@@ -143,7 +142,7 @@ class IdentityTracker:
         faults.untrusted = memory.untrusted
         found = {index: Light(*place, spots[index]) for index, place in named.items()}
         search = Search(faults, memory.markers, consensus, found)
-        status = self._search(frame, search, memory.predicted if consensus.kept else ())
+        status = self._search(frame, search)
         if search.faults is not faults:
             self._body = search.faults, memory
             memory.start_afresh()
@@ -195,7 +194,7 @@ class IdentityTracker:
         hidden = search.suspects | memory.doubtful
         return self._result(frame, memory, spots, hidden, expected, windows, status)
 
-    def _search(self, frame: Frame, search: Search, around: Sequence[Point]) -> str:
+    def _search(self, frame: Frame, search: Search) -> str:
         """Name the lights of the whole frame (see `find_spots`); what is wrong with it."""
         # The filter as it was when four firm names agreed last; since then it has gone on alone.
         if self._is_sure:
@@ -203,7 +202,7 @@ class IdentityTracker:
         else:
             self._sure.predict(frame.time)
         try:
-            lights = find_spots(frame, self._lens, around)
+            lights = find_spots(frame, self._lens)
         except GroupingError as error:
             return str(error)
         # Among many lights either this or a new start takes long enough for one frame.

@@ -15,7 +15,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection
-from mvuav_ros.vision.markers.marker_results import NO_WINDOW
+from mvuav_ros.vision.markers.marker_results import NO_WINDOW, Window
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ class Blobs:
         self._meter = CentroidMeter(gray, parameters.threshold, parameters.weighted)
         mask = threshold(gray, parameters.threshold)
         count_bright(mask)
-        self._labels, stats = label(mask)
+        self._labels, self._where, stats = label(mask)
         fits = area_fits(stats[:, cv2.CC_STAT_AREA], parameters)
         self._numbers = 1 + np.flatnonzero(fits[1:])  # of the pieces within the limits
         if len(self._numbers) > MAX_BLOBS:
@@ -127,21 +127,24 @@ class Blobs:
         looked = [windows[i] if small else NO_WINDOW for i, small in enumerate(compact.tolist())]
         alone = self._meter.measure_alone(looked, area.tolist())
         crowded = [row for row, spot in enumerate(alone) if spot is None]
-        around = [windows[row] for row in crowded]
-        patches = [
-            self._meter.cut(window)
-            * (self._labels[window.y0 : window.y1 + 1, window.x0 : window.x1 + 1] == number)
-            for window, number in zip(around, self._numbers[chosen][crowded].tolist(), strict=True)
-        ]
+        around, numbers = [windows[row] for row in crowded], self._numbers[chosen[crowded]]
+        patches = [self._cut(*pair) for pair in zip(around, numbers.tolist(), strict=True)]
         own = iter(self._meter.measure_own(patches, around))
         return [spot or next(own) for spot in alone]
 
+    def _cut(self, window: Window, number: int) -> Pixels:
+        """The intensity of one piece in a window, 0 elsewhere."""
+        x0, x1, y0, y1 = window
+        labels = self._labels[self._where[y0 : y1 + 1], x0 : x1 + 1]
+        return np.asarray(self._meter.cut(window) * (labels == number))
 
-def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+
+def label(mask: Mask) -> tuple[NDArray[np.int32], Integers, NDArray[np.int32]]:
     """The number of each pixel's 8-connected piece, 0 where it is dark, and the pieces' stats.
 
-    They are those of `cv2.connectedComponentsWithStats`, (1 + pieces, 5), except for the first row,
-    that of the dark: only the rows with a bright pixel are labelled, of which there are few.
+    Only the rows with a bright pixel are labelled, of which there are few: the numbers of the
+    mask's row y are those in ``where[y]``. The stats are those of
+    `cv2.connectedComponentsWithStats`, (1 + pieces, 5), except for the first row, that of the dark.
     """
     height = len(mask)
     bright = cv2.reduce(mask, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel() > 0
@@ -149,13 +152,14 @@ def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     # next one: a dark pair keeps apart what is none of one piece.
     pairs = np.logical_or.reduceat(bright, np.arange(0, height, 2))
     pairs[1:] |= pairs[:-1].copy()
-    rows = np.flatnonzero(np.repeat(pairs, 2)[:height])
-    labels = np.zeros(mask.shape, np.int32)
-    if not len(rows):
-        return labels, np.zeros((1, 5), np.int32)
-    _, labels[rows], stats, _ = cv2.connectedComponentsWithStats(mask[rows], connectivity=8)
+    is_labelled = np.repeat(pairs, 2)[:height]
+    # One dark row stands for all others.
+    rows = np.concatenate((np.flatnonzero(is_labelled), np.flatnonzero(~is_labelled)[:1]))
+    _, numbers, stats, _ = cv2.connectedComponentsWithStats(mask[rows], connectivity=8)
     stats[1:, cv2.CC_STAT_TOP] = rows[stats[1:, cv2.CC_STAT_TOP]]
-    return labels, np.asarray(stats, np.int32)
+    where = np.full(height, len(rows) - 1, np.intp)
+    where[rows] = np.arange(len(rows))
+    return np.asarray(numbers, np.int32), where, np.asarray(stats, np.int32)
 
 
 MAX_CLUSTERS = 1000
@@ -242,7 +246,6 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
 ROUND = 1.4  # Spread of a spot that may be a light
 MIN_SHARE = 0.2
 """Of the n-th largest spot's area: what is smaller is no marker of a body with n of them."""
-MAX_MEASURED = 24
 
 
 class Frame:
@@ -260,6 +263,11 @@ class Frame:
         """Its bright pieces, however often they are looked at; a `GroupingError` as of `Blobs`."""
         return Blobs(self.image.gray(), self.parameters)
 
+    @cached_property
+    def spots(self) -> list[Detection]:
+        """Those that may be lights, measured; a `GroupingError` as of `Blobs`."""
+        return self.blobs.measure(self.blobs.may_be_lights())
+
 
 class Light(NamedTuple):
     """A light: x and y (px) where a lens without distortion would show it, and as it is seen."""
@@ -269,24 +277,14 @@ class Light(NamedTuple):
     seen: Detection
 
 
-def find_spots(frame: Frame, lens: Lens, around: Sequence[Point] = ()) -> list[Light]:
+def find_spots(frame: Frame, lens: Lens) -> list[Light]:
     """The lights of a whole frame, measured.
-
-    Of very many only the nearest to some places (px) are measured, if there are any.
 
     Raises:
         GroupingError: the frame is too bright or too noisy to hold markers.
     """
-    blobs = frame.blobs
-    chosen = blobs.may_be_lights()
-    if around and len(chosen) > MAX_MEASURED:
-        left, top, width, height, _ = blobs.stats[chosen].T
-        middles = np.column_stack((left + 0.5 * (width - 1), top + 0.5 * (height - 1)))
-        order = np.abs(middles[:, None] - np.array(around)).max(axis=2).min(axis=1)
-        chosen = chosen[np.argsort(order, kind='stable')[:MAX_MEASURED]]
-    spots = blobs.measure(chosen)
-    places = lens.straightened(spots)
-    return [Light(x, y, spot) for (x, y), spot in zip(places, spots, strict=True)]
+    places = lens.straightened(frame.spots)
+    return [Light(x, y, spot) for (x, y), spot in zip(places, frame.spots, strict=True)]
 
 
 def by_size(lights: Sequence[Light]) -> list[Light]:

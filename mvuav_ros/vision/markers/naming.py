@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from itertools import islice
+from itertools import compress, islice
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
@@ -22,7 +23,7 @@ from mvuav_ros.vision.markers.hypotheses import (
 from mvuav_ros.vision.markers.initialization import MAX_AT_START
 from mvuav_ros.vision.markers.lights import Light, are_close, by_size, candidates, places_of
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
-from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
+from mvuav_ros.vision.markers.rig_view import Array, ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED
 
@@ -48,7 +49,7 @@ def assign(
     for marker, place in expected.items():
         near = {}
         for number, light in enumerate(lights):
-            cost = _squared_distance(light, place)
+            cost = ((light.x - place.x) ** 2 + (light.y - place.y) ** 2) / place.deviation**2
             unlike = appearance(marker, light) if cost <= GATE else math.inf
             if unlike < math.inf:
                 near[number] = cost + unlike
@@ -65,11 +66,6 @@ def assign(
         if all(way.get(marker) == number for way in probable)
         and not appearance(marker, lights[number])
     }
-
-
-def _squared_distance(light: Light, place: Expectation) -> float:
-    """Of a light from where a marker is expected, over the variance."""
-    return ((light.x - place.x) ** 2 + (light.y - place.y) ** 2) / place.deviation**2
 
 
 def _ways(
@@ -157,7 +153,8 @@ class Clutter:
     """Lights that have stayed without a name for some frames: glares, not returning markers."""
 
     def __init__(self) -> None:
-        self._seen: list[tuple[Light, int]] = []
+        self._places: Array = np.empty((0, 2))  # px without distortion
+        self._ages = np.empty(0, np.intp)
         self._most = self._since_most = 0  # at once, and the frames since there were as many
         self._settled = 0  # frames since the last of it came
 
@@ -173,11 +170,11 @@ class Clutter:
 
     @property
     def _known(self) -> int:
-        return sum(age >= MIN_CLUTTER_AGE for _, age in self._seen)
+        return int(np.count_nonzero(self._ages >= MIN_CLUTTER_AGE))
 
-    def include(self, light: Light) -> bool:
-        """Whether a light has stood there, or close by, for long."""
-        return any(age >= MIN_CLUTTER_AGE and _is_beside(light, other) for other, age in self._seen)
+    def include(self, lights: Sequence[Light]) -> NDArray[np.bool_]:
+        """Which lights have stood there, or close by, for long."""
+        return np.asarray(self._ages_beside(lights)[1] >= MIN_CLUTTER_AGE)
 
     def update(self, lights: Sequence[Light], expected: Mapping[int, Expectation] | None) -> None:
         """Take the lights of a frame that got no name, and where markers without one should be.
@@ -185,29 +182,28 @@ class Clutter:
         What lies far from all of those is clutter. Where the body is out of sight (None), only what
         was clutter before is followed.
         """
-        seen = []
-        self._settled += 1
-        for light in lights:
-            ages = [age for other, age in self._seen if _is_beside(light, other)]
-            before = max(ages, default=0)
-            if expected is not None:
-                near = any(
-                    math.hypot(light.x - x, light.y - y) < CLUTTER_STEP + 4.0 * deviation
-                    for x, y, deviation in expected.values()
-                )
-                ages.append(0 if near else before + MIN_CLUTTER_AGE)
-            if ages:
-                seen.append((light, max(ages)))
-                if before < MIN_CLUTTER_AGE <= max(ages):
-                    self._settled = 0
-        self._seen = seen
+        places, before = self._ages_beside(lights)
+        ages = before
+        if expected is not None:
+            x, y, deviation = np.array([*expected.values()]).reshape(-1, 3).T
+            away = np.hypot(places[:, :1] - x, places[:, 1:] - y)
+            is_near = (away < CLUTTER_STEP + 4.0 * deviation).any(axis=1)
+            ages = np.maximum(before, 0) + np.where(is_near, 0, MIN_CLUTTER_AGE)
+        came = (before < MIN_CLUTTER_AGE) & (ages >= MIN_CLUTTER_AGE)
+        self._settled = 0 if came.any() else self._settled + 1
+        self._places, self._ages = places[ages >= 0], ages[ages >= 0]
         self._since_most += 1
         if self._known >= self._most or self._since_most >= REMEMBERED:
             self._most, self._since_most = self._known, 0
 
-
-def _is_beside(a: Light, b: Light) -> bool:
-    return abs(a.x - b.x) < CLUTTER_STEP and abs(a.y - b.y) < CLUTTER_STEP
+    def _ages_beside(self, lights: Sequence[Light]) -> tuple[Array, NDArray[np.intp]]:
+        """Places (n, 2) of lights, px, and ages of what was close by, -1 where nothing was."""
+        places = np.array([light[:2] for light in lights]).reshape(-1, 2)
+        if not (len(places) and len(self._ages)):
+            return places, np.full(len(places), -1)
+        (x, y), (own_x, own_y) = places.T[..., None], self._places.T
+        is_beside = (np.abs(x - own_x) < CLUTTER_STEP) & (np.abs(y - own_y) < CLUTTER_STEP)
+        return places, np.where(is_beside, self._ages, -1).max(axis=1, initial=-1)
 
 
 KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even clutter may be it
@@ -216,6 +212,14 @@ LARGER = 1.2  # Times the area of the larger of two lights, or of both, which th
 JOINED_PLACE = 1.5  # px (1 sigma), of the places of two markers that are known by their mean alone
 BESIDE = 24.0
 """px within which another light may be taken for a marker that is not where it was expected."""
+
+
+def _distances(lights: Sequence[Light], expected: Collection[Expectation]) -> Array:
+    """(n,), of lights from the nearest place of a marker, squared and over the variance."""
+    x, y, deviations = np.array([*expected]).reshape(-1, 3).T
+    places = np.array([light[:2] for light in lights]).reshape(-1, 2)
+    across, down = places[:, :1] - x, places[:, 1:] - y
+    return np.asarray(((across * across + down * down) / deviations**2).min(axis=1))
 
 
 class Search:
@@ -256,7 +260,7 @@ class Search:
 
     def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter) -> None:
         """Name the lights of a frame; the older filter is that which last had enough firm names."""
-        self._clutter, self._seen = clutter, len(lights)
+        self._clutter = clutter
         self._free = [
             light
             for light in lights
@@ -289,6 +293,7 @@ class Search:
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
         least = self.views.deviation
+        strange = {*compress(self._free, self._clutter.include(self._free))}
         while self._free and self.missing:
             places = self.expected(range(len(self._markers)))
             gates = {
@@ -297,12 +302,13 @@ class Search:
             }
 
             def unlike(index: int, light: Light, gates: dict[int, Expectation] = gates) -> float:
-                if gates[index].deviation > KNOWN_PLACE and self._clutter.include(light):
+                if gates[index].deviation > KNOWN_PLACE and light in strange:
                     return math.inf
                 return self._appearance_cost(index, light)
 
             free = []
-            for light in self._free:
+            near = _distances(self._free, gates.values()) <= GATE
+            for light in compress(self._free, near):
                 inside = self._inside(light, places)
                 areas = [self._markers[index].area for index in inside]
                 # The lights of two markers may have run together.
@@ -355,13 +361,14 @@ class Search:
     def _find_again(self) -> None:
         """Name a body of which fewer markers than show each other's place are firm."""
         lights = [*self.found.values(), *self._free]
-        new = self._nearest(lights, MAX_RETURNED)
-        may_be_none, density = self._clutter.may_be_new, self._clutter_density
+        new = self._unknown(lights)
+        may_be_none, density = self._clutter.may_be_new, self._clutter_density(len(new))
         if self._clutter.is_about and not may_be_none:
             density *= KNOWN_CLUTTER
         prior, fewest = Prior.of(self.views), MIN_REACQUIRED[may_be_none]
-        if self._seen > MAX_NAMED:
+        if len(new) > MAX_NAMED:
             fewest = FAULTS.min_agreeing
+        new = self._nearest(new, MAX_RETURNED)
         again = reacquire(self.views.shape, prior, new, self._appearance_cost, density, fewest)
         if again is None:
             return
@@ -374,25 +381,30 @@ class Search:
             self._begin(self.views.shape, again)
         self._name_clear()
 
-    def _nearest(self, lights: Sequence[Light], most: int) -> list[Light]:
-        """Of lights that are no known clutter those nearest to where markers are expected."""
-        places = self.expected(range(len(self._markers))).values()
-        new = [light for light in lights if not self._clutter.include(light)]
-        new.sort(key=lambda light: min(_squared_distance(light, place) for place in places))
-        return new[:most]
+    def _unknown(self, lights: Sequence[Light]) -> list[Light]:
+        """Those that are no known clutter."""
+        return [*compress(lights, ~self._clutter.include(lights))]
 
-    @property
-    def _clutter_density(self) -> float:
-        """Density of lights that are no markers, per px²."""
+    def _nearest(self, lights: Sequence[Light], most: int) -> list[Light]:
+        """Those nearest to where markers are expected, if there are too many."""
+        if len(lights) <= most:
+            return [*lights]
+        places = self.expected(range(len(self._markers))).values()
+        return [lights[row] for row in _distances(lights, places).argsort()[:most].tolist()]
+
+    def _clutter_density(self, lights: int) -> float:
+        """Density of lights that are no markers, per px², of so many that may be."""
         usual = CLUTTER_DENSITY if self._clutter.is_about else RARE_CLUTTER * CLUTTER_DENSITY
-        return max(usual, (self._seen - MAX_NAMED) / self.views.shape.lens.area)
+        return max(usual, (lights - MAX_NAMED) / self.views.shape.lens.area)
 
     def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view."""
         count = len(self._markers)
         spots = by_size(every)
         few = len(spots) <= MAX_AT_START
-        lights = candidates(spots, count) if few else self._nearest(spots, MAX_AT_START)
+        lights = candidates(spots, count) if few else self._unknown(spots)
+        density = self._clutter_density(len(every) if few else len(lights))
+        lights = self._nearest(lights, MAX_AT_START)
         is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
         holds = is_firm or (self.found and count > FAULTS.min_firm)
         if holds and len(lights) <= len(self.found):
@@ -403,9 +415,7 @@ class Search:
         fewest = min(count, max(count - hidden, prior.fewest))
         if is_firm:
             fewest = max(fewest, len(self.found))
-        again = reacquire(
-            older.shape, prior, lights, self._appearance_cost, self._clutter_density, fewest
-        )
+        again = reacquire(older.shape, prior, lights, self._appearance_cost, density, fewest)
         if again is None or not again.is_sure:
             return
         if holds and not self._is_better(again):

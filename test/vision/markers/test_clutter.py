@@ -15,16 +15,16 @@ def light(x: float) -> Light:
 def test_a_light_far_from_every_place_is_clutter_and_is_followed():
     clutter = Clutter()
     for frame in range(4):
-        assert clutter.include(light(300.0 + 5 * frame)) == (frame > 0)
+        assert clutter.include([light(300.0 + 5 * frame)]).all() == (frame > 0)
         clutter.update([light(300.0 + 5 * frame)], PLACE)
-    assert not clutter.include(light(340.0))
+    assert not clutter.include([light(340.0)]).all()
 
 
 def test_a_light_beside_the_place_of_a_marker_may_be_the_marker():
     clutter = Clutter()
     for _ in range(2 * MIN_CLUTTER_AGE):
         clutter.update([light(104.0)], PLACE)
-    assert not clutter.include(light(104.0))
+    assert not clutter.include([light(104.0)]).all()
     assert not clutter.is_about
 
 
@@ -32,8 +32,8 @@ def test_while_the_body_is_out_of_sight_only_what_was_clutter_is():
     clutter = Clutter()
     clutter.update([light(300.0)], {})
     clutter.update([light(300.0), light(400.0)], None)
-    assert clutter.include(light(300.0))
-    assert not clutter.include(light(400.0))
+    assert clutter.include([light(300.0)]).all()
+    assert not clutter.include([light(400.0)]).all()
 
 
 def test_clutter_is_remembered_for_some_seconds():

@@ -570,6 +570,26 @@ def test_a_body_begins_and_is_found_again_among_the_lights_of_a_city(camera):
             assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=1.0)
 
 
+@pytest.mark.parametrize('radius', [2, 6])
+def test_a_body_that_jumps_out_of_sight_is_found_at_once_among_many_lights(radius):
+    """Smaller or larger ones than its own, which were seen before while one of them was dark."""
+    tracker = MarkerTracker()
+    tracker.set_camera(CAMERA)
+    for step in range(26):
+        jump = 20.0 if step >= 24 else 0.0  # m, across and up: 80 px
+        body = tanker_before(CAMERA, (-30.0 + jump, -15.0 - 0.7 * jump, 170.0), 5.0)
+        lights = far_lights(step, 60)
+        others = [place for place in lights if np.hypot(*(body - place).T).min() > 20.0]
+        image = draw(others, radius=radius)
+        seen = 4 if 15 <= step < 20 else 0 if 20 <= step < 24 else 5
+        image = np.maximum(image, draw(body[:seen], radius=3))
+        result = tracker.process(Image(image, 'mono8'), step * 33_000_000)
+    for marker in result.named:
+        assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=1.0)
+    assert len(others) > 25
+    assert len(result.named) == 5
+
+
 @pytest.mark.parametrize(
     ('camera', 'markers', 'counts'),
     [(CAMERA, 5, (9, 14, 24, 40)), (None, 5, (9, 14, 24, 40)), (CAMERA, 4, (7, 9, 14))],
