@@ -1,6 +1,7 @@
 """The documentation as a site: built strictly, whole, and without anything from elsewhere."""
 
 import doctest
+import json
 import re
 import shutil
 import subprocess
@@ -48,6 +49,16 @@ def test_the_search_works_from_a_file(site):
     assert (site / 'search' / 'search_index.js').stat().st_size > 100_000
     page = (site / 'index.html').read_text()
     assert 'src="javascripts/iframe-worker.js"' in page
+
+
+def test_the_search_ranks_decisions_below_what_users_read(site):
+    """They are long, and name every thing that a user looks for."""
+    entries = json.loads((site / 'search' / 'search_index.json').read_text())['docs']
+    boosts = {
+        kind: {entry.get('boost', 1) for entry in entries if entry['location'].startswith(kind)}
+        for kind in ('decisions/', 'tutorials/')
+    }
+    assert max(boosts['decisions/']) < min(boosts['tutorials/'])
 
 
 @pytest.mark.long
