@@ -8,11 +8,11 @@ from geometry_msgs.msg import Point, Quaternion
 from geometry_msgs.msg import PoseWithCovarianceStamped as Pose
 from rclpy.qos import qos_profile_sensor_data as sensor_data
 
+from mvuav_ros.nodes.running import until_stopped
 from mvuav_ros.vision.frames import east_north_up, from_quaternion, quaternion
 
-if len(sys.argv) != 2:
-    sys.exit('usage: python examples/pose_for_mavros.py HEADING_DEG')
-heading_deg = float(sys.argv[1])
+usage = 'usage: python examples/pose_for_mavros.py HEADING_DEG'
+heading_deg = float(sys.argv[1]) if sys.argv[1:] else sys.exit(usage)
 
 
 def send(message: Pose) -> None:
@@ -27,8 +27,7 @@ def send(message: Pose) -> None:
     out.publish(message)
 
 
-rclpy.init()
-node = rclpy.create_node('pose_for_mavros')
-out = node.create_publisher(Pose, '/mavros/vision_pose/pose_cov', 10)
-node.create_subscription(Pose, '/runway_detector/vision_pose', send, sensor_data)
-rclpy.spin(node)
+with until_stopped('pose_for_mavros') as node:
+    out = node.create_publisher(Pose, '/mavros/vision_pose/pose_cov', 10)
+    node.create_subscription(Pose, '/runway_detector/vision_pose', send, sensor_data)
+    rclpy.spin(node)

@@ -8,6 +8,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped as Pose
 from px4_msgs.msg import VehicleOdometry
 from rclpy.qos import qos_profile_sensor_data as sensor_data
 
+from mvuav_ros.nodes.running import until_stopped
 from mvuav_ros.vision.frames import east_north_up, from_quaternion, north_east_down, quaternion
 
 heading_deg = float(sys.argv[1]) if sys.argv[1:] else sys.exit('usage: pose_for_px4.py HEADING_DEG')
@@ -26,8 +27,7 @@ def send(message: Pose) -> None:
     out.publish(said)
 
 
-rclpy.init()
-node = rclpy.create_node('pose_for_px4')
-out = node.create_publisher(VehicleOdometry, '/fmu/in/vehicle_visual_odometry', sensor_data)
-node.create_subscription(Pose, '/runway_detector/vision_pose', send, sensor_data)
-rclpy.spin(node)
+with until_stopped('pose_for_px4') as node:
+    out = node.create_publisher(VehicleOdometry, '/fmu/in/vehicle_visual_odometry', sensor_data)
+    node.create_subscription(Pose, '/runway_detector/vision_pose', send, sensor_data)
+    rclpy.spin(node)

@@ -6,6 +6,8 @@ import sys
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 
+from mvuav_ros.nodes.running import until_stopped
+
 printed = []
 
 
@@ -20,16 +22,8 @@ def show_pose(message: PoseWithCovarianceStamped) -> None:
     printed.append(print(f'distance {math.hypot(place.x, place.y, place.z):.1f} m', flush=True))
 
 
-try:
-    rclpy.init()
-    node = rclpy.create_node('print_live_results')
+with until_stopped('print_live_results') as node:
     node.create_subscription(Vector3Stamped, '/marker_tracker/rpy', show_roll, 10)
     node.create_subscription(PoseWithCovarianceStamped, '/marker_tracker/pose', show_pose, 10)
-    while rclpy.ok() and len(printed) < (int(sys.argv[1]) if len(sys.argv) > 1 else 10):
-        rclpy.spin_once(node, timeout_sec=0.5)  # A signal in its first moment does not wake it.
-    rclpy.try_shutdown()
-except KeyboardInterrupt:
-    pass
-except Exception:  # After Ctrl-C or kill rclpy's calls fail, each in its own way.
-    if rclpy.ok():
-        raise
+    while len(printed) < (int(sys.argv[1]) if len(sys.argv) > 1 else 10):
+        rclpy.spin_once(node)

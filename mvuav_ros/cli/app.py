@@ -101,7 +101,7 @@ def _account_for(
         for account in inputs:
             is_over = ending is None or isinstance(ending, typer.Exit)
             if not account.is_reported and (is_over or account.is_lossy):
-                report_account(account)
+                report_account(account, account.name if len(inputs) > 1 else '')
     if as_json:
         said = result if isinstance(result, dict) else dataclasses.asdict(result) if result else {}
         said = {**said, 'accounts': [account.record() for account in inputs]}

@@ -75,14 +75,15 @@ def say(*lines: object, err: bool = False) -> None:
         typer.echo(visible(line), err=err)
 
 
-def report_account(account: Account) -> None:
+def report_account(account: Account, name: str = '') -> None:
     """A line for each thing that is wrong with an input or worth a note, and what it cost."""
     account.is_reported = True
     errors = [*account.errors, *([account.balance] if account.is_lossy else [])]
-    report_damage(errors, account.warnings)
+    report_each('damage', errors, name)
+    report_each('note', account.warnings, name)
 
 
-def report_damage(errors: Iterable[str], warnings: Iterable[str]) -> None:
-    """A line for each."""
-    say(*(f'damage: {error}' for error in errors), err=True)
-    say(*(f'note: {warning}' for warning in warnings), err=True)
+def report_each(kind: str, texts: Iterable[str], name: str = '') -> None:
+    """A line for each on stderr; it names the input where that is one of several."""
+    for text in texts:
+        say(f'{kind}: {text if name in text else f"{name}: {text}"}', err=True)

@@ -9,7 +9,8 @@ import signal
 import sys
 import time
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from itertools import pairwise
@@ -23,6 +24,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
@@ -123,6 +125,24 @@ class _StopRequest:
             os._exit(0)
         self.made = True
         self._ends.put(None)
+
+
+@contextmanager
+def until_stopped(name: str) -> Iterator[Node]:
+    """A node for a short program; SIGINT and SIGTERM end the block without an error."""
+    stop = _StopRequest()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node(name)
+    stop.initialised = True
+    install_signal_handlers()
+    try:
+        yield node
+    except Exception:
+        # After a signal rclpy's calls fail, each in its own way.
+        if not stop.made:
+            raise
+    finally:
+        rclpy.try_shutdown()
 
 
 def run_nodes(names: Sequence[str]) -> int:
@@ -317,8 +337,7 @@ def resume_bag() -> None:
         kind = import_module('rosbag2_interfaces.srv').Resume
     except ImportError as error:
         sys.exit(f'resume_bag needs rosbag2: apt install ros-jazzy-rosbag2 ({error})')
-    rclpy.init()
-    node, ready = rclpy.create_node('resume_bag'), set[str]()
+    ready = set[str]()
 
     def follow(message: DiagnosticArray) -> None:
         for status in message.status:
@@ -326,7 +345,7 @@ def resume_bag() -> None:
             if f'/{PLAYER}' in values.get('image_publishers', '').split():
                 ready.add(status.name)
 
-    try:
+    with until_stopped('resume_bag') as node:
         node.create_subscription(DiagnosticArray, '/diagnostics', follow, 10)
         if problem := unused_overrides(node):
             node.get_logger().warning(problem)
@@ -336,8 +355,3 @@ def resume_bag() -> None:
         node.get_clock().sleep_for(rclpy.duration.Duration(seconds=SETTLING_TIME))
         rclpy.spin_until_future_complete(node, client.call_async(kind.Request()))
         node.get_logger().info(f'{", ".join(sorted(ready))} found the bag: it plays')
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()

@@ -180,9 +180,10 @@ class CameraModel:
         """What `check` has against images of that size, in words; empty where it has nothing."""
         if self._flaw or (self.width, self.height) == (width, height):
             return self._flaw
+        turned = ' (a quarter turn: turn the images, or calibrate with the camera held like that)'
         return (
-            f'camera_info is for {self.width} x {self.height} px, '
-            f'the images are {width} x {height} px'
+            f'camera_info is for {self.width} x {self.height} px, the images are {width} x '
+            f'{height} px{turned if (self.height, self.width) == (width, height) else ""}'
         )
 
     @cached_property

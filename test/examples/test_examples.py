@@ -114,7 +114,7 @@ LEVEL.pose.pose.position.x, LEVEL.pose.pose.position.y = -100.0, 2.0
 LEVEL.pose.pose.position.z, LEVEL.pose.pose.orientation.w = 30.0, 1.0
 LEVEL.pose.covariance = np.diag([9.0, 4.0, 1.0, 0.1, 0.2, 0.3]).ravel().tolist()
 PX4_MSGS = """
-import sys, types
+import os, signal, sys, types
 import numpy as np
 from dataclasses import dataclass
 import rclpy.node
@@ -128,7 +128,7 @@ sys.modules['px4_msgs.msg'] = types.SimpleNamespace(VehicleOdometry=VehicleOdome
 class Out:
     def publish(self, said):
         print({name: np.asarray(value).tolist() for name, value in vars(said).items()})
-        sys.exit()
+        os.kill(os.getpid(), signal.SIGINT)
 made = rclpy.node.Node.create_publisher
 def create(self, kind, topic, *more, **others):
     if kind is not VehicleOdometry:
@@ -141,8 +141,8 @@ exec(open('examples/pose_for_px4.py').read())
 """
 
 
-def flown(command):
-    """Publish a level pose 100 m before the runway until the example has answered."""
+def flown(command, number):
+    """Publish a level pose 100 m before the runway until the example has answered; then stop it."""
     graph = Graph()
     try:
         publisher = graph.probe.create_publisher(
@@ -153,22 +153,24 @@ def flown(command):
             PoseWithCovarianceStamped, '/mavros/vision_pose/pose_cov', kept.append, 10
         )
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(graph.domain_id), 'PYTHONPATH': str(ROOT)}
-        with started(
-            [sys.executable, *command], cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True
-        ) as example:
+        pipes = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE, 'text': True}
+        command = [sys.executable, *command]
+        with started(command, cwd=ROOT, env=environment, **pipes) as example:
             while not kept and example.poll() is None:
                 publisher.publish(LEVEL)
                 graph.spin(0.1)
-            # Killed: a signal that comes just before rclpy begins to wait is not seen by it.
-            example.kill()
-            return kept, example.communicate()[0]
+            example.send_signal(number)
+            out, errors = example.communicate(timeout=120)
+            assert (example.returncode, errors) == (0, '')
+            return kept, out
     finally:
         graph.close()
 
 
-def test_pose_for_mavros():
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_pose_for_mavros(number):
     """South of a runway that is landed on northwards, 2 m to the west of its centreline."""
-    kept, _ = flown(['examples/pose_for_mavros.py', '0'])
+    kept, _ = flown(['examples/pose_for_mavros.py', '0'], number)
     pose = kept[0].pose.pose
     assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx((-2, -100, 30))
     assert (pose.orientation.z, pose.orientation.w) == pytest.approx((0.5**0.5, 0.5**0.5))
@@ -179,7 +181,7 @@ def test_pose_for_mavros():
 
 def test_pose_for_px4():
     """West of a runway that is landed on eastwards, north of its centreline; nose to the east."""
-    _, out = flown(['-c', PX4_MSGS])
+    _, out = flown(['-c', PX4_MSGS], signal.SIGTERM)
     topic, said = out.splitlines()
     assert topic == '/fmu/in/vehicle_visual_odometry'
     said = eval(said, {'nan': math.nan})

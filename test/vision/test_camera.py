@@ -48,6 +48,12 @@ def test_what_is_no_matrix_is_refused_at_once(change, reason):
         CameraModel(**{'width': 640, 'height': 480, 'k': K, **change})
 
 
+def test_images_of_a_camera_that_is_held_another_way_are_said_to_be_turned():
+    camera = camera_with('plumb_bob')
+    assert 'the images are 480 x 640 px (a quarter turn: turn' in camera.objection(480, 640)
+    assert camera.objection(480, 480).endswith('the images are 480 x 480 px')
+
+
 def test_a_calibration_without_numbers_is_the_same_when_it_comes_again():
     """Drivers send one with each image, and another one ends all tracks."""
     camera, again = (

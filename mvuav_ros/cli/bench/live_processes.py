@@ -6,7 +6,6 @@ import json
 import struct
 import sys
 import time
-from contextlib import suppress
 from functools import partial
 from itertools import cycle
 from threading import Thread
@@ -14,7 +13,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, PointCloud2
@@ -26,7 +25,7 @@ from mvuav_ros.messages.cdr import STAMP_END, STAMP_START, cdr_header, stamp_ns_
 from mvuav_ros.messages.images import serialize_image, serialize_jpeg
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes.publishing import as_encoding
-from mvuav_ros.nodes.running import prepare_transport
+from mvuav_ros.nodes.running import prepare_transport, until_stopped
 from mvuav_ros.processing.process_tuning import tune_process
 from mvuav_ros.vision.image import Image
 
@@ -59,11 +58,9 @@ def floor(transport: str) -> None:
         arrivals[stamp_ns] = now
         answers.publish(_stamped(answer, stamp_ns))
 
-    rclpy.init()
-    node = rclpy.create_node(FLOOR)
-    answers = node.create_publisher(PointCloud2, f'/{FLOOR}/{RESULTS[FLOOR]}', 10)
-    node.create_subscription(*_STREAMS[transport], take, qos_profile_sensor_data)
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
+    with until_stopped(FLOOR) as node:
+        answers = node.create_publisher(PointCloud2, f'/{FLOOR}/{RESULTS[FLOOR]}', 10)
+        node.create_subscription(*_STREAMS[transport], take, qos_profile_sensor_data)
         rclpy.spin(node)
     print(json.dumps(arrivals))
 

@@ -124,9 +124,15 @@ def check(
     distance: Annotated[
         Optional[list[float]], typer.Option(help='Distance from the camera, m; may be repeated.')
     ] = None,
-    width: Annotated[int, typer.Option(help='Width, px; the height is 3/4 of it.', min=16)] = 640,
+    camera_info: CameraInfo = None,
+    width: Annotated[
+        int, typer.Option(help='Width without a calibration, px; the height is 3/4 of it.', min=16)
+    ] = 640,
     fov: Annotated[
-        float, typer.Option(help='Horizontal field of view, degrees.', min=1.0, max=150.0)
+        float,
+        typer.Option(
+            help='Horizontal field of view without a calibration, degrees.', min=1.0, max=150.0
+        ),
     ] = 60.0,
     noise: Annotated[
         float, typer.Option(help="Noise of a marker's position, px (1 sigma).", min=0.0)
@@ -137,7 +143,6 @@ def check(
     The exit status is 1 if marker_tracker refuses the rig unless allow_ambiguous is set.
     """
     from mvuav_ros.messages.marker_messages import refused_names
-    from mvuav_ros.simulation.pinhole import pinhole_camera
     from mvuav_ros.vision.reprojection import MIN_MARKERS
     from mvuav_ros.vision.rig import RigError, load_rig
     from mvuav_ros.vision.rig_examination import dimensions, examine, pose_error
@@ -145,6 +150,7 @@ def check(
     for value in distance or ():
         if not 0 < value < math.inf:
             raise ParameterError('--distance', f'must be above 0 m, not {value:g}')
+    camera = _camera(camera_info, width, fov)
     try:
         body = load_rig(file)
     except RigError as error:
@@ -158,16 +164,29 @@ def check(
     for doubt in doubts:
         say(f'refused: {doubt}')
     if len(body.names) >= MIN_MARKERS and dimensions(body) > 1:
-        camera = pinhole_camera(width, round(0.75 * width), fov)
         distances = distance or [body.size * reach for reach in _REACHES]
         errors = [pose_error(body, camera, value, noise) for value in distances]
         if len(body.names) > MIN_MARKERS:
-            say('', f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
+            seen = f'{camera.width} px, {camera_info or f"{fov:g} deg"}'
+            say('', f'pose from straight behind, {seen}, {noise:g} px of noise')
             _say_errors(errors)
         if in_view := [e.distance for e in errors if not math.isnan(e.span)]:
             _say_exchanges(body, camera, in_view[0])
     if doubts:
         raise typer.Exit(1)
+
+
+def _camera(camera_info: str | None, width: int, fov: float) -> CameraModel:
+    """That of a calibration, or one without distortion: its width, px, and field of view, deg."""
+    from mvuav_ros.simulation.pinhole import pinhole_camera
+    from mvuav_ros.sources.calibration import load_calibration
+
+    if not camera_info:
+        return pinhole_camera(width, round(0.75 * width), fov)
+    camera = load_calibration(camera_info)
+    if flaw := camera.objection(camera.width, camera.height):
+        raise SourceError(f'{camera_info}: {flaw}')
+    return camera
 
 
 def _say_errors(errors: Iterable[PoseError]) -> None:

@@ -22,7 +22,7 @@ from mvuav_ros.cli.options import (
     Strict,
     describes_run,
 )
-from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage, say
+from mvuav_ros.cli.terminal import frame_progress, report_account, report_each, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
@@ -62,7 +62,7 @@ def replay_all(
         manifest = Manifest(planned.folder, jobs)
         outcomes, jobs = manifest.begin(jobs)
         for outcome in outcomes:
-            _report(outcome)
+            _report(outcome, outcome.source)
     # Without a thread of its own: this process forks.
     with frame_progress(thread=False) as progress:
         bars = _Bars(progress, jobs)
@@ -73,7 +73,7 @@ def replay_all(
                 if manifest is not None:
                     manifest.take(outcome)
                 if outcome.frames or outcome.failure:
-                    _report(outcome)
+                    _report(outcome, outcome.source if len(planned.jobs) > 1 else '')
     if manifest is not None:
         manifest.end()
     failed = sum(bool(outcome.failure) for outcome in outcomes)
@@ -109,21 +109,23 @@ class _Bars:
             self._bars.stop()
 
 
-def _report(outcome: ReplayOutcome) -> None:
+def _report(outcome: ReplayOutcome, name: str) -> None:
+    """Say what became of a recording, whose name is empty where it is the only one."""
     results = f'results for {outcome.processed} of {outcome.frames} frames'
     if outcome.done_before:
         say(f'{outcome.output}: finished before, {results}')
     elif not outcome.failure:
         say(f'{outcome.output}: {results}')
     reasons = sorted(outcome.rejected.items(), key=lambda item: -item[1])
-    for reason, count in reasons[:_MAX_REASONS]:
-        say(f'warning: {count} without a result: {reason}', err=True)
+    said = [f'{count} without a result: {reason}' for reason, count in reasons[:_MAX_REASONS]]
     if rest := sum(count for _, count in reasons[_MAX_REASONS:]):
-        say(f'warning: {rest} without a result for other reasons', err=True)
+        said.append(f'{rest} without a result for other reasons')
+    report_each('warning', said, name)
     if outcome.account is not None:
-        report_account(outcome.account)
+        report_account(outcome.account, name)
     else:  # of a replay that was finished before
-        report_damage(outcome.errors, outcome.warnings)
+        report_each('damage', outcome.errors, name)
+        report_each('note', outcome.warnings, name)
     if outcome.failure:
         say(f'mvuav: {outcome.failure}', err=True)
 

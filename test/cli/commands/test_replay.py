@@ -576,6 +576,22 @@ def test_json_has_the_recordings_whatever_became_of_them(tmp_path: Path) -> None
     assert sum(one['rejected'].values()) == 1
 
 
+def test_each_reason_says_of_which_of_several_recordings_it_is(tmp_path: Path) -> None:
+    for name in ('first', 'second'):
+        (tmp_path / 'in' / name).mkdir(parents=True)
+        for number in range(2):
+            place = tmp_path / 'in' / name / f'{number}.png'
+            cv2.imwrite(str(place), np.zeros((48, 64), np.uint8))
+        place.write_bytes(b'torn')
+    run = mvuav_process('replay', tmp_path / 'in', '-o', tmp_path / 'out', *NODE)
+    assert run.status == 0
+    for kind in ('warning', 'note'):
+        said = [line for line in run.err.splitlines() if line.startswith(f'{kind}: ')]
+        assert {Path(line.split(': ')[1]).name for line in said} == {'first', 'second'}
+    alone = mvuav('replay', tmp_path / 'in' / 'first', '-o', tmp_path / 'alone.mcap', *NODE)
+    assert 'warning: 1 without a result: 1.png' in alone.err
+
+
 def test_flights_that_are_simulated_have_names_of_their_own(tmp_path: Path) -> None:
     flights = ('sim:tanker?frames=2', 'sim:runway?frames=2&width=320&height=240')
     run = mvuav_process('replay', *flights, '-o', tmp_path / 'out', '--jobs', 1)

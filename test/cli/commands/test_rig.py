@@ -1,6 +1,7 @@
 """`mvuav rig check` and `mvuav rig calibrate`."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import yaml
 from support.commands import mvuav
 from support.places import ROOT
 
+from mvuav_ros.simulation.pinhole import pinhole_camera
 from mvuav_ros.sources.calibration import save_calibration
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.rig import load_rig
@@ -18,6 +20,25 @@ def test_the_shipped_rig_passes():
     assert (run.status, run.err) == (0, '')
     assert run.out.startswith('tanker_747: 5 markers, 59.6 m across\n')
     assert 'px rms  right_stabilizer -> right_wing' in run.out
+
+
+def test_a_calibration_is_the_camera_that_the_rig_is_seen_by(tmp_path):
+    """Its distortion bends what is seen of the rig, and so does not count as an error."""
+    rig, said = ROOT / 'config' / 'tanker_747.yaml', {}
+    for name, distortion in (('straight', 0.0), ('barrel', -0.3)):
+        camera = replace(pinhole_camera(640, 480, 60.0), d=(distortion, 0.0, 0.0, 0.0, 0.0))
+        save_calibration(camera, tmp_path / f'{name}.yaml', 'camera')
+        given = '--camera-info', tmp_path / f'{name}.yaml'
+        run = mvuav('rig', 'check', rig, '--distance', '60', *given)
+        assert (run.status, run.err) == (0, '') and f'{name}.yaml, 0.1 px of noise' in run.out
+        said[name] = [line for line in run.out.splitlines() if 'yaml' not in line]
+    plain = mvuav('rig', 'check', rig, '--distance', '60').out.splitlines()
+    assert said['straight'] == [line for line in plain if ' deg, 0.1 px' not in line]
+    save_calibration(CameraModel(640, 480, (0.0,) * 9), tmp_path / 'nothing.yaml', 'c')
+    run = mvuav('rig', 'check', rig, '--camera-info', tmp_path / 'nothing.yaml')
+    assert 'nothing.yaml: camera_info is all zeros' in run.error
+    spans = {name: float(lines[3].split()[1]) for name, lines in said.items()}
+    assert spans['barrel'] < 0.99 * spans['straight']
 
 
 def test_a_doubtful_rig_is_named_as_such(tmp_path):
