@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -72,6 +73,8 @@ _MAX_DEFINITION = 1 << 17
 _MAX_NUMBERS = 100_000
 _MAX_DEPTH = 32
 _PARSE_ERRORS = (TypesysError, KeyError, ValueError, SyntaxError, AssertionError, RecursionError)
+_MISFITS = (IndexError, AssertionError, OverflowError, MemoryError, ValueError, struct.error)
+"""What rosbags raises for bytes that are no message of a type."""
 
 
 class UnknownTypeError(ValueError):
@@ -100,21 +103,26 @@ class Ros1Type:
             _check_sizes({**self._store.fielddefs, **types})
             self._store.register(types)
             text, _ = self._store.generate_msgdef(name, ros_version=2)
-            self._store.get_msgdef(name)
+            self._measured = self._store.get_msgdef(name).getsize_ros1_to_cdr
         except _PARSE_ERRORS as error:
             raise UnknownTypeError(name) from error
         self.schema = Schema('ros2msg', text)
 
-    def to_cdr(self, data: bytes | memoryview) -> bytes:
-        """Convert a message.
+    def to_cdr(self, data: bytes | memoryview, *, is_wanted: bool = True) -> bytes:
+        """Convert a message; one that is not wanted is only measured, and gives b''.
 
         Raises:
             SerdeError: the message is not of this type.
         """
         try:
-            return bytes(self._store.ros1_to_cdr(data, self._name))
-        except (IndexError, AssertionError, OverflowError, MemoryError, ValueError) as error:
+            if is_wanted:
+                return bytes(self._store.ros1_to_cdr(data, self._name))
+            end, _ = self._measured(data, 0, None, 0, self._store)
+        except _MISFITS as error:
             raise SerdeError(str(error)) from error
+        if end != len(data):
+            raise SerdeError(f'it has {len(data)} bytes, not {end}')
+        return b''
 
 
 ros1_type = lru_cache(maxsize=1024)(Ros1Type)

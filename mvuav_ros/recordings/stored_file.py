@@ -272,7 +272,7 @@ class RecordingFile(ABC):
                     data: bytes | memoryview | None = raw
                     is_packed = converter is not None or raw[:4] == ZSTD_START
                     if is_packed and (is_wanted or is_whole):
-                        data = self._converted(raw, topic.name, converter)
+                        data = self._converted(raw, topic.name, converter, is_wanted)
                     elif is_wanted and len(raw) < _LARGE:
                         data = bytes(raw)
                     if data is None:
@@ -294,7 +294,7 @@ class RecordingFile(ABC):
             self.lose((noun, why, name), f'{counted(count, noun)} {why.format(name)}', count)
 
     def _converted(
-        self, raw: bytes | memoryview, topic: str, converter: Ros1Type | None
+        self, raw: bytes | memoryview, topic: str, converter: Ros1Type | None, is_wanted: bool
     ) -> bytes | memoryview | None:
         """A message of ROS 1, or one that is compressed by itself, as CDR; None if damaged."""
         data: bytes | memoryview | None = raw
@@ -302,7 +302,7 @@ class RecordingFile(ABC):
         if converter is not None:
             data = None
             with suppress(SerdeError):
-                data = converter.to_cdr(raw)
+                data = converter.to_cdr(raw, is_wanted=is_wanted)
         if data is not None and data[:4] == ZSTD_START:
             why, data = _COMPRESSED, decompress_message(data, self._message_limit)
         if data is None:

@@ -11,6 +11,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from rosbags.typesys.store import Typestore
 from support.recording_samples import (
     Sample,
     image_samples,
@@ -176,13 +177,22 @@ def ros1_balance(path: Path, topics: set[str] | None = None) -> tuple[int, bool]
         return recording.account.lost, recording.account.is_exact
 
 
-def test_ros1_damage_counts_whichever_topics_are_read(tmp_path: Path) -> None:
+def test_ros1_damage_counts_whichever_topics_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = write_ros1(tmp_path / 'a.bag', [*SAMPLES, *(string_sample(n) for n in range(9))])
     content = bytearray(path.read_bytes())
     text = content.index(b'note 4')
     content[text - 4 : text] = b'\xff\xff\0\0'  # the text's length
     path.write_bytes(content)
-    assert ros1_balance(path) == ros1_balance(path, {SAMPLES[0].topic}) == (1, True)
+    assert ros1_balance(path) == (1, True)
+    # What nobody wants is measured, and not converted.
+    converted, convert = [], Typestore.ros1_to_cdr
+    monkeypatch.setattr(
+        Typestore, 'ros1_to_cdr', lambda *given: converted.append(given) or convert(*given)
+    )
+    assert ros1_balance(path, {SAMPLES[0].topic}) == (1, True)
+    assert len(converted) == len(SAMPLES)
 
 
 def test_ros1_index_that_claims_more_than_the_chunks_hold(tmp_path: Path) -> None:
@@ -192,6 +202,23 @@ def test_ros1_index_that_claims_more_than_the_chunks_hold(tmp_path: Path) -> Non
         content[-4:] = claim
         path.write_bytes(content)
         assert ros1_balance(path) == (0, True)
+
+
+@pytest.mark.parametrize('is_hidden', [False, True])
+def test_ros1_index_with_a_damaged_record_leaves_the_count_known(
+    tmp_path: Path, is_hidden: bool
+) -> None:
+    """Behind each chunk is an index of its own, and the bag's header says how many there are."""
+    path = write_ros1(tmp_path / 'a.bag', SAMPLES)
+    content = bytearray(path.read_bytes())
+    content[content.rindex(b'op=\x06') + 3] = 0x66
+    # The first message of a chunk whose index is whole.
+    content[content.index(b'op=\x02') + 3] = 0x66
+    if is_hidden:
+        content[content.rindex(b'op=\x05') + 3] = 0x66
+    path.write_bytes(content)
+    lost, is_exact = ros1_balance(path)
+    assert is_exact != is_hidden and lost > 0
 
 
 @pytest.mark.parametrize('compression', ['none', 'bz2'])
