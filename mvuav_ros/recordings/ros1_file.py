@@ -157,7 +157,8 @@ class Ros1File(RecordingFile):
         if is_gapped and self._is_indexed and not is_listed:
             self.lose('chunks', 'its index speaks of other chunks than are there')
             written.append(None)
-        # Without the index the header's number tells, once it is closed, that no chunk is missing.
+        # Without the index, no chunk is missing if there are as many as the header's number, which
+        # is written at the end.
         is_complete = self._is_indexed or 0 < len(met) == self._chunk_count
         is_known = is_complete and None not in written
         self._written = sum(filter(None, written)) if is_known else None
