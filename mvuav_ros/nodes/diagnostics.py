@@ -19,6 +19,7 @@ from mvuav_ros.nodes.image_input import InputEvents, InputState
 from mvuav_ros.nodes.running import PROFILE
 from mvuav_ros.parameters.common_parameters import TRANSPORTS
 from mvuav_ros.processing.processor import Processor
+from mvuav_ros.recordings.account import counted
 from mvuav_ros.vision.image import Image
 
 WINDOW = 5.0
@@ -232,9 +233,11 @@ class DetectorStatus:
         problems = []
         skipped = max(recent['missing'] - recent['lost'], 0) + recent['skipped']
         if self._lost:
-            problems.append(f'{self._lost} images lost in transport: {_lost_why(events)}')
+            lost = counted(self._lost, 'image')
+            problems.append(f'{lost} lost in transport: {_lost_why(events)}')
         if skipped:
-            problems.append(f'too slow for the camera: {skipped} images skipped; {SLOW_REMEDY}')
+            said = f'{counted(skipped, "image")} skipped; {SLOW_REMEDY}'
+            problems.append(f'too slow for the camera: {said}')
         elif recent['left_out'] and not recent['lost']:
             problems.append(
                 f'gaps in the stamps: {recent["left_out"]} images are missing, although no message '

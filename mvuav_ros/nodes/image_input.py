@@ -475,7 +475,9 @@ class ImageInput(FrameInput):
     def poll(self) -> InputState:
         """What became of images so far; subscribes anew where another reliability is better."""
         if self._lost is not None:
-            self._events.lost = self._lost_before + int(self._lost.take_event().total_count)
+            # Without the sign: Fast DDS has begun to count at -2**31.
+            total = self._lost.take_event().total_count & 0x7FFF_FFFF
+            self._events.lost = self._lost_before + total
         if self._incompatible is not None:
             self._events.incompatible = int(self._incompatible.take_event().total_count)
         infos = self.node.get_publishers_info_by_topic(self.topic)

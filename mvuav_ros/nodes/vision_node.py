@@ -173,17 +173,24 @@ class VisionNode(ManagedNode):
         if self._input is None:
             state = self.lifecycle_state
             return status(DiagnosticStatus.OK, name, state, {'state': state})
-        images, notes = self._input.poll(), self._notes()
+        images, mistakes = self._input.poll(), self._mistakes()
         with self._answerer.lock:
-            said = self._status.report(name, images, notes)
-        if said.level == DiagnosticStatus.OK and self.overrides_problem:
+            said = self._status.report(name, images, [*mistakes, *self._notes()])
+        if said.level == DiagnosticStatus.OK and mistakes:
             said.level = DiagnosticStatus.WARN
         self._report_silence(images)
         return said
 
+    def _mistakes(self) -> list[str]:
+        """How the node was surely not meant to be started."""
+        name, there = self.get_fully_qualified_name(), self.get_node_names_and_namespaces()
+        count = there.count((self.get_name(), self.get_namespace()))
+        same = f'{count} nodes are named {name}: while they run, their results are mixed'
+        return [*filter(None, (self.overrides_problem, same if count > 1 else ''))]
+
     def _notes(self) -> list[str]:
         """What a user may have meant otherwise."""
-        notes = [self.overrides_problem] if self.overrides_problem else []
+        notes = []
         if self._answerer.statistics.received and self._processor.lacks_camera_info:
             topic = camera_info_topic(self)
             infos = self.get_publishers_info_by_topic(topic)

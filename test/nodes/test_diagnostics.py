@@ -3,6 +3,7 @@
 import threading
 from collections import deque
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -21,7 +22,13 @@ from mvuav_ros.nodes.diagnostics import (
     StampMonitor,
     explain_no_images,
 )
-from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState, IntraProcessInput
+from mvuav_ros.nodes.image_input import (
+    Backlog,
+    ImageInput,
+    InputEvents,
+    InputState,
+    IntraProcessInput,
+)
 from mvuav_ros.vision.image import Image
 
 
@@ -151,11 +158,26 @@ def test_problems_are_those_of_the_last_seconds():
     events.lost = events.missing = 7
     problem = said()
     assert problem.startswith('7 images lost') and 'docs/transport.md' in problem
-    events.missing += 3
-    assert 'too slow' in said()
+    events.missing += 1
+    assert 'too slow for the camera: 1 image skipped;' in said()
     for _ in range(6):
         last = said()
     assert last == 'running'
+
+
+@pytest.mark.parametrize('total', [3, 2**64 - 2**31 + 3])
+def test_a_middleware_that_begins_to_count_at_the_least_number_has_no_losses_by_that(total):
+    there = MagicMock(_asked=None, _lost_before=2, _incompatible=None, _events=InputEvents())
+    there._lost.take_event.return_value.total_count = total
+    there._better.return_value = None
+    assert ImageInput.poll(there).events.lost == 5
+
+
+def test_two_nodes_of_one_name_say_so(graph):
+    graph.start('marker_tracker')
+    graph.spawn('marker_tracker')
+    said = '2 nodes are named /marker_tracker'
+    graph.until(lambda: said in graph.diagnostics('marker_tracker')['message'], 'the warning')
 
 
 def test_a_camera_that_follows_a_dead_one_is_not_mixed_with_it():
