@@ -1,9 +1,11 @@
 """camera_info_url: what camera_calibration saves, by path, file:// and package://."""
 
+import numpy as np
 import pytest
 
-from mvuav_ros.sources.calibration import load_calibration
+from mvuav_ros.sources.calibration import load_calibration, save_calibration
 from mvuav_ros.sources.source import SourceError
+from mvuav_ros.vision.camera import CameraModel
 
 # As camera_calibration's save button writes it (ost.yaml).
 SAVED = """image_width: 640
@@ -51,6 +53,15 @@ def test_a_saved_calibration_is_read_by_every_url(share):
     first, *others = (load_calibration(url) for url in urls)
     assert (first.width, first.height, first.k[0], first.d[1]) == (640, 480, 603.52, -0.232)
     assert all(other == first for other in others)
+
+
+def test_a_calibration_of_one_camera_is_saved_with_the_identity_and_k(tmp_path):
+    k = (603.0, 0.0, 321.0, 0.0, 604.0, 238.0, 0.0, 0.0, 1.0)
+    save_calibration(CameraModel(640, 480, k), tmp_path / 'camera.yaml')
+    saved = load_calibration(tmp_path / 'camera.yaml')
+    assert (saved.width, saved.height, saved.k) == (640, 480, k)
+    assert np.array_equal(np.reshape(saved.r, (3, 3)), np.eye(3))
+    assert np.array_equal(np.reshape(saved.p, (3, 4)), [(*k[i : i + 3], 0.0) for i in (0, 3, 6)])
 
 
 @pytest.mark.parametrize(

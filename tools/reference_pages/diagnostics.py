@@ -85,6 +85,11 @@ MESSAGES = (
         '',
     ),
     (
+        'n nodes are named …: while they run, their results are mixed',
+        'give each its own name or namespace; one that died is counted for some seconds more',
+        '',
+    ),
+    (
         'n publishers on …: their images are mixed',
         'two cameras publish one topic',
         '`image_publishers`',

@@ -122,8 +122,18 @@ def test_on_a_telephone_the_result_stays_in_view_while_a_slider_moves(panel):
     page.context.close()
 
 
-@pytest.mark.parametrize('size', [(390, 664), (844, 390), (360, 640)])
-def test_on_a_telephone_all_figures_of_the_pose_are_in_view(panel, size):
+# Whether a figure of so many characters stays in its own column.
+FITS = """e => {
+    const was = e.textContent;
+    e.textContent = '100.714 m';
+    const fits = e.scrollWidth <= e.clientWidth;
+    e.textContent = was;
+    return fits;
+}"""
+
+
+@pytest.mark.parametrize('size', [(390, 664), (844, 390), (360, 640), (1280, 900)])
+def test_all_figures_of_the_pose_are_in_view_on_a_telephone_too(panel, size):
     page = panel.new_page(*size)
     panel.choose(TRACKER, page)
     boxes = page.locator('.figures > div')
@@ -133,4 +143,5 @@ def test_on_a_telephone_all_figures_of_the_pose_are_in_view(panel, size):
         inside = box.bounding_box()
         assert inside['y'] + inside['height'] <= whole['y'] + whole['height'], box.inner_text()
         assert inside['x'] + inside['width'] <= whole['x'] + whole['width'], box.inner_text()
+        assert box.locator('dd').first.evaluate(FITS)
     page.context.close()
