@@ -109,7 +109,7 @@ class _Bars:
             self._bars.stop()
 
 
-def _report(outcome: ReplayOutcome, name: str) -> None:
+def _report(outcome: ReplayOutcome, name: str = '') -> None:
     """Say what became of a recording, whose name is empty where it is the only one."""
     results = f'results for {outcome.processed} of {outcome.frames} frames'
     if outcome.done_before:
