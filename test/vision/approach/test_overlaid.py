@@ -60,17 +60,27 @@ def test_nothing_is_overlaid_where_everything_moves_or_nothing_does():
 
 
 def fixed_strip(image):
-    """A runway's outline with its markings, as a head-up display would draw it."""
-    for x1, x2 in ((150, 110), (170, 210)):
-        cv2.line(image, (x1, 80), (x2, 150), 255, 3, cv2.LINE_AA)
+    """A runway with dashed sides and a threshold, as a display would lay it over the view.
+
+    Of lines without dashes hardly more than the ends are corners: see "Known failures" in
+    docs/runway.md.
+    """
+    pavement = np.array([(150, 80), (170, 80), (210, 150), (110, 150)])
+    cv2.fillPoly(image, [pavement], 70, cv2.LINE_AA)
+    for (x1, y1), (x2, y2) in (pavement[[0, 3]], pavement[[1, 2]]):
+        x, y = np.linspace((x1, y1), (x2, y2), 15).round().astype(int).T.tolist()
+        for dash in range(0, 14, 2):
+            ends = (x[dash], y[dash]), (x[dash + 1], y[dash + 1])
+            cv2.line(image, *ends, 255, 3, cv2.LINE_AA)
     for number in range(8):
         cv2.line(image, (120 + 11 * number, 146), (124 + 11 * number, 136), 255, 2, cv2.LINE_AA)
     return image
 
 
-def test_a_runway_that_is_painted_on_the_picture_is_none():
+@pytest.mark.parametrize('turn', [0.8, 1.5, 2.5])
+def test_a_runway_that_is_painted_on_the_picture_is_none(turn):
     detector = ApproachDetector(RunwayDetectorParameters(mode='approach', min_confidence=0.0))
-    results = [detector.process(fixed_strip(ground(index, 1.5)), index) for index in range(60)]
+    results = [detector.process(fixed_strip(ground(index, turn)), index) for index in range(60)]
     # It takes some frames until the ground has moved enough.
     for result in results[40:]:
         assert result.confidence < 0.05
