@@ -6,6 +6,7 @@ Nothing else of the command line prints: what comes from files passes `visible` 
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Sequence
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -84,6 +85,7 @@ def report_account(account: Account, name: str = '') -> None:
 
 
 def report_each(kind: str, texts: Iterable[str], name: str = '') -> None:
-    """A line for each on stderr; it names the input where that is one of several."""
+    """A line for each on stderr; it names the input, or its file, where that is one of several."""
     for text in texts:
-        say(f'{kind}: {text if name in text else f"{name}: {text}"}', err=True)
+        is_named = PurePath(name).name in text
+        say(f'{kind}: {text if is_named else f"{name}: {text}"}', err=True)

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -28,6 +28,14 @@ NO_LIGHT = (
     f'the brightest is 0; {NO_CAMERA}'
 )
 """What a replay of dark images says at its end."""
+
+
+def notes_of(recordings: Iterable[object], notes: str) -> list[str]:
+    """The same of several, sorted: each note names its recording."""
+    lines = [line.removeprefix('note: ') for line in notes.splitlines()]
+    return sorted(f'note: {recording}: {line}' for recording in recordings for line in lines)
+
+
 COMMAND = [sys.executable, '-m', 'mvuav_ros', 'mvuav']
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': '200'}
 

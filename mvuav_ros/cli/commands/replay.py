@@ -52,7 +52,7 @@ def replay_all(
     from mvuav_ros.offline.replay.batch import Manifest, run_jobs
     from mvuav_ros.offline.replay.job import is_own_input, refuse_own_input
 
-    jobs = planned.jobs
+    jobs, several = planned.jobs, len(planned.jobs) > 1
     outcomes: list[ReplayOutcome] = []
     manifest = None
     if planned.folder is not None:
@@ -62,7 +62,7 @@ def replay_all(
         manifest = Manifest(planned.folder, jobs)
         outcomes, jobs = manifest.begin(jobs)
         for outcome in outcomes:
-            _report(outcome, outcome.source)
+            _report(outcome, outcome.source if several else '')
     # Without a thread of its own: this process forks.
     with frame_progress(thread=False) as progress:
         bars = _Bars(progress, jobs)
@@ -73,7 +73,7 @@ def replay_all(
                 if manifest is not None:
                     manifest.take(outcome)
                 if outcome.frames or outcome.failure:
-                    _report(outcome, outcome.source if len(planned.jobs) > 1 else '')
+                    _report(outcome, outcome.source if several else '')
     if manifest is not None:
         manifest.end()
     failed = sum(bool(outcome.failure) for outcome in outcomes)
