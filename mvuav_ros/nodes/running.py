@@ -81,6 +81,7 @@ def prepare_transport(*, camera_images: bool = True) -> None:
 
 _LOG_INTERVAL = 5.0
 _PAUSE_AFTER_ERROR = 0.02
+_WAKE = 0.5  # s
 _LONGEST_CLEANUP = 8.0
 """Seconds; a camera or a server that never answers must not keep a process that is to end."""
 USERS_MISTAKES = (
@@ -134,6 +135,8 @@ def until_stopped(name: str) -> Iterator[Node]:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node(name)
     stop.initialised = True
+    # A signal just before a wait does not end it: then this does.
+    node.create_timer(_WAKE, lambda: None)
     install_signal_handlers()
     try:
         yield node
