@@ -62,7 +62,7 @@ def replay_all(
         manifest = Manifest(planned.folder, jobs)
         outcomes, jobs = manifest.begin(jobs)
         for outcome in outcomes:
-            _report(outcome, outcome.source if several else '')
+            _report(outcome, several)
     # Without a thread of its own: this process forks.
     with frame_progress(thread=False) as progress:
         bars = _Bars(progress, jobs)
@@ -73,7 +73,7 @@ def replay_all(
                 if manifest is not None:
                     manifest.take(outcome)
                 if outcome.frames or outcome.failure:
-                    _report(outcome, outcome.source if several else '')
+                    _report(outcome, several)
     if manifest is not None:
         manifest.end()
     failed = sum(bool(outcome.failure) for outcome in outcomes)
@@ -109,8 +109,9 @@ class _Bars:
             self._bars.stop()
 
 
-def _report(outcome: ReplayOutcome, name: str = '') -> None:
-    """Say what became of a recording, whose name is empty where it is the only one."""
+def _report(outcome: ReplayOutcome, several: bool) -> None:
+    """Say what became of a recording; if it is one of several, each reason names it."""
+    name = outcome.source if several else ''
     results = f'results for {outcome.processed} of {outcome.frames} frames'
     if outcome.done_before:
         say(f'{outcome.output}: finished before, {results}')

@@ -12,7 +12,7 @@ from statistics import median_high
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.lights import Light
+from mvuav_ros.vision.markers.lights import Light, coordinates
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
     COUNT,
@@ -144,7 +144,7 @@ def body_hypotheses(
     every order; the views that follow say where the other markers are, and the best are fitted. The
     fewest of the markers must be among the spots, beside which there is so much clutter per px².
     """
-    places = np.array([(spot.x, spot.y) for spot in spots]).reshape(-1, 2)
+    places = coordinates(spots)
     starts = _starts(shape, places.view(np.complex128).ravel(), prior, fewest)
     if not starts:
         return []

@@ -301,6 +301,11 @@ def candidates(spots: Sequence[Light], count: int) -> Sequence[Light]:
     return [light for light in spots if light.seen.area >= least]
 
 
+def coordinates(lights: Sequence[Light]) -> Array:
+    """(n, 2), px without distortion."""
+    return np.array([light[:2] for light in lights], np.float64).reshape(-1, 2)
+
+
 def places_of(found: Mapping[int, Light]) -> dict[int, Point]:
     """Where named lights are, px without distortion."""
     return {marker: (light.x, light.y) for marker, light in found.items()}

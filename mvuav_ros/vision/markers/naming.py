@@ -21,7 +21,14 @@ from mvuav_ros.vision.markers.hypotheses import (
     log_odds_of,
 )
 from mvuav_ros.vision.markers.initialization import MAX_AT_START
-from mvuav_ros.vision.markers.lights import Light, are_close, by_size, candidates, places_of
+from mvuav_ros.vision.markers.lights import (
+    Light,
+    are_close,
+    by_size,
+    candidates,
+    coordinates,
+    places_of,
+)
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import Array, ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
@@ -198,7 +205,7 @@ class Clutter:
 
     def _ages_beside(self, lights: Sequence[Light]) -> tuple[Array, NDArray[np.intp]]:
         """Places (n, 2) of lights, px, and ages of what was close by, -1 where nothing was."""
-        places = np.array([light[:2] for light in lights]).reshape(-1, 2)
+        places = coordinates(lights)
         if not (len(places) and len(self._ages)):
             return places, np.full(len(places), -1)
         (x, y), (own_x, own_y) = places.T[..., None], self._places.T
@@ -217,7 +224,7 @@ BESIDE = 24.0
 def _distances(lights: Sequence[Light], expected: Collection[Expectation]) -> Array:
     """(n,), of lights from the nearest place of a marker, squared and over the variance."""
     x, y, deviations = np.array([*expected]).reshape(-1, 3).T
-    places = np.array([light[:2] for light in lights]).reshape(-1, 2)
+    places = coordinates(lights)
     across, down = places[:, :1] - x, places[:, 1:] - y
     return np.asarray(((across * across + down * down) / deviations**2).min(axis=1))
 

@@ -42,7 +42,7 @@ class _Seen(NamedTuple):
     down: Array
     depth: Array
     turned: Complex  # (m, n), px
-    nearness: Array  # (m, 1), logarithm of units per distance
+    near: Array  # (m, 1), units per distance
     larger: Array  # (m, n), 1 / D
     image: Complex  # (m, n), px
 
@@ -131,9 +131,10 @@ class WeakPerspective:
         By a parameter p a place N / D changes by (dN/dp - N / D dD/dp) / D; see `_Seen`.
         """
         seen = self._seen(views)
-        turn, pitch, across, ahead, down, depth, turned, nearness, larger, image = seen
-        moved = image * np.exp(np.minimum(nearness, self._max_nearness))
-        deeper = moved * (depth * (nearness <= self._max_nearness))
+        turn, pitch, across, ahead, down, depth, turned, near, larger, image = seen
+        moved = image * near
+        is_free = views[:, SCALE, None] - views[:, FOCAL, None] <= self._max_nearness
+        deeper = moved * (depth * is_free)
         slopes = np.zeros((len(views), COUNT, len(self.points)), np.complex128)
         slopes[:, ROLL] = 1j * turned
         slopes[:, SCALE] = turned - deeper
@@ -167,7 +168,7 @@ class WeakPerspective:
         larger = 1.0 / np.maximum(1.0 + near * depth, _NEAREST)
         origin = views[:, X : Y + 1].view(np.complex128) - self.middle
         image = (turned + origin) * larger
-        return _Seen(turn, pitch, across, ahead, down, depth, turned, nearness, larger, image)
+        return _Seen(turn, pitch, across, ahead, down, depth, turned, near, larger, image)
 
     def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> tuple[Complex, Complex]:
         """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n)."""
