@@ -109,7 +109,7 @@ class _Bars:
             self._bars.stop()
 
 
-def _report(outcome: ReplayOutcome, several: bool) -> None:
+def _report(outcome: ReplayOutcome, several: bool = False) -> None:
     """Say what became of a recording; if it is one of several, each reason names it."""
     name = outcome.source if several else ''
     results = f'results for {outcome.processed} of {outcome.frames} frames'
