@@ -15,6 +15,7 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.initialization import Attempts, Trial, fewest_at_start, initialize
+from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
     Frame,
     GroupingError,
@@ -67,6 +68,7 @@ class IdentityTracker:
         """Know nothing of the body, but that one was followed that was none, if so."""
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
+        self._lamps = Lamps()
         self._attempts = Attempts(was_wrong)
         self._trial: Trial | None = None  # of a body that is not what its rig says
 
@@ -89,6 +91,10 @@ class IdentityTracker:
         """Name all markers in a whole frame."""
         try:
             lights = find_spots(frame, self._lens)
+            if self._body is not None:
+                view = self._body[0].views
+                lamps = list(self._lamps.find(view.shape, view.view, lights).values())
+                lights = [l for l in lights if l not in lamps]
         except GroupingError as error:
             self._attempts.fail()
             self.lights = 0
@@ -208,7 +214,7 @@ class IdentityTracker:
         # Among many lights either this or a new start takes long enough for one frame.
         rests = self._attempts.rest or self._attempts.last
         if rests or len(lights) <= MAX_NAMED or not self._is_lost(frame):
-            search.name(lights, self._clutter, self._sure)
+            search.name(lights, self._clutter, self._sure, self._lamps)
         return ''
 
     def _is_lost(self, frame: Frame) -> bool:

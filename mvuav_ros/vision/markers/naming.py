@@ -21,6 +21,7 @@ from mvuav_ros.vision.markers.hypotheses import (
     log_odds_of,
 )
 from mvuav_ros.vision.markers.initialization import MAX_AT_START
+from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
     Light,
     are_close,
@@ -265,9 +266,11 @@ class Search:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
 
-    def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter) -> None:
+    def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter, lamps: Lamps) -> None:
         """Name the lights of a frame; the older filter is that which last had enough firm names."""
         self._clutter = clutter
+        every = lights
+        lights = self._without_lamps(lights, lamps)
         self._free = [
             light
             for light in lights
@@ -293,9 +296,35 @@ class Search:
         nameless = [light for light in self._free if light not in named]
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
+        sure = self.found.keys() - self.suspects - self._doubtful
+        if len(sure) > FAULTS.min_agreeing and len(sure) == len(self._markers):
+            others = [light for light in every if not any(are_close(light, own, 1.0 + own.seen.radius) for own in self.found.values())]
+            lamps.learn(self.views.shape, self._view, others, self.expected(range(len(self._markers))), self.missing)
         few = len(self.reacquired) < FAULTS.min_firm
         if not self.found or (nameless and self.missing and few):
             self._find_otherwise(lights, older)
+
+    def _without_lamps(self, lights: Sequence[Light], lamps: Lamps) -> Sequence[Light]:
+        """The lights that are no lamps; where few markers are in sight, lamps show the view."""
+        firm = self.found.keys() - self.suspects - self._doubtful
+        seen = lamps.find(self.views.shape, self._view, lights)
+        if not seen:
+            return lights
+        anchored = len(firm) < FAULTS.min_agreeing
+        if anchored:
+            correction = lamps.correction(self.views.shape, self.views.belief, seen)
+            if correction is None:
+                return lights
+            self.views.anchor(correction)
+            self.faults._corrected = None
+        own = {m: l for m, l in self.found.items() if not any(are_close(l, s, 1.0) for s in seen.values())}
+        if len(own) < len(self.found) or anchored:
+            self.found = own
+            self.suspects &= own.keys()
+            self._view = self.views.look(places_of(own))
+            self._known = tuple(own)
+        those = list(seen.values())
+        return [light for light in lights if light not in those]
 
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""

@@ -105,7 +105,7 @@ class WeakPerspective:
     @cached_property
     def _max_nearness(self) -> float:
         """Logarithm of units per distance: with more, markers would be behind the camera."""
-        return math.log(0.85 / max(0.35, -float(self.points[:, 2].min())))
+        return math.log(0.85 / max(0.35, -float(self.points[:, 2].min(initial=0.0))))
 
     def project(self, parameters: Array) -> Array:
         """Where the markers are seen, (..., n, 2) px.

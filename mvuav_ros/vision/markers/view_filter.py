@@ -261,6 +261,11 @@ class ViewFilter:
         correction = Correction(gain, self.means, change, weighed)
         return correction if max(correction.nis) <= TUNING.usual_nis else None
 
+    def anchor(self, correction: Correction) -> None:
+        """Take what lamps say."""
+        self.means, self._covariances = correction.after
+        self._newest = []
+
     def exclude(self, marker: int) -> None:
         """Go on from the filter that has ignored a marker: that one was another light."""
         mean, covariance = self.belief
