@@ -54,7 +54,8 @@ class IdentityTracker:
     by the body's geometry (see `Search`): a piece gets a name only where no other fits.
     """
 
-    def __init__(self, rig: MarkerRig, camera: CameraModel | None = None) -> None:
+    def __init__(self, rig: MarkerRig, camera: CameraModel | None = None, lamps: Lamps | None = None) -> None:
+        self.lamps = lamps or Lamps()
         self._rig, self._camera = rig, camera
         self._count = len(rig.names)
         self._labels = labels_of(rig.names)
@@ -68,7 +69,6 @@ class IdentityTracker:
         """Know nothing of the body, but that one was followed that was none, if so."""
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
-        self._lamps = Lamps()
         self._attempts = Attempts(was_wrong)
         self._trial: Trial | None = None  # of a body that is not what its rig says
 
@@ -93,7 +93,7 @@ class IdentityTracker:
             lights = find_spots(frame, self._lens)
             if self._body is not None:
                 view = self._body[0].views
-                lamps = list(self._lamps.find(view.shape, view.view, lights).values())
+                lamps = list(self.lamps.find(view.shape, view.view, lights).values())
                 lights = [l for l in lights if l not in lamps]
         except GroupingError as error:
             self._attempts.fail()
@@ -214,7 +214,7 @@ class IdentityTracker:
         # Among many lights either this or a new start takes long enough for one frame.
         rests = self._attempts.rest or self._attempts.last
         if rests or len(lights) <= MAX_NAMED or not self._is_lost(frame):
-            search.name(lights, self._clutter, self._sure, self._lamps)
+            search.name(lights, self._clutter, self._sure, self.lamps)
         return ''
 
     def _is_lost(self, frame: Frame) -> bool:

@@ -297,7 +297,7 @@ class Search:
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
         sure = self.found.keys() - self.suspects - self._doubtful
-        if len(sure) > FAULTS.min_agreeing and len(sure) == len(self._markers):
+        if len(sure) >= FAULTS.min_agreeing and len(sure) == len(self.found):
             others = [light for light in every if not any(are_close(light, own, 1.0 + own.seen.radius) for own in self.found.values())]
             lamps.learn(self.views.shape, self._view, others, self.expected(range(len(self._markers))), self.missing)
         few = len(self.reacquired) < FAULTS.min_firm
@@ -308,7 +308,9 @@ class Search:
         """The lights that are no lamps; where few markers are in sight, lamps show the view."""
         firm = self.found.keys() - self.suspects - self._doubtful
         seen = lamps.find(self.views.shape, self._view, lights)
-        if not seen:
+        places = self.expected([*self.found])
+        seen = {k: l for k, l in seen.items() if not self._inside(l, places)}
+        if len(seen) < 3:
             return lights
         anchored = len(firm) < FAULTS.min_agreeing
         if anchored:
