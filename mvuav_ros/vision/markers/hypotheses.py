@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import permutations
@@ -137,6 +137,7 @@ def body_hypotheses(
     prior: Prior,
     fewest: int,
     clutter: float = CLUTTER_DENSITY,
+    landmarks: Callable[[Array, Array], Array] | None = None,
 ) -> list[Hypothesis]:
     """All probable ways of seeing a body in a number of spots, most probable first.
 
@@ -166,8 +167,11 @@ def body_hypotheses(
             + math.log(math.perm(len(spots), k))
             for k in (number, number - 1)
         )
+        evidence = fits.evidence
+        if landmarks is not None:
+            evidence = evidence + landmarks(fits.after.mean[:, :COUNT], places[pairs[..., 1]])
         for row, (assignment, _) in enumerate(same):
-            view, log_density = fits.view(row), float(fits.evidence[row])
+            view, log_density = fits.view(row), float(evidence[row])
             # By the chain rule, without what a marker's place is by all others.
             without = {
                 marker: log_density - own - fewer

@@ -30,6 +30,7 @@ MIN_SHARE = 0.5  # Of the frames in which it should be in sight, with a lamp tha
 HIDDEN = 8.0  # px from a marker, within which its light hides a lamp
 FEWEST = 3  # Lamps that show where the body is
 ALIKE = 2.0  # Times its noise, by which a lamp takes part: its frames err alike
+OTHER = 0.01
 _STEP = 1e-3  # Of the body's size, for slopes
 
 
@@ -105,7 +106,32 @@ class Lamps:
         for marker in missing:
             x, y, deviation = markers[marker]
             new &= np.hypot(*(every - (x, y)).T) > HIDDEN + GATE * deviation
-        self._add(shape, view, every[new])
+        if not missing:
+            self._add(shape, view, every[new])
+
+    def log_odds(
+        self, shape: WeakPerspective, lights: Sequence[Light], views: Array, named: Array
+    ) -> Array:
+        """(v,), of views (v, 8) by where known lamps are seen, the lights (v, k, 2) being named."""
+        known = np.flatnonzero(self._seen >= MIN_SEEN)
+        every = coordinates(lights)
+        if not (len(known) and len(every)):
+            return np.zeros(len(views))
+        points = self._points[known]
+        chance = (self._seen[known] + 1.0) / (self._due[known] + 2.0)
+        at = WeakPerspective(points, shape.lens).project(views)
+        scale = np.exp(2.0 * views[:, SCALE, None])
+        variances = np.trace(self._covariances[known], axis1=1, axis2=2)
+        variances = np.minimum(self._covariances[known][:, [0, 1], [0, 1]].sum(axis=1), variances) * scale + (3 * NOISE) ** 2
+        apart = np.square(at[:, :, None] - every).sum(axis=-1)
+        used = (np.abs(named[:, :, None] - every) < 0.5).all(axis=-1).any(axis=1)
+        nearest = np.where(used[:, None], np.inf, apart).min(axis=-1)
+        density = (1.0 + nearest / (4.0 * variances)) ** -3 / (2.0 * math.pi * variances)
+        odds = np.log(1.0 - chance + chance * density / 1e-5)
+        inside = ((at > 0) & (at < shape.lens.size)).all(axis=-1)
+        hidden = (np.hypot(*np.moveaxis(at[:, :, None] - named[:, None], -1, 0)) < HIDDEN).any(axis=-1)
+        odds = np.where(inside & ~hidden, odds, 0.0).sum(axis=1)
+        return np.logaddexp(math.log1p(-OTHER) + odds, math.log(OTHER))
 
     def _add(self, shape: WeakPerspective, view: ViewState, places: Array) -> None:
         turn = np.exp(complex(*view.parameters[[SCALE, ROLL]]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import compress, islice
 from typing import NamedTuple
 
@@ -126,12 +127,13 @@ def reacquire(
     appearance: AppearanceCost,
     clutter: float = CLUTTER_DENSITY,
     fewest: int = MIN_REACQUIRED[0],
+    landmarks: Callable[[Array, Array], Array] | None = None,
 ) -> Reacquired | None:
     """Find a body again of which too little is in sight where it was expected.
 
     The fewest of its markers must be among the lights, beside so much clutter per px².
     """
-    hypotheses = body_hypotheses(shape, lights, prior, fewest, clutter)
+    hypotheses = body_hypotheses(shape, lights, prior, fewest, clutter, landmarks)
     likely = [
         one for one in hypotheses if not any(appearance(m, lights[i]) for m, i in one.assignment)
     ]
@@ -270,6 +272,7 @@ class Search:
         """Name the lights of a frame; the older filter is that which last had enough firm names."""
         self._clutter = clutter
         every = lights
+        self._landmarks = partial(lamps.log_odds, self.views.shape, every)
         lights = self._without_lamps(lights, lamps)
         self._free = [
             light
@@ -407,7 +410,7 @@ class Search:
         if len(new) > MAX_NAMED:
             fewest = FAULTS.min_agreeing
         new = self._nearest(new, MAX_RETURNED)
-        again = reacquire(self.views.shape, prior, new, self._appearance_cost, density, fewest)
+        again = reacquire(self.views.shape, prior, new, self._appearance_cost, density, fewest, self._landmarks)
         if again is None:
             return
         self.suspects.clear()
@@ -453,7 +456,7 @@ class Search:
         fewest = min(count, max(count - hidden, prior.fewest))
         if is_firm:
             fewest = max(fewest, len(self.found))
-        again = reacquire(older.shape, prior, lights, self._appearance_cost, density, fewest)
+        again = reacquire(older.shape, prior, lights, self._appearance_cost, density, fewest, self._landmarks)
         if again is None or not again.is_sure:
             return
         if holds and not self._is_better(again):
