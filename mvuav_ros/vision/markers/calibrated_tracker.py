@@ -155,7 +155,8 @@ class CalibratedTracker:
     ) -> MarkerResult | None:
         """Go on with what the lights show, if all get names by it, in the same places (n, 2) px."""
         assert self._camera is not None
-        tracker = IdentityTracker(estimate.of_rig(self._rig), estimate.of_camera(self._camera), self._tracker.lamps)
+        rig, camera = estimate.of_rig(self._rig), estimate.of_camera(self._camera)
+        tracker = IdentityTracker(rig, camera, self._tracker.lamps)
         again = tracker.track(*frame)
         if len(again.named) < len(again.markers):
             return None

@@ -115,6 +115,8 @@ class Prior:
 
 Assignment = tuple[tuple[int, int], ...]  # Markers, and for each the index of its spot
 Start = tuple[Assignment, Array]
+Landmarks = Callable[[Array, Array], Array]
+"""Log odds (v,) of views (v, 8) with named lights (v, k, 2), px, by what else of the body shows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,13 +139,14 @@ def body_hypotheses(
     prior: Prior,
     fewest: int,
     clutter: float = CLUTTER_DENSITY,
-    landmarks: Callable[[Array, Array], Array] | None = None,
+    landmarks: Landmarks | None = None,
 ) -> list[Hypothesis]:
     """All probable ways of seeing a body in a number of spots, most probable first.
 
     Three markers are tried on all threes of spots (`MAX_NAMED` at most, px without distortion), in
     every order; the views that follow say where the other markers are, and the best are fitted. The
     fewest of the markers must be among the spots, beside which there is so much clutter per px².
+    Landmarks speak for or against a view as well.
     """
     places = coordinates(spots)
     starts = _starts(shape, places.view(np.complex128).ravel(), prior, fewest)
@@ -169,7 +172,7 @@ def body_hypotheses(
         )
         evidence = fits.evidence
         if landmarks is not None:
-            evidence = evidence + landmarks(fits.after.mean[:, :COUNT], places[pairs[..., 1]])
+            evidence = evidence + landmarks(fits.after.mean, places[pairs[..., 1]])
         for row, (assignment, _) in enumerate(same):
             view, log_density = fits.view(row), float(evidence[row])
             # By the chain rule, without what a marker's place is by all others.

@@ -54,9 +54,11 @@ class IdentityTracker:
     by the body's geometry (see `Search`): a piece gets a name only where no other fits.
     """
 
-    def __init__(self, rig: MarkerRig, camera: CameraModel | None = None, lamps: Lamps | None = None) -> None:
-        self.lamps = lamps or Lamps()
+    def __init__(
+        self, rig: MarkerRig, camera: CameraModel | None = None, lamps: Lamps | None = None
+    ) -> None:
         self._rig, self._camera = rig, camera
+        self.lamps = lamps or Lamps()  # of the body, which are known longer than it is followed
         self._count = len(rig.names)
         self._labels = labels_of(rig.names)
         self._wings = [rig.names.index(wing) for wing in WINGS if wing in rig.names]
@@ -87,14 +89,10 @@ class IdentityTracker:
             return self._start(frame)
         return self._follow(frame, *self._body)
 
-    def _start(self, frame: Frame) -> MarkerResult:
-        """Name all markers in a whole frame."""
+    def _start(self, frame: Frame, lamps: Collection[Light] = ()) -> MarkerResult:
+        """Name all markers in a whole frame, in which some lights are known to be lamps."""
         try:
-            lights = find_spots(frame, self._lens)
-            if self._body is not None:
-                view = self._body[0].views
-                lamps = list(self.lamps.find(view.shape, view.view, lights).values())
-                lights = [l for l in lights if l not in lamps]
+            lights = [light for light in find_spots(frame, self._lens) if light not in lamps]
         except GroupingError as error:
             self._attempts.fail()
             self.lights = 0
@@ -154,9 +152,9 @@ class IdentityTracker:
             memory.start_afresh()
         if self._is_lost(frame):
             # A body wholly in view may be far from where it was lost.
-            if frame.time - self._last_named > GIVEN_UP:
+            if frame.time - self._last_named > GIVEN_UP and not search.lamps:
                 self._start_again()
-            started = self._start(frame)
+            started = self._start(frame, search.lamps)
             if started.named or self._body is None:
                 return started
         if self._trial is not None:
@@ -214,7 +212,7 @@ class IdentityTracker:
         # Among many lights either this or a new start takes long enough for one frame.
         rests = self._attempts.rest or self._attempts.last
         if rests or len(lights) <= MAX_NAMED or not self._is_lost(frame):
-            search.name(lights, self._clutter, self._sure, self.lamps)
+            search.name(lights, self._clutter, self.lamps, self._sure)
         return ''
 
     def _is_lost(self, frame: Frame) -> bool:

@@ -1,16 +1,17 @@
-"""Lights that are fixed to the body and no markers, mapped while its markers are known."""
+"""Lights on the body that are no markers: landmarks, whose places are learnt in flight."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.markers.hypotheses import CLUTTER_DENSITY
 from mvuav_ros.vision.markers.lights import Light, coordinates
-from mvuav_ros.vision.markers.marker_memory import Expectation
 from mvuav_ros.vision.markers.rig_view import (
+    COUNT,
     ROLL,
     SCALE,
     Array,
@@ -18,159 +19,174 @@ from mvuav_ros.vision.markers.rig_view import (
     WeakPerspective,
     deviations_of,
 )
-from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
+from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, times
 
-FARTHEST = 1.5  # Of the body's size, from its middle: what is farther off is none of its lamps
+FARTHEST = 1.5  # Of the body's size, from its middle: what is farther away is none of its lamps
 MOST = 24  # Lamps
-DEPTH = 0.4  # Of the body's size (1 sigma): how far before or behind its middle a lamp may be
+DEPTH = 0.4  # Of the body's size (1 sigma): how far behind or before its middle a lamp may be
 NOISE = 0.7  # px (1 sigma), of a lamp's place
-GATE = 4.0  # Standard deviations from its place within which a light may be a lamp
+ANYWHERE = 2.0  # px (1 sigma), of the same in a view that has only just been found
+GATE = 4.0  # Standard deviations within which a light may be a lamp
 MIN_SEEN = 5  # Frames with a lamp, from which on it is known
-MIN_SHARE = 0.5  # Of the frames in which it should be in sight, with a lamp that is kept
-HIDDEN = 8.0  # px from a marker, within which its light hides a lamp
+MIN_SHARE, SPARED = 0.5, 3
+"""Of the frames that should show a lamp that is kept, but for some."""
+HIDDEN = 8.0  # px from a marker, whose light hides a lamp
 FEWEST = 3  # Lamps that show where the body is
-ALIKE = 2.0  # Times its noise, by which a lamp takes part: its frames err alike
-OTHER = 0.01
+ALIKE = 2.0  # By which their deviations are taken larger, as all frames err alike
+CHANGED = 0.01  # Probability that the lamps are others than they were
 _STEP = 1e-3  # Of the body's size, for slopes
 
 
 class Lamps:
-    """Where the body's lamps are on it: landmarks, as the markers are, but learnt in flight.
+    """Where a body's lamps are on it, each with a Kalman filter of its place.
 
-    Each has a Kalman filter of its place, which begins at the depth of the body's middle. As the
-    body turns, its depth shows. Lights that do not go with the body are not found again, and go.
+    It begins at the depth of the body's middle; as the body turns, its depth shows. A light that
+    does not go with the body is not where it is expected in later frames, and is forgotten.
     """
 
     def __init__(self) -> None:
-        self._points = np.empty((0, 3))  # units of the body's size: right, down, ahead
-        self._covariances = np.empty((0, 3, 3))
-        self._seen: Array = np.empty(0)  # frames with the lamp,
-        self._due: Array = np.empty(0)  # and with its place in view
+        self._points: Array = np.empty((0, 3))  # units of the body's size: right, down, ahead
+        self._covariances: Array = np.empty((0, 3, 3))
+        self._seen: Array = np.empty(0)  # frames with the lamp
+        self._due: Array = np.empty(0)  # frames that should have shown it
+
+    @property
+    def _known(self) -> NDArray[np.intp]:
+        return np.flatnonzero(self._seen >= MIN_SEEN)
 
     def find(
         self, shape: WeakPerspective, view: ViewState, lights: Sequence[Light]
     ) -> dict[int, Light]:
-        """The lamps that are known and in sight, by a view's prior; none if these are too few."""
-        known = np.flatnonzero(self._seen >= MIN_SEEN)
+        """The known lamps among a frame's lights by a view."""
+        known = self._known
         rows, found = self._pairs(shape, view, lights, known)
-        if len(rows) < FEWEST:
-            return {}
-        return {int(known[row]): lights[i] for row, i in zip(rows, found.tolist(), strict=True)}
+        return {lamp: lights[i] for lamp, i in zip(known[rows].tolist(), found.tolist(), strict=True)}
 
     def correction(
         self, shape: WeakPerspective, before: Belief, found: Mapping[int, Light]
     ) -> Correction | None:
-        """What lamps make of views; None where they contradict each other."""
+        """What lamps make of priors of views; None where they are too few, or do not agree."""
+        if len(found) < FEWEST:
+            return None
         rows = [*found]
-        at = WeakPerspective(self._points[rows], shape.lens)
-        _, _, variances = self._seen_at(shape, before.mean[:1, :8], self._points[rows], self._covariances[rows])
-        noise = np.repeat(ALIKE**2 * (variances + NOISE**2), 2)
-        named = NamedPlaces(
-            np.arange(len(rows))[None], coordinates([*found.values()]).reshape(1, -1)
-        )
-        own = float(noise.max())
-        correction = Correction.of(at, before, named, own, np.tile(noise, (len(before.mean), 1)))
+        _, slopes = self._places(shape, before.mean[0, :COUNT], rows)
+        noise = ALIKE**2 * (self._variances(slopes, rows) + NOISE**2)
+        every = np.tile(np.repeat(noise, 2), (len(before.mean), 1))
+        named = NamedPlaces.of(dict(enumerate(light[:2] for light in found.values())))
+        lamps = WeakPerspective(self._points[rows], shape.lens)
+        correction = Correction.of(lamps, before, named, float(noise.max()), every)
         return correction if max(correction.nis) <= GATE**2 else None
+
+    def log_odds(
+        self, shape: WeakPerspective, lights: Sequence[Light], views: Array, named: Array
+    ) -> Array:
+        """(v,), what lamps among a frame's lights say for views (v, 8) by its named ones (v, k, 2).
+
+        The logarithm of how probable it is to see so much of them, over that without any.
+        """
+        known, every = self._known, coordinates(lights)
+        if not (len(known) and len(every)):
+            return np.zeros(len(views))
+        at = WeakPerspective(self._points[known], shape.lens).project(views)
+        away = np.square(at[:, :, None] - every).sum(axis=-1)
+        is_named = (named[:, :, None] == every).all(axis=-1).any(axis=1)
+        nearest = np.where(is_named[:, None], np.inf, away).min(axis=-1)
+        flat = self._covariances[known][:, (0, 1), (0, 1)].sum(axis=-1)
+        variances = flat * np.exp(2.0 * views[:, SCALE, None]) + ANYWHERE**2
+        # Student's t with four degrees of freedom, as of a marker's place.
+        density = (1.0 + nearest / (4.0 * variances)) ** -3 / (2.0 * math.pi * variances)
+        share = (self._seen[known] + 1.0) / (self._due[known] + 2.0)
+        odds = np.log(1.0 - share + share * density / CLUTTER_DENSITY)
+        odds[~self._are_in_view(shape, at, named)] = 0.0
+        return np.logaddexp(math.log1p(-CHANGED) + odds.sum(axis=1), math.log(CHANGED))
 
     def learn(
         self,
         shape: WeakPerspective,
         view: ViewState,
         lights: Sequence[Light],
-        markers: Mapping[int, Expectation],
-        missing: Collection[int],
+        markers: Array,
+        is_whole: bool,
     ) -> None:
-        """Learn from a frame whose markers are known, of which some may be missing.
+        """Learn from a frame's lights without a name, in the view by its markers.
 
-        The lights are those without a name, the view is by the markers.
+        All markers should be at (n, 2), px; if the whole body was seen, new lights may be lamps.
         """
-        rows, found = self._pairs(shape, view, lights, np.arange(len(self._points)))
-        at, slopes, _ = self._seen_at(shape, view.parameters[None], self._points, self._covariances)
-        every = coordinates(lights)
-        at_markers = np.array([(x, y) for x, y, _ in markers.values()])
-        hidden = np.hypot(*(at[:, None] - at_markers).transpose(2, 0, 1)).min(axis=1) < HIDDEN
-        width, height = shape.lens.size
-        inside = (at > 0).all(axis=1) & (at < (width, height)).all(axis=1)
-        self._due += inside & ~hidden
-        self._due[rows] += (~inside | hidden)[rows]
+        every, places = np.arange(len(self._points)), coordinates(lights)
+        rows, found = self._pairs(shape, view, lights, every)
+        at, slopes = self._places(shape, view.parameters, every)
+        is_due = self._are_in_view(shape, at, markers)
+        is_due[rows] = True
+        self._due += is_due
         self._seen[rows] += 1
-        c, h = self._covariances[rows], slopes[rows]
-        gain = c @ h.transpose(0, 2, 1) @ np.linalg.inv(h @ c @ h.transpose(0, 2, 1) + NOISE**2 * np.eye(2))
-        self._points[rows] += (gain @ (every[found] - at[rows])[..., None])[..., 0]
-        self._covariances[rows] = c - gain @ h @ c
-        kept = self._seen > MIN_SHARE * self._due - 3
-        self._points, self._covariances = self._points[kept], self._covariances[kept]
-        self._seen, self._due = self._seen[kept], self._due[kept]
-        new = np.ones(len(every), np.bool_)
-        new[found] = False
-        for marker in missing:
-            x, y, deviation = markers[marker]
-            new &= np.hypot(*(every - (x, y)).T) > HIDDEN + GATE * deviation
-        if not missing:
-            self._add(shape, view, every[new])
-
-    def log_odds(
-        self, shape: WeakPerspective, lights: Sequence[Light], views: Array, named: Array
-    ) -> Array:
-        """(v,), of views (v, 8) by where known lamps are seen, the lights (v, k, 2) being named."""
-        known = np.flatnonzero(self._seen >= MIN_SEEN)
-        every = coordinates(lights)
-        if not (len(known) and len(every)):
-            return np.zeros(len(views))
-        points = self._points[known]
-        chance = (self._seen[known] + 1.0) / (self._due[known] + 2.0)
-        at = WeakPerspective(points, shape.lens).project(views)
-        scale = np.exp(2.0 * views[:, SCALE, None])
-        variances = np.trace(self._covariances[known], axis1=1, axis2=2)
-        variances = np.minimum(self._covariances[known][:, [0, 1], [0, 1]].sum(axis=1), variances) * scale + (3 * NOISE) ** 2
-        apart = np.square(at[:, :, None] - every).sum(axis=-1)
-        used = (np.abs(named[:, :, None] - every) < 0.5).all(axis=-1).any(axis=1)
-        nearest = np.where(used[:, None], np.inf, apart).min(axis=-1)
-        density = (1.0 + nearest / (4.0 * variances)) ** -3 / (2.0 * math.pi * variances)
-        odds = np.log(1.0 - chance + chance * density / 1e-5)
-        inside = ((at > 0) & (at < shape.lens.size)).all(axis=-1)
-        hidden = (np.hypot(*np.moveaxis(at[:, :, None] - named[:, None], -1, 0)) < HIDDEN).any(axis=-1)
-        odds = np.where(inside & ~hidden, odds, 0.0).sum(axis=1)
-        return np.logaddexp(math.log1p(-OTHER) + odds, math.log(OTHER))
+        before, slopes = self._covariances[rows], slopes[rows]
+        towards = before @ slopes.transpose(0, 2, 1)
+        gain = towards @ np.linalg.inv(slopes @ towards + NOISE**2 * np.eye(2))
+        self._points[rows] += times(gain, places[found] - at[rows])
+        self._covariances[rows] = before - gain @ slopes @ before
+        self._keep(self._seen + SPARED > MIN_SHARE * self._due)
+        if is_whole:
+            self._add(shape, view, np.delete(places, found, axis=0))
 
     def _add(self, shape: WeakPerspective, view: ViewState, places: Array) -> None:
+        """Take lights (k, 2), px, for lamps at the depth of the body's middle, and see."""
         turn = np.exp(complex(*view.parameters[[SCALE, ROLL]]))
         points = np.zeros((len(places), 3))
+        # Perspective makes more than one step of it.
         for _ in range(3):
             at = WeakPerspective(points, shape.lens).project(view.parameters)
-            away = (places - at).view(np.complex128) / turn
-            points[:, :2] += away.view(np.float64)
+            points[:, :2] += ((places - at).view(np.complex128) / turn).view(np.float64)
         points = points[np.hypot(*points.T[:2]) < FARTHEST][: MOST - len(self._points)]
         flat = (NOISE / abs(turn)) ** 2
-        # depth direction is along the view, about
-        one = np.ones(len(points))
+        spread = np.tile(np.diag((flat, flat, DEPTH**2)), (len(points), 1, 1))
         self._points = np.concatenate((self._points, points))
-        self._covariances = np.concatenate((self._covariances, np.diag((flat, flat, DEPTH**2)) * one[:, None, None]))
-        self._seen, self._due = np.concatenate((self._seen, one)), np.concatenate((self._due, one))
+        self._covariances = np.concatenate((self._covariances, spread))
+        self._seen = np.append(self._seen, np.ones(len(points)))
+        self._due = np.append(self._due, np.ones(len(points)))
+
+    def _keep(self, kept: NDArray[np.bool_]) -> None:
+        self._points, self._covariances = self._points[kept], self._covariances[kept]
+        self._seen, self._due = self._seen[kept], self._due[kept]
 
     def _pairs(
-        self, shape: WeakPerspective, view: ViewState, lights: Sequence[Light], which: NDArray[np.intp]
-    ) -> tuple[list[int], NDArray[np.intp]]:
-        """Rows of some lamps, and the lights that are nearest to each other, within the gate."""
-        if not (len(which) and lights):
-            return [], np.empty(0, np.intp)
-        points, covariances = self._points[which], self._covariances[which]
-        at, _, variances = self._seen_at(shape, view.parameters[None], points, covariances)
-        _, slopes = WeakPerspective(points, shape.lens).linearize(view.parameters[None])
-        deviations = np.sqrt(deviations_of(slopes[0], view.covariance) ** 2 + variances + NOISE**2)
-        apart = np.hypot(*(at[:, None] - coordinates(lights)).transpose(2, 0, 1))
-        nearest = apart.argmin(axis=1)
-        rows = np.arange(len(which))
-        good = (apart[rows, nearest] < GATE * deviations) & (apart.argmin(axis=0)[nearest] == rows)
-        return np.flatnonzero(good).tolist(), nearest[good]
+        self,
+        shape: WeakPerspective,
+        view: ViewState,
+        lights: Sequence[Light],
+        lamps: NDArray[np.intp],
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Which of some lamps are seen, and as which lights: each the other's nearest."""
+        if not (len(lamps) and lights):
+            return np.empty(0, np.intp), np.empty(0, np.intp)
+        at, slopes = self._places(shape, view.parameters, lamps)
+        _, by_view = WeakPerspective(self._points[lamps], shape.lens).linearize(
+            view.parameters[None]
+        )
+        variances = self._variances(slopes, lamps) + NOISE**2
+        variances += deviations_of(by_view[0], view.covariance) ** 2
+        away = np.square(at[:, None] - coordinates(lights)).sum(axis=-1)
+        nearest, rows = away.argmin(axis=1), np.arange(len(lamps))
+        is_seen = away[rows, nearest] < GATE**2 * variances
+        is_seen &= away.argmin(axis=0)[nearest] == rows
+        return rows[is_seen], nearest[is_seen]
 
-    def _seen_at(
-        self, shape: WeakPerspective, view: Array, points: Array, covariances: Array
-    ) -> tuple[Array, Array, Array]:
-        """Of lamps: places (j, 2), px; slopes by their points (j, 2, 3); larger variances (j,), px²."""
+    def _places(
+        self, shape: WeakPerspective, view: Array, lamps: Sequence[int] | NDArray[np.intp]
+    ) -> tuple[Array, Array]:
+        """Where lamps are seen in a view (8,), (j, 2) px, and the slopes by their points."""
         moved = np.concatenate((np.zeros((1, 3)), _STEP * np.eye(3)))
-        every = (points[:, None] + moved).reshape(-1, 3)
-        at = WeakPerspective(every, shape.lens).project(view)[0].reshape(-1, 4, 2)
-        slopes = ((at[:, 1:] - at[:, :1]) / _STEP).transpose(0, 2, 1)
-        spread = slopes @ covariances @ slopes.transpose(0, 2, 1)
-        return at[:, 0], slopes, np.trace(spread, axis1=1, axis2=2)
+        points = (self._points[lamps][:, None] + moved).reshape(-1, 3)
+        at = WeakPerspective(points, shape.lens).project(view).reshape(-1, 4, 2)
+        return at[:, 0], (at[:, 1:] - at[:, :1]).transpose(0, 2, 1) / _STEP
+
+    def _variances(self, slopes: Array, lamps: Sequence[int] | NDArray[np.intp]) -> Array:
+        """Of their places across and down together, px²."""
+        spread = slopes @ self._covariances[lamps] @ slopes.transpose(0, 2, 1)
+        return np.asarray(np.trace(spread, axis1=1, axis2=2))
+
+    @staticmethod
+    def _are_in_view(shape: WeakPerspective, at: Array, markers: Array) -> NDArray[np.bool_]:
+        """Whether places (..., j, 2), px, are within the image, and no marker (..., k, 2) hides them."""
+        inside = ((at > 0.0) & (at < shape.lens.size)).all(axis=-1)
+        apart = np.square(at[..., :, None, :] - markers[..., None, :, :]).sum(axis=-1)
+        return np.asarray(inside & (apart > HIDDEN**2).all(axis=-1))

@@ -35,8 +35,7 @@ class Lens:
         self.focal: float | None = None
         self.centre: Array = np.array((0.5 * (size[0] - 1), 0.5 * (size[1] - 1)))  # (2,), px
         self.half_diagonal = math.hypot(*size) / 2
-        self.size = size
-        self.area = size[0] * size[1]  # px², of the image
+        self.size = size  # px, of the image
         if camera is not None:
             matrix = camera.matrix
             self.focal = math.sqrt(matrix[0, 0] * matrix[1, 1])

@@ -17,11 +17,13 @@ from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.hypotheses import (
     CLUTTER_DENSITY,
     MISSED_COST,
+    Landmarks,
     Prior,
     body_hypotheses,
     log_odds_of,
 )
 from mvuav_ros.vision.markers.initialization import MAX_AT_START
+from mvuav_ros.vision.markers.lamps import FEWEST as FEWEST_LAMPS
 from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
     Light,
@@ -127,11 +129,12 @@ def reacquire(
     appearance: AppearanceCost,
     clutter: float = CLUTTER_DENSITY,
     fewest: int = MIN_REACQUIRED[0],
-    landmarks: Callable[[Array, Array], Array] | None = None,
+    landmarks: Landmarks | None = None,
 ) -> Reacquired | None:
     """Find a body again of which too little is in sight where it was expected.
 
-    The fewest of its markers must be among the lights, beside so much clutter per px².
+    The fewest of its markers must be among the lights, beside so much clutter per px². Landmarks,
+    such as lamps, speak for or against a view as well.
     """
     hypotheses = body_hypotheses(shape, lights, prior, fewest, clutter, landmarks)
     likely = [
@@ -250,6 +253,7 @@ class Search:
         self.faults = faults
         self.views = faults.views  # at this frame's time
         self.reacquired: Mapping[int, float] = {}  # log odds of the markers found again together
+        self.lamps: set[Light] = set()  # lights that are lamps
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._known: tuple[int, ...] = tuple(self.found)
         self._doubtful = faults.doubtful
@@ -268,12 +272,12 @@ class Search:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
 
-    def name(self, lights: Sequence[Light], clutter: Clutter, older: ViewFilter, lamps: Lamps) -> None:
+    def name(
+        self, lights: Sequence[Light], clutter: Clutter, lamps: Lamps, older: ViewFilter
+    ) -> None:
         """Name the lights of a frame; the older filter is that which last had enough firm names."""
-        self._clutter = clutter
-        every = lights
-        self._landmarks = partial(lamps.log_odds, self.views.shape, every)
-        lights = self._without_lamps(lights, lamps)
+        self._clutter, self._lamps, self._every = clutter, lamps, lights
+        lights = self._without_lamps(lights)
         self._free = [
             light
             for light in lights
@@ -297,39 +301,45 @@ class Search:
         }
         named = list(self.found.values())
         nameless = [light for light in self._free if light not in named]
+        self._learn_lamps()
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
-        sure = self.found.keys() - self.suspects - self._doubtful
-        if len(sure) >= FAULTS.min_agreeing and len(sure) == len(self.found):
-            others = [light for light in every if not any(are_close(light, own, 1.0 + own.seen.radius) for own in self.found.values())]
-            lamps.learn(self.views.shape, self._view, others, self.expected(range(len(self._markers))), self.missing)
         few = len(self.reacquired) < FAULTS.min_firm
         if not self.found or (nameless and self.missing and few):
             self._find_otherwise(lights, older)
 
-    def _without_lamps(self, lights: Sequence[Light], lamps: Lamps) -> Sequence[Light]:
-        """The lights that are no lamps; where few markers are in sight, lamps show the view."""
-        firm = self.found.keys() - self.suspects - self._doubtful
-        seen = lamps.find(self.views.shape, self._view, lights)
-        places = self.expected([*self.found])
-        seen = {k: l for k, l in seen.items() if not self._inside(l, places)}
-        if len(seen) < 3:
-            return lights
-        anchored = len(firm) < FAULTS.min_agreeing
-        if anchored:
-            correction = lamps.correction(self.views.shape, self.views.belief, seen)
+    def _without_lamps(self, lights: Sequence[Light]) -> Sequence[Light]:
+        """The lights that are no lamps; these show the view where few markers do."""
+        shape, near = self.views.shape, self.expected([*self.found])
+        seen = self._lamps.find(shape, self._view, lights)
+        # A marker's light hides a lamp that is close by.
+        seen = {lamp: light for lamp, light in seen.items() if not self._inside(light, near)}
+        if len(self.found.keys() - self.suspects - self._doubtful) < FAULTS.min_agreeing:
+            correction = self._lamps.correction(shape, self.views.belief, seen)
             if correction is None:
                 return lights
             self.views.anchor(correction)
-            self.faults._corrected = None
-        own = {m: l for m, l in self.found.items() if not any(are_close(l, s, 1.0) for s in seen.values())}
-        if len(own) < len(self.found) or anchored:
-            self.found = own
-            self.suspects &= own.keys()
-            self._view = self.views.look(places_of(own))
-            self._known = tuple(own)
-        those = list(seen.values())
-        return [light for light in lights if light not in those]
+        elif len(seen) < FEWEST_LAMPS:
+            return lights
+        self.lamps = {*seen.values()}
+        self.found = {m: light for m, light in self.found.items() if light not in self.lamps}
+        self.suspects &= self.found.keys()
+        self._known = tuple(self.found)
+        self._view = self.views.look(places_of(self.found))
+        return [light for light in lights if light not in self.lamps]
+
+    def _learn_lamps(self) -> None:
+        """Follow the lamps, where the view is known."""
+        firm = self.found.keys() - self.suspects - self._doubtful
+        if not FAULTS.min_agreeing <= len(firm) == len(self.found):
+            return
+        others = [
+            light
+            for light in self._every
+            if not any(are_close(light, own, own.seen.radius + 1.0) for own in self.found.values())
+        ]
+        markers = coordinates([*self.expected(range(len(self._markers))).values()])
+        self._lamps.learn(self.views.shape, self._view, others, markers, not self.missing)
 
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
@@ -410,7 +420,7 @@ class Search:
         if len(new) > MAX_NAMED:
             fewest = FAULTS.min_agreeing
         new = self._nearest(new, MAX_RETURNED)
-        again = reacquire(self.views.shape, prior, new, self._appearance_cost, density, fewest, self._landmarks)
+        again = self._reacquire(self.views.shape, prior, new, density, fewest)
         if again is None:
             return
         self.suspects.clear()
@@ -421,6 +431,17 @@ class Search:
         if again.is_sure and away > GATE and len(again.lights) >= FAULTS.min_agreeing:
             self._begin(self.views.shape, again)
         self._name_clear()
+
+    def _reacquire(
+        self,
+        shape: WeakPerspective,
+        prior: Prior,
+        lights: Sequence[Light],
+        clutter: float,
+        fewest: int,
+    ) -> Reacquired | None:
+        landmarks = partial(self._lamps.log_odds, shape, self._every)
+        return reacquire(shape, prior, lights, self._appearance_cost, clutter, fewest, landmarks)
 
     def _unknown(self, lights: Sequence[Light]) -> list[Light]:
         """Those that are no known clutter."""
@@ -436,7 +457,7 @@ class Search:
     def _clutter_density(self, lights: int) -> float:
         """Density of lights that are no markers, per px², of so many that may be."""
         usual = CLUTTER_DENSITY if self._clutter.is_about else RARE_CLUTTER * CLUTTER_DENSITY
-        return max(usual, (lights - MAX_NAMED) / self.views.shape.lens.area)
+        return max(usual, (lights - MAX_NAMED) / math.prod(self.views.shape.lens.size))
 
     def _find_otherwise(self, every: Sequence[Light], older: ViewFilter) -> None:
         """Find the body where names that may be those of other lights have bent the view."""
@@ -456,7 +477,7 @@ class Search:
         fewest = min(count, max(count - hidden, prior.fewest))
         if is_firm:
             fewest = max(fewest, len(self.found))
-        again = reacquire(older.shape, prior, lights, self._appearance_cost, density, fewest, self._landmarks)
+        again = self._reacquire(older.shape, prior, lights, density, fewest)
         if again is None or not again.is_sure:
             return
         if holds and not self._is_better(again):

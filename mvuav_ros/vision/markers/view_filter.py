@@ -262,7 +262,7 @@ class ViewFilter:
         return correction if max(correction.nis) <= TUNING.usual_nis else None
 
     def anchor(self, correction: Correction) -> None:
-        """Take what lamps say."""
+        """Take what other landmarks than the markers say of the views, before these do."""
         self.means, self._covariances = correction.after
         self._newest = []
 
