@@ -53,6 +53,7 @@ class Scene:
         blind: times that all are dark for up to 2.5 s.
         glares: wide glares, each with a ghost on the other side of the image.
         clutter: lights that stay in sight and are no markers.
+        lamps: lights on the body that are no markers.
         dropped: share of the frames that never come; half of them in a row.
         rig_error: of each marker's place against the rig, in parts of its size (1 sigma per axis).
         focal_error: of the calibration's focal length, either way; None: no calibration.
@@ -71,6 +72,7 @@ class Scene:
     blind: int = 0
     glares: int = 0
     clutter: int = 0
+    lamps: int = 0
     dropped: float = 0.0
     rig_error: float = 0.0
     focal_error: float | None = 0.0
@@ -100,6 +102,7 @@ SCENES = {
         clutter=2,
         dropped=0.1,
     ),
+    'lamps on the body': Scene(lamps=5, losses=4, blind=1, roll=0.3, tilt=0.12),
     'three lights': Scene(markers=3, impostors=1, losses=1, tilt=0.12),
     'four lights': Scene(markers=4, impostors=2, losses=2, tilt=0.12),
     'eight lights': Scene(markers=8, impostors=3, losses=4, roll=0.5, tilt=0.2),
@@ -274,6 +277,8 @@ class MarkerFlight:
             self._add_glare()
         for number in range(scene.clutter):
             self._add_clutter(moving=number % 2 == 1)
+        for _ in range(scene.lamps):
+            self._add_lamp()
 
     def _add_impostor(self, number: int) -> None:
         """A light in the place of a marker that goes dark: it passes, drifts off, or comes late."""
@@ -331,6 +336,14 @@ class MarkerFlight:
         speed = rng.normal(0.0, 1.2 if moving else 0.1, 2)
         way = place + speed * (np.arange(frames) - frames // 2)[:, None]
         way = way + rng.normal(0.0, 0.1, way.shape)
+        self.others.append(Other(way, rng.uniform(2.2, 4.5)))
+
+    def _add_lamp(self) -> None:
+        """A light anywhere on the body, or beside it."""
+        rng, middle = self._rng, self.rig.mean(axis=0)
+        point = middle + 1.1 * rng.uniform(-1.0, 1.0, 3) * np.abs(self.rig - middle).max(axis=0)
+        poses = zip(self.rotations, self.translations, strict=True)
+        way = np.array([project(point[None], *pose)[0] for pose in poses])
         self.others.append(Other(way, rng.uniform(2.2, 4.5)))
 
     def truth(self, frame: int) -> Truth:

@@ -17,6 +17,8 @@ from mvuav_ros.vision.markers.rig_view import (
     Array,
     ViewState,
     WeakPerspective,
+    X,
+    Y,
     deviations_of,
 )
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, times
@@ -27,14 +29,27 @@ DEPTH = 0.4  # Of the body's size (1 sigma): how far behind or before its middle
 NOISE = 0.7  # px (1 sigma), of a lamp's place
 ANYWHERE = 2.0  # px (1 sigma), of the same in a view that has only just been found
 GATE = 4.0  # Standard deviations within which a light may be a lamp
-MIN_SEEN = 5  # Frames with a lamp, from which on it is known
-MIN_SHARE, SPARED = 0.5, 3
+MIN_SEEN, MIN_SHARE = 15, 0.9
+KEPT_SHARE, SPARED = 0.5, 3
 """Of the frames that should show a lamp that is kept, but for some."""
+MIN_TURNED = 10.0
+"""px, by which a lamp must have moved beside the body's middle, as it rolls or comes nearer: what is
+far away, and turns with the camera alone, has not."""
 HIDDEN = 8.0  # px from a marker, whose light hides a lamp
 FEWEST = 3  # Lamps that show where the body is
 ALIKE = 2.0  # By which their deviations are taken larger, as all frames err alike
 CHANGED = 0.01  # Probability that the lamps are others than they were
 _STEP = 1e-3  # Of the body's size, for slopes
+_LAMP = np.dtype(
+    [
+        ('point', float, 3),  # units of the body's size: right, down, ahead
+        ('covariance', float, (3, 3)),
+        ('seen', float),  # frames with the lamp
+        ('due', float),  # frames that should have shown it
+        ('first', float, 2),  # px, from the body's middle, at first
+        ('turned', float),  # px, by which that has changed at most
+    ]
+)
 
 
 class Lamps:
@@ -45,22 +60,19 @@ class Lamps:
     """
 
     def __init__(self) -> None:
-        self._points: Array = np.empty((0, 3))  # units of the body's size: right, down, ahead
-        self._covariances: Array = np.empty((0, 3, 3))
-        self._seen: Array = np.empty(0)  # frames with the lamp
-        self._due: Array = np.empty(0)  # frames that should have shown it
+        self._lamps = np.empty(0, _LAMP)
 
     @property
     def _known(self) -> NDArray[np.intp]:
-        return np.flatnonzero(self._seen >= MIN_SEEN)
+        lamps = self._lamps
+        return np.flatnonzero((lamps['seen'] >= np.maximum(MIN_SEEN, MIN_SHARE * lamps['due'])) & (lamps['turned'] >= MIN_TURNED))
 
     def find(
         self, shape: WeakPerspective, view: ViewState, lights: Sequence[Light]
     ) -> dict[int, Light]:
         """The known lamps among a frame's lights by a view."""
-        known = self._known
-        rows, found = self._pairs(shape, view, lights, known)
-        return {lamp: lights[i] for lamp, i in zip(known[rows].tolist(), found.tolist(), strict=True)}
+        seen, found = self._pairs(shape, view, lights, self._known)
+        return {lamp: lights[i] for lamp, i in zip(seen.tolist(), found.tolist(), strict=True)}
 
     def correction(
         self, shape: WeakPerspective, before: Belief, found: Mapping[int, Light]
@@ -73,7 +85,7 @@ class Lamps:
         noise = ALIKE**2 * (self._variances(slopes, rows) + NOISE**2)
         every = np.tile(np.repeat(noise, 2), (len(before.mean), 1))
         named = NamedPlaces.of(dict(enumerate(light[:2] for light in found.values())))
-        lamps = WeakPerspective(self._points[rows], shape.lens)
+        lamps = WeakPerspective(self._lamps['point'][rows], shape.lens)
         correction = Correction.of(lamps, before, named, float(noise.max()), every)
         return correction if max(correction.nis) <= GATE**2 else None
 
@@ -87,18 +99,19 @@ class Lamps:
         known, every = self._known, coordinates(lights)
         if not (len(known) and len(every)):
             return np.zeros(len(views))
-        at = WeakPerspective(self._points[known], shape.lens).project(views)
+        at = WeakPerspective(self._lamps['point'][known], shape.lens).project(views)
         away = np.square(at[:, :, None] - every).sum(axis=-1)
         is_named = (named[:, :, None] == every).all(axis=-1).any(axis=1)
         nearest = np.where(is_named[:, None], np.inf, away).min(axis=-1)
-        flat = self._covariances[known][:, (0, 1), (0, 1)].sum(axis=-1)
+        flat = self._lamps['covariance'][known][:, (0, 1), (0, 1)].sum(axis=-1)
         variances = flat * np.exp(2.0 * views[:, SCALE, None]) + ANYWHERE**2
         # Student's t with four degrees of freedom, as of a marker's place.
         density = (1.0 + nearest / (4.0 * variances)) ** -3 / (2.0 * math.pi * variances)
-        share = (self._seen[known] + 1.0) / (self._due[known] + 2.0)
+        share = (self._lamps['seen'][known] + 1.0) / (self._lamps['due'][known] + 2.0)
         odds = np.log(1.0 - share + share * density / CLUTTER_DENSITY)
         odds[~self._are_in_view(shape, at, named)] = 0.0
-        return np.logaddexp(math.log1p(-CHANGED) + odds.sum(axis=1), math.log(CHANGED))
+        either = math.log1p(-CHANGED) + odds.sum(axis=1), math.log(CHANGED)
+        return np.asarray(np.logaddexp(*either))
 
     def learn(
         self,
@@ -112,19 +125,21 @@ class Lamps:
 
         All markers should be at (n, 2), px; if the whole body was seen, new lights may be lamps.
         """
-        every, places = np.arange(len(self._points)), coordinates(lights)
-        rows, found = self._pairs(shape, view, lights, every)
-        at, slopes = self._places(shape, view.parameters, every)
+        lamps, places = self._lamps, coordinates(lights)
+        seen, found = self._pairs(shape, view, lights, np.arange(len(lamps)))
+        at, slopes = self._places(shape, view.parameters, np.arange(len(lamps)))
         is_due = self._are_in_view(shape, at, markers)
-        is_due[rows] = True
-        self._due += is_due
-        self._seen[rows] += 1
-        before, slopes = self._covariances[rows], slopes[rows]
+        is_due[seen] = True
+        lamps['due'] += is_due
+        lamps['seen'][seen] += 1.0
+        before, slopes = lamps['covariance'][seen], slopes[seen]
         towards = before @ slopes.transpose(0, 2, 1)
         gain = towards @ np.linalg.inv(slopes @ towards + NOISE**2 * np.eye(2))
-        self._points[rows] += times(gain, places[found] - at[rows])
-        self._covariances[rows] = before - gain @ slopes @ before
-        self._keep(self._seen + SPARED > MIN_SHARE * self._due)
+        lamps['point'][seen] += times(gain, places[found] - at[seen])
+        lamps['covariance'][seen] = before - gain @ slopes @ before
+        turned = np.hypot(*(places[found] - lamps['first'][seen]).T)
+        lamps['turned'][seen] = np.maximum(lamps['turned'][seen], turned)
+        self._lamps = lamps[lamps['seen'] + SPARED > KEPT_SHARE * lamps['due']]
         if is_whole:
             self._add(shape, view, np.delete(places, found, axis=0))
 
@@ -136,17 +151,13 @@ class Lamps:
         for _ in range(3):
             at = WeakPerspective(points, shape.lens).project(view.parameters)
             points[:, :2] += ((places - at).view(np.complex128) / turn).view(np.float64)
-        points = points[np.hypot(*points.T[:2]) < FARTHEST][: MOST - len(self._points)]
+        near = np.flatnonzero(np.hypot(*points.T[:2]) < FARTHEST)[: MOST - len(self._lamps)]
+        new = np.zeros(len(near), _LAMP)
+        new['point'], new['first'] = points[near], places[near]
         flat = (NOISE / abs(turn)) ** 2
-        spread = np.tile(np.diag((flat, flat, DEPTH**2)), (len(points), 1, 1))
-        self._points = np.concatenate((self._points, points))
-        self._covariances = np.concatenate((self._covariances, spread))
-        self._seen = np.append(self._seen, np.ones(len(points)))
-        self._due = np.append(self._due, np.ones(len(points)))
-
-    def _keep(self, kept: NDArray[np.bool_]) -> None:
-        self._points, self._covariances = self._points[kept], self._covariances[kept]
-        self._seen, self._due = self._seen[kept], self._due[kept]
+        new['covariance'] = np.diag((flat, flat, DEPTH**2))
+        new['seen'] = new['due'] = 1.0
+        self._lamps = np.concatenate((self._lamps, new))
 
     def _pairs(
         self,
@@ -155,11 +166,11 @@ class Lamps:
         lights: Sequence[Light],
         lamps: NDArray[np.intp],
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Which of some lamps are seen, and as which lights: each the other's nearest."""
+        """Those of some lamps that are seen, and as which lights: each the other's nearest."""
         if not (len(lamps) and lights):
             return np.empty(0, np.intp), np.empty(0, np.intp)
         at, slopes = self._places(shape, view.parameters, lamps)
-        _, by_view = WeakPerspective(self._points[lamps], shape.lens).linearize(
+        _, by_view = WeakPerspective(self._lamps['point'][lamps], shape.lens).linearize(
             view.parameters[None]
         )
         variances = self._variances(slopes, lamps) + NOISE**2
@@ -168,25 +179,25 @@ class Lamps:
         nearest, rows = away.argmin(axis=1), np.arange(len(lamps))
         is_seen = away[rows, nearest] < GATE**2 * variances
         is_seen &= away.argmin(axis=0)[nearest] == rows
-        return rows[is_seen], nearest[is_seen]
+        return lamps[is_seen], nearest[is_seen]
 
     def _places(
         self, shape: WeakPerspective, view: Array, lamps: Sequence[int] | NDArray[np.intp]
     ) -> tuple[Array, Array]:
         """Where lamps are seen in a view (8,), (j, 2) px, and the slopes by their points."""
         moved = np.concatenate((np.zeros((1, 3)), _STEP * np.eye(3)))
-        points = (self._points[lamps][:, None] + moved).reshape(-1, 3)
+        points = (self._lamps['point'][lamps][:, None] + moved).reshape(-1, 3)
         at = WeakPerspective(points, shape.lens).project(view).reshape(-1, 4, 2)
         return at[:, 0], (at[:, 1:] - at[:, :1]).transpose(0, 2, 1) / _STEP
 
     def _variances(self, slopes: Array, lamps: Sequence[int] | NDArray[np.intp]) -> Array:
         """Of their places across and down together, px²."""
-        spread = slopes @ self._covariances[lamps] @ slopes.transpose(0, 2, 1)
+        spread = slopes @ self._lamps['covariance'][lamps] @ slopes.transpose(0, 2, 1)
         return np.asarray(np.trace(spread, axis1=1, axis2=2))
 
     @staticmethod
     def _are_in_view(shape: WeakPerspective, at: Array, markers: Array) -> NDArray[np.bool_]:
-        """Whether places (..., j, 2), px, are within the image, and no marker (..., k, 2) hides them."""
+        """Whether places (..., j, 2), px, are in the image and no marker (..., k, 2) hides them."""
         inside = ((at > 0.0) & (at < shape.lens.size)).all(axis=-1)
         apart = np.square(at[..., :, None, :] - markers[..., None, :, :]).sum(axis=-1)
         return np.asarray(inside & (apart > HIDDEN**2).all(axis=-1))

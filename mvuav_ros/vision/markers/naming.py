@@ -338,7 +338,8 @@ class Search:
             for light in self._every
             if not any(are_close(light, own, own.seen.radius + 1.0) for own in self.found.values())
         ]
-        markers = coordinates([*self.expected(range(len(self._markers))).values()])
+        expected = self.expected(range(len(self._markers))).values()
+        markers = np.array([place[:2] for place in expected])
         self._lamps.learn(self.views.shape, self._view, others, markers, not self.missing)
 
     def _name_clear(self) -> None:
