@@ -17,24 +17,21 @@ from mvuav_ros.vision.markers.rig_view import (
     Array,
     ViewState,
     WeakPerspective,
-    X,
-    Y,
     deviations_of,
 )
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, times
 
+# Chosen on drawn flights with four to eight lamps on the body: lights go out, bodies leave the
+# image, and glares are about (seeds 0 to 9 and 44 to 55; 99740 to 99749 of `tools/compare_markers.py`).
 FARTHEST = 1.5  # Of the body's size, from its middle: what is farther away is none of its lamps
 MOST = 24  # Lamps
 DEPTH = 0.4  # Of the body's size (1 sigma): how far behind or before its middle a lamp may be
-NOISE = 0.7  # px (1 sigma), of a lamp's place
-ANYWHERE = 2.0  # px (1 sigma), of the same in a view that has only just been found
+NOISE, NOISE_FOUND = 0.7, 2.0  # px (1 sigma), of a lamp's place; in a view that was just found
 GATE = 4.0  # Standard deviations within which a light may be a lamp
-MIN_SEEN, MIN_SHARE = 15, 0.9
-KEPT_SHARE, SPARED = 0.5, 3
-"""Of the frames that should show a lamp that is kept, but for some."""
-MIN_TURNED = 10.0
-"""px, by which a lamp must have moved beside the body's middle, as it rolls or comes nearer: what is
-far away, and turns with the camera alone, has not."""
+MIN_SEEN, MIN_SHARE = 15, 0.9  # Frames with a lamp that is known, and of those that should show it
+MIN_MOVED = 10.0
+"""px, by which a lamp that is known has moved in the image with the body: a glare does not."""
+MIN_KEPT, SPARED = 0.5, 3  # Of the frames that should show it, of any that is kept; but for some
 HIDDEN = 8.0  # px from a marker, whose light hides a lamp
 FEWEST = 3  # Lamps that show where the body is
 ALIKE = 2.0  # By which their deviations are taken larger, as all frames err alike
@@ -46,8 +43,8 @@ _LAMP = np.dtype(
         ('covariance', float, (3, 3)),
         ('seen', float),  # frames with the lamp
         ('due', float),  # frames that should have shown it
-        ('first', float, 2),  # px, from the body's middle, at first
-        ('turned', float),  # px, by which that has changed at most
+        ('first', float, 2),  # px, where it was seen first
+        ('moved', float),  # px, how far from there at most
     ]
 )
 
@@ -57,6 +54,9 @@ class Lamps:
 
     It begins at the depth of the body's middle; as the body turns, its depth shows. A light that
     does not go with the body is not where it is expected in later frames, and is forgotten.
+
+    Lamps that are known are not taken for markers. Where few markers are in sight they show how the
+    body is seen, and they speak for or against a view in which it is found again.
     """
 
     def __init__(self) -> None:
@@ -65,21 +65,27 @@ class Lamps:
     @property
     def _known(self) -> NDArray[np.intp]:
         lamps = self._lamps
-        return np.flatnonzero((lamps['seen'] >= np.maximum(MIN_SEEN, MIN_SHARE * lamps['due'])) & (lamps['turned'] >= MIN_TURNED))
+        enough = np.maximum(MIN_SEEN, MIN_SHARE * lamps['due'])
+        return np.flatnonzero((lamps['seen'] >= enough) & (lamps['moved'] >= MIN_MOVED))
+
+    @property
+    def are_known(self) -> bool:
+        """Whether there are enough of them to show where the body is."""
+        return len(self._known) >= FEWEST
 
     def find(
         self, shape: WeakPerspective, view: ViewState, lights: Sequence[Light]
     ) -> dict[int, Light]:
-        """The known lamps among a frame's lights by a view."""
+        """The known lamps among a frame's lights by a view; none where they are too few."""
         seen, found = self._pairs(shape, view, lights, self._known)
+        if len(seen) < FEWEST:
+            return {}
         return {lamp: lights[i] for lamp, i in zip(seen.tolist(), found.tolist(), strict=True)}
 
     def correction(
         self, shape: WeakPerspective, before: Belief, found: Mapping[int, Light]
     ) -> Correction | None:
-        """What lamps make of priors of views; None where they are too few, or do not agree."""
-        if len(found) < FEWEST:
-            return None
+        """What lamps make of priors of views; None where they do not agree."""
         rows = [*found]
         _, slopes = self._places(shape, before.mean[0, :COUNT], rows)
         noise = ALIKE**2 * (self._variances(slopes, rows) + NOISE**2)
@@ -104,7 +110,7 @@ class Lamps:
         is_named = (named[:, :, None] == every).all(axis=-1).any(axis=1)
         nearest = np.where(is_named[:, None], np.inf, away).min(axis=-1)
         flat = self._lamps['covariance'][known][:, (0, 1), (0, 1)].sum(axis=-1)
-        variances = flat * np.exp(2.0 * views[:, SCALE, None]) + ANYWHERE**2
+        variances = flat * np.exp(2.0 * views[:, SCALE, None]) + NOISE_FOUND**2
         # Student's t with four degrees of freedom, as of a marker's place.
         density = (1.0 + nearest / (4.0 * variances)) ** -3 / (2.0 * math.pi * variances)
         share = (self._lamps['seen'][known] + 1.0) / (self._lamps['due'][known] + 2.0)
@@ -137,9 +143,9 @@ class Lamps:
         gain = towards @ np.linalg.inv(slopes @ towards + NOISE**2 * np.eye(2))
         lamps['point'][seen] += times(gain, places[found] - at[seen])
         lamps['covariance'][seen] = before - gain @ slopes @ before
-        turned = np.hypot(*(places[found] - lamps['first'][seen]).T)
-        lamps['turned'][seen] = np.maximum(lamps['turned'][seen], turned)
-        self._lamps = lamps[lamps['seen'] + SPARED > KEPT_SHARE * lamps['due']]
+        moved = np.hypot(*(places[found] - lamps['first'][seen]).T)
+        lamps['moved'][seen] = np.maximum(lamps['moved'][seen], moved)
+        self._lamps = lamps[lamps['seen'] + SPARED > MIN_KEPT * lamps['due']]
         if is_whole:
             self._add(shape, view, np.delete(places, found, axis=0))
 

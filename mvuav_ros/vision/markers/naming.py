@@ -23,7 +23,6 @@ from mvuav_ros.vision.markers.hypotheses import (
     log_odds_of,
 )
 from mvuav_ros.vision.markers.initialization import MAX_AT_START
-from mvuav_ros.vision.markers.lamps import FEWEST as FEWEST_LAMPS
 from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
     Light,
@@ -235,6 +234,15 @@ def _distances(lights: Sequence[Light], expected: Collection[Expectation]) -> Ar
     return np.asarray(((across * across + down * down) / deviations**2).min(axis=1))
 
 
+def _others(lights: Collection[Light], these: Collection[Light]) -> list[Light]:
+    """The lights that are none of these, as measured otherwise."""
+    return [
+        light
+        for light in lights
+        if not any(are_close(light, own, own.seen.radius) for own in these)
+    ]
+
+
 class Search:
     """Names the lights of a frame by the body's geometry, some markers being known already."""
 
@@ -253,7 +261,7 @@ class Search:
         self.faults = faults
         self.views = faults.views  # at this frame's time
         self.reacquired: Mapping[int, float] = {}  # log odds of the markers found again together
-        self.lamps: set[Light] = set()  # lights that are lamps
+        self.lamps: list[Light] = []  # lights that are lamps (see `Lamps`)
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._known: tuple[int, ...] = tuple(self.found)
         self._doubtful = faults.doubtful
@@ -276,13 +284,11 @@ class Search:
         self, lights: Sequence[Light], clutter: Clutter, lamps: Lamps, older: ViewFilter
     ) -> None:
         """Name the lights of a frame; the older filter is that which last had enough firm names."""
-        self._clutter, self._lamps, self._every = clutter, lamps, lights
-        lights = self._without_lamps(lights)
-        self._free = [
-            light
-            for light in lights
-            if not any(are_close(light, own, own.seen.radius) for own in self.found.values())
-        ]
+        self._clutter, self._known_lamps, self._every = clutter, lamps, lights
+        if lamps.are_known:
+            self._find_lamps()
+        lights = [light for light in lights if light not in self.lamps]
+        self._free = _others(lights, self.found.values())
         if not self.suspects:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
@@ -308,39 +314,34 @@ class Search:
         if not self.found or (nameless and self.missing and few):
             self._find_otherwise(lights, older)
 
-    def _without_lamps(self, lights: Sequence[Light]) -> Sequence[Light]:
-        """The lights that are no lamps; these show the view where few markers do."""
+    def _find_lamps(self) -> None:
+        """Tell lamps from markers; they show the view where few markers do."""
         shape, near = self.views.shape, self.expected([*self.found])
-        seen = self._lamps.find(shape, self._view, lights)
         # A marker's light hides a lamp that is close by.
-        seen = {lamp: light for lamp, light in seen.items() if not self._inside(light, near)}
+        lights = [light for light in self._every if not self._inside(light, near)]
+        seen = self._known_lamps.find(shape, self._view, lights)
+        if not seen:
+            return
         if len(self.found.keys() - self.suspects - self._doubtful) < FAULTS.min_agreeing:
-            correction = self._lamps.correction(shape, self.views.belief, seen)
+            correction = self._known_lamps.correction(shape, self.views.belief, seen)
             if correction is None:
-                return lights
+                return
             self.views.anchor(correction)
-        elif len(seen) < FEWEST_LAMPS:
-            return lights
-        self.lamps = {*seen.values()}
-        self.found = {m: light for m, light in self.found.items() if light not in self.lamps}
+        self.lamps = [*seen.values()]
+        self.found = {m: light for m, light in self.found.items() if _others([light], self.lamps)}
         self.suspects &= self.found.keys()
         self._known = tuple(self.found)
         self._view = self.views.look(places_of(self.found))
-        return [light for light in lights if light not in self.lamps]
 
     def _learn_lamps(self) -> None:
-        """Follow the lamps, where the view is known."""
+        """Follow the lamps, where the markers leave no doubt of the view."""
         firm = self.found.keys() - self.suspects - self._doubtful
-        if not FAULTS.min_agreeing <= len(firm) == len(self.found):
-            return
-        others = [
-            light
-            for light in self._every
-            if not any(are_close(light, own, own.seen.radius + 1.0) for own in self.found.values())
-        ]
-        expected = self.expected(range(len(self._markers))).values()
-        markers = np.array([place[:2] for place in expected])
-        self._lamps.learn(self.views.shape, self._view, others, markers, not self.missing)
+        if FAULTS.min_agreeing <= len(firm) == len(self.found):
+            lights = _others(self._every, self.found.values())
+            expected = self.expected(range(len(self._markers))).values()
+            places = np.array([place[:2] for place in expected])
+            is_whole = not self.missing
+            self._known_lamps.learn(self.views.shape, self._view, lights, places, is_whole)
 
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
@@ -441,7 +442,7 @@ class Search:
         clutter: float,
         fewest: int,
     ) -> Reacquired | None:
-        landmarks = partial(self._lamps.log_odds, shape, self._every)
+        landmarks = partial(self._known_lamps.log_odds, shape, self._every)
         return reacquire(shape, prior, lights, self._appearance_cost, clutter, fewest, landmarks)
 
     def _unknown(self, lights: Sequence[Light]) -> list[Light]:
