@@ -21,8 +21,8 @@ from mvuav_ros.vision.markers.rig_view import (
 )
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, times
 
-# Chosen on drawn flights with four to eight lamps on the body: lights go out, bodies leave the
-# image, and glares are about (seeds 0 to 9 and 44 to 55; 99740 to 99749 of `tools/compare_markers.py`).
+# Chosen on drawn flights with four to eight lamps on the body, whose lights go out, or which
+# leaves the image; and on glares (seeds 99740 to 99749 of `tools/compare_markers.py`).
 FARTHEST = 1.5  # Of the body's size, from its middle: what is farther away is none of its lamps
 MOST = 24  # Lamps
 DEPTH = 0.4  # Of the body's size (1 sigma): how far behind or before its middle a lamp may be
