@@ -21,6 +21,9 @@ from mvuav_ros.vision.markers.lights import (
     GroupingError,
     Lens,
     Light,
+    Point,
+    apart_from,
+    coordinates,
     find_spots,
     places_of,
 )
@@ -42,6 +45,8 @@ from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED, MarkerRig
 
 GIVEN_UP = 10.0  # Seconds without a reported name after which nothing is known of the body any more
+LOOKS = 30, 3
+"""Usual frames in one of which the whole frame is looked at for lamps; while some light may be one."""
 WIDEST = 200.0  # px, by which a search window grows at most
 
 
@@ -63,7 +68,7 @@ class IdentityTracker:
         self._labels = labels_of(rig.names)
         self._wings = [rig.names.index(wing) for wing in WINGS if wing in rig.names]
         self._size = (0, 0)
-        self._tick = 0
+        self._tick = self._next_look = 0
         self.lights = 0  # in the newest frame in which the whole body was looked for
         self._start_again()
 
@@ -139,6 +144,8 @@ class IdentityTracker:
             faults.commit(named)
             self._is_sure = True
             memory.remember(frame.time, spots, {})
+            if self._tick >= self._next_look:
+                self._look_for_lamps(frame, faults.views, named, spots)
             return self._result(frame, memory, spots, windows=windows)
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
@@ -164,6 +171,22 @@ class IdentityTracker:
                 return self._give_up()
         memory.trust_again(doubted, search.alone)
         return self._conclude(frame, memory, search, windows, status)
+
+    def _look_for_lamps(
+        self,
+        frame: Frame,
+        views: ViewFilter,
+        named: Mapping[int, Point],
+        spots: Mapping[int, Detection],
+    ) -> None:
+        """Look at the whole frame, of a body wholly in sight, for lamps on it."""
+        try:
+            lights = find_spots(frame, self._lens)
+        except GroupingError:
+            return
+        own = [Light(*place, spots[marker]) for marker, place in named.items()]
+        self.lamps.learn(views.shape, views.view, apart_from(lights, own), coordinates(own), True)
+        self._next_look = self._tick + LOOKS[0 if self.lamps.are_few else 1]
 
     def _give_up(self) -> MarkerResult:
         self._start_again(was_wrong=True)

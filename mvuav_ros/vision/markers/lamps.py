@@ -69,6 +69,11 @@ class Lamps:
         return np.flatnonzero((lamps['seen'] >= enough) & (lamps['moved'] >= MIN_MOVED))
 
     @property
+    def are_few(self) -> bool:
+        """Whether there is no light that may yet turn out to be one."""
+        return len(self._known) == len(self._lamps)
+
+    @property
     def are_known(self) -> bool:
         """Whether there are enough of them to show where the body is."""
         return len(self._known) >= FEWEST

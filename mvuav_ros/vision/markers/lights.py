@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -314,3 +314,12 @@ def places_of(found: Mapping[int, Light]) -> dict[int, Point]:
 def are_close(a: Light, b: Light, distance: float) -> bool:
     """Whether two lights lie less than a distance (px) apart."""
     return (a.x - b.x) ** 2 + (a.y - b.y) ** 2 < distance * distance
+
+
+def apart_from(lights: Collection[Light], these: Collection[Light]) -> list[Light]:
+    """The lights that are none of these, as measured otherwise."""
+    return [
+        light
+        for light in lights
+        if not any(are_close(light, own, own.seen.radius) for own in these)
+    ]

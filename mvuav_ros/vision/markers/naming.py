@@ -26,6 +26,7 @@ from mvuav_ros.vision.markers.initialization import MAX_AT_START
 from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
     Light,
+    apart_from,
     are_close,
     by_size,
     candidates,
@@ -234,15 +235,6 @@ def _distances(lights: Sequence[Light], expected: Collection[Expectation]) -> Ar
     return np.asarray(((across * across + down * down) / deviations**2).min(axis=1))
 
 
-def _others(lights: Collection[Light], these: Collection[Light]) -> list[Light]:
-    """The lights that are none of these, as measured otherwise."""
-    return [
-        light
-        for light in lights
-        if not any(are_close(light, own, own.seen.radius) for own in these)
-    ]
-
-
 class Search:
     """Names the lights of a frame by the body's geometry, some markers being known already."""
 
@@ -288,7 +280,7 @@ class Search:
         if lamps.are_known:
             self._find_lamps()
         lights = [light for light in lights if light not in self.lamps]
-        self._free = _others(lights, self.found.values())
+        self._free = apart_from(lights, self.found.values())
         if not self.suspects:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
@@ -328,7 +320,9 @@ class Search:
                 return
             self.views.anchor(correction)
         self.lamps = [*seen.values()]
-        self.found = {m: light for m, light in self.found.items() if _others([light], self.lamps)}
+        self.found = {
+            m: light for m, light in self.found.items() if apart_from([light], self.lamps)
+        }
         self.suspects &= self.found.keys()
         self._known = tuple(self.found)
         self._view = self.views.look(places_of(self.found))
@@ -337,7 +331,7 @@ class Search:
         """Follow the lamps, where the markers leave no doubt of the view."""
         firm = self.found.keys() - self.suspects - self._doubtful
         if FAULTS.min_agreeing <= len(firm) == len(self.found):
-            lights = _others(self._every, self.found.values())
+            lights = apart_from(self._every, self.found.values())
             expected = self.expected(range(len(self._markers))).values()
             places = np.array([place[:2] for place in expected])
             is_whole = not self.missing
