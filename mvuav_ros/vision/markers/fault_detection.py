@@ -196,11 +196,11 @@ class FaultDetector:
             return Consensus(view, names, (), others)
         return Consensus(view, names, others)
 
-    def evidence(self, found: Mapping[int, Point]) -> Evidence:
-        """What a frame's places say for their names."""
+    def evidence(self, found: Mapping[int, Point], landmarks: int = 0) -> Evidence:
+        """What a frame's places say for their names, so many landmarks showing the view as well."""
         if not found:
             return Evidence({}, 0.0)
-        redundancy = max(1.0 - self.views.unknowns / (2 * len(found)), 0.0)
+        redundancy = max(1.0 - self.views.unknowns / (2 * (len(found) + landmarks)), 0.0)
         return Evidence(self._correct(found)[0].log_likelihoods(), redundancy)
 
     def commit(self, found: Mapping[int, Point]) -> None:

@@ -46,7 +46,7 @@ from mvuav_ros.vision.rig import MAX_NAMED, MarkerRig
 
 GIVEN_UP = 10.0  # Seconds without a reported name after which nothing is known of the body any more
 LOOKS = 30, 3
-"""Usual frames in one of which the whole frame is looked at for lamps; while some light may be one."""
+"""Usual frames in one of which all lights are looked at for lamps; while one may yet be one."""
 WIDEST = 200.0  # px, by which a search window grows at most
 
 
@@ -138,15 +138,7 @@ class IdentityTracker:
         faults.doubtful = memory.doubtful
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
-            if self._trial is not None and self._trial.is_refuted(named):
-                return self._give_up()
-            memory.weigh(spots, faults.evidence(named))
-            faults.commit(named)
-            self._is_sure = True
-            memory.remember(frame.time, spots, {})
-            if self._tick >= self._next_look:
-                self._look_for_lamps(frame, faults.views, named, spots)
-            return self._result(frame, memory, spots, windows=windows)
+            return self._go_on(frame, faults, memory, spots, named, windows)
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
         doubted = memory.distrust(spots)
@@ -172,20 +164,35 @@ class IdentityTracker:
         memory.trust_again(doubted, search.alone)
         return self._conclude(frame, memory, search, windows, status)
 
-    def _look_for_lamps(
+    def _go_on(
         self,
         frame: Frame,
-        views: ViewFilter,
-        named: Mapping[int, Point],
+        faults: FaultDetector,
+        memory: MarkerMemory,
         spots: Mapping[int, Detection],
-    ) -> None:
-        """Look at the whole frame, of a body wholly in sight, for lamps on it."""
+        named: Mapping[int, Point],
+        windows: Sequence[Window],
+    ) -> MarkerResult:
+        """The usual frame: all markers are in their windows (px of the image), and agree."""
+        if self._trial is not None and self._trial.is_refuted(named):
+            return self._give_up()
+        memory.weigh(spots, faults.evidence(named))
+        faults.commit(named)
+        self._is_sure = True
+        memory.remember(frame.time, spots, {})
+        if self._tick >= self._next_look:
+            own = [Light(*place, spots[marker]) for marker, place in named.items()]
+            self._look_for_lamps(frame, faults.views, own)
+        return self._result(frame, memory, spots, windows=windows)
+
+    def _look_for_lamps(self, frame: Frame, views: ViewFilter, named: Sequence[Light]) -> None:
+        """Look at the whole frame for lamps on a body all of whose markers have names."""
         try:
             lights = find_spots(frame, self._lens)
         except GroupingError:
             return
-        own = [Light(*place, spots[marker]) for marker, place in named.items()]
-        self.lamps.learn(views.shape, views.view, apart_from(lights, own), coordinates(own), True)
+        others, places = apart_from(lights, named), coordinates(named)
+        self.lamps.learn(views.shape, views.view, others, places, is_whole=True)
         self._next_look = self._tick + LOOKS[0 if self.lamps.are_few else 1]
 
     def _give_up(self) -> MarkerResult:
@@ -207,8 +214,9 @@ class IdentityTracker:
         }
         others = self._clutter.is_about or not self._is_redundant
         faults, places = search.faults, places_of(search.found)
-        evidence = faults.evidence(places)
-        memory.weigh(search.found, evidence, search.given, others, search.reacquired)
+        landmarks = search.landmarks
+        evidence = faults.evidence(places, landmarks)
+        memory.weigh(search.found, evidence, search.given, others, search.reacquired, landmarks)
         faults.doubtful = memory.doubtful
         faults.commit(places)
         if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:

@@ -130,6 +130,7 @@ class Lamps:
         view: ViewState,
         lights: Sequence[Light],
         markers: Array,
+        *,
         is_whole: bool,
     ) -> None:
         """Learn from a frame's lights without a name, in the view by its markers.

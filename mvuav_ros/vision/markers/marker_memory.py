@@ -317,15 +317,17 @@ class MarkerMemory:
         given: Collection[int] = (),
         others: bool = False,
         found_again: Mapping[int, float] | None = None,
+        landmarks: int = 0,
     ) -> None:
         """Follow the probabilities of the names by the evidence of their places.
 
         Some have been given in this frame by the geometry; others are lights that are no markers
-        and about. Some names were found again together, with these log odds.
+        and about. Some names were found again together, with these log odds. So many landmarks,
+        such as lamps, show the view as well.
         """
         usual = CONFIDENCE.share * evidence.redundancy
-        checked = len(seen) >= FAULTS.min_agreeing
-        few = len(seen) < FAULTS.min_firm
+        checked = len(seen) + landmarks >= FAULTS.min_agreeing
+        few = len(seen) + landmarks < FAULTS.min_firm
         # What four and more agree on, another light would contradict.
         among_others = others and not checked
         firm: set[int] = set()

@@ -272,6 +272,11 @@ class Search:
         """The markers without a light."""
         return [index for index in range(len(self._markers)) if index not in self.found]
 
+    @property
+    def landmarks(self) -> int:
+        """Lamps that show whether the names are right; one name alone may be a lamp's."""
+        return len(self.lamps) if len(self.found) > 1 else 0
+
     def name(
         self, lights: Sequence[Light], clutter: Clutter, lamps: Lamps, older: ViewFilter
     ) -> None:
@@ -334,8 +339,9 @@ class Search:
             lights = apart_from(self._every, self.found.values())
             expected = self.expected(range(len(self._markers))).values()
             places = np.array([place[:2] for place in expected])
-            is_whole = not self.missing
-            self._known_lamps.learn(self.views.shape, self._view, lights, places, is_whole)
+            self._known_lamps.learn(
+                self.views.shape, self._view, lights, places, is_whole=not self.missing
+            )
 
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
