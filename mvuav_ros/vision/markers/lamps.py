@@ -166,10 +166,15 @@ class Lamps:
         near = np.flatnonzero(np.hypot(*points.T[:2]) < FARTHEST)[: MOST - len(self._lamps)]
         new = np.zeros(len(near), _LAMP)
         new['point'], new['first'] = points[near], places[near]
-        flat = (NOISE / abs(turn)) ** 2
-        new['covariance'] = np.diag((flat, flat, DEPTH**2))
         new['seen'] = new['due'] = 1.0
+        rows = len(self._lamps) + np.arange(len(new))
         self._lamps = np.concatenate((self._lamps, new))
+        # Each may be anywhere on the ray on which it is seen.
+        _, slopes = self._places(shape, view.parameters, rows)
+        ray = np.cross(slopes[:, 0], slopes[:, 1])
+        ray /= ray[:, 2:]
+        spread = (NOISE / abs(turn)) ** 2 * np.eye(3) + DEPTH**2 * ray[:, :, None] * ray[:, None]
+        self._lamps['covariance'][rows] = spread
 
     def _pairs(
         self,
