@@ -23,8 +23,8 @@ from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPl
 
 # Chosen on drawn flights with four to eight lamps on the body, whose lights go out, or which
 # leaves the image; and on glares (seeds 99740 to 99749 of `tools/compare_markers.py`).
-FARTHEST = 1.5  # Of the body's size, from its middle: what is farther away is none of its lamps
-MOST = 24  # Lamps
+MAX_AWAY = 1.5  # Of the body's size, from its middle: what is farther away is none of its lamps
+MAX_LAMPS = 24
 DEPTH = 0.4  # Of the body's size (1 sigma): how far behind or before its middle a lamp may be
 NOISE, NOISE_FOUND = 0.7, 2.0  # px (1 sigma), of a lamp's place; in a view that was just found
 GATE = 4.0  # Standard deviations within which a light may be a lamp
@@ -33,7 +33,7 @@ MIN_MOVED = 10.0
 """px, by which a lamp that is known has moved in the image with the body: a glare does not."""
 MIN_KEPT, SPARED = 0.5, 3  # Of the frames that should show it, of any that is kept; but for some
 HIDDEN = 8.0  # px from a marker, whose light hides a lamp
-FEWEST = 3  # Lamps that show where the body is
+MIN_LAMPS = 3  # Lamps that show where the body is
 ALIKE = 2.0  # By which their deviations are taken larger, as all frames err alike
 CHANGED = 0.01  # Probability that the lamps are others than they were
 _STEP = 1e-3  # Of the body's size, for slopes
@@ -76,14 +76,14 @@ class Lamps:
     @property
     def are_known(self) -> bool:
         """Whether there are enough of them to show where the body is."""
-        return len(self._known) >= FEWEST
+        return len(self._known) >= MIN_LAMPS
 
     def find(
         self, shape: WeakPerspective, view: ViewState, lights: Sequence[Light]
     ) -> dict[int, Light]:
         """The known lamps among a frame's lights by a view; none where they are too few."""
         seen, found = self._pairs(shape, view, lights, self._known)
-        if len(seen) < FEWEST:
+        if len(seen) < MIN_LAMPS:
             return {}
         return {lamp: lights[i] for lamp, i in zip(seen.tolist(), found.tolist(), strict=True)}
 
@@ -163,7 +163,7 @@ class Lamps:
         for _ in range(3):
             at = WeakPerspective(points, shape.lens).project(view.parameters)
             points[:, :2] += ((places - at).view(np.complex128) / turn).view(np.float64)
-        near = np.flatnonzero(np.hypot(*points.T[:2]) < FARTHEST)[: MOST - len(self._lamps)]
+        near = np.flatnonzero(np.hypot(*points.T[:2]) < MAX_AWAY)[: MAX_LAMPS - len(self._lamps)]
         new = np.zeros(len(near), _LAMP)
         new['point'], new['first'] = points[near], places[near]
         new['seen'] = new['due'] = 1.0

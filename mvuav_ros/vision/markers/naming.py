@@ -312,7 +312,7 @@ class Search:
             self._find_otherwise(lights, older)
 
     def _find_lamps(self) -> None:
-        """Tell lamps from markers; they show the view where few markers do."""
+        """Distinguish lamps from markers; they show the view where few markers do."""
         shape, near = self.views.shape, self.expected([*self.found])
         # A marker's light hides a lamp that is close by.
         lights = [light for light in self._every if not self._inside(light, near)]
