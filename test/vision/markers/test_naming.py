@@ -9,6 +9,7 @@ import pytest
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
+from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import Lens, Light
 from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
 from mvuav_ros.vision.markers.naming import UNLIKELY_COST, Clutter, Search, assign
@@ -62,7 +63,7 @@ def test_four_lights_of_a_ghost_do_not_replace_three_names_that_lasted(odds, kep
     ghost = [lit(*place) for place in 0.88 * places[[0, 1, 3, 4]] + (107.0, -6.0)]
     consensus = faults.weigh({marker: light[:2] for marker, light in own.items()})
     search = Search(faults, [KnownMarker(40.0, 1.0, 3.6, odds=odds)] * 5, consensus, own)
-    search.name([*own.values(), *ghost], Clutter(), copy.copy(faults.views))
+    search.name([*own.values(), *ghost], Clutter(), Lamps(), copy.copy(faults.views))
     assert (search.found == own) is kept
 
 
