@@ -45,8 +45,8 @@ from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED, MarkerRig
 
 GIVEN_UP = 10.0  # Seconds without a reported name after which nothing is known of the body any more
-LOOKS = 30, 3
-"""Usual frames in one of which all lights are looked at for lamps; while one may yet be one."""
+LOOKS = 60, 3
+"""Frames in one of which all lights are looked at for lamps; the same while one may yet be one."""
 WIDEST = 200.0  # px, by which a search window grows at most
 
 
@@ -68,7 +68,7 @@ class IdentityTracker:
         self._labels = labels_of(rig.names)
         self._wings = [rig.names.index(wing) for wing in WINGS if wing in rig.names]
         self._size = (0, 0)
-        self._tick = self._next_look = 0
+        self._tick, self._last_look = 0, -LOOKS[0]
         self.lights = 0  # in the newest frame in which the whole body was looked for
         self._start_again()
 
@@ -162,6 +162,8 @@ class IdentityTracker:
             if self._trial.is_refuted(places_of(agreeing), contradicted):
                 return self._give_up()
         memory.trust_again(doubted, search.alone)
+        if self._may_look():
+            search.learn_lamps(self.lamps)
         return self._conclude(frame, memory, search, windows, status)
 
     def _go_on(
@@ -180,7 +182,7 @@ class IdentityTracker:
         faults.commit(named)
         self._is_sure = True
         memory.remember(frame.time, spots, {})
-        if self._tick >= self._next_look:
+        if self._may_look():
             own = [Light(*place, spots[marker]) for marker, place in named.items()]
             self._look_for_lamps(frame, faults.views, own)
         return self._result(frame, memory, spots, windows=windows)
@@ -193,7 +195,13 @@ class IdentityTracker:
             return
         others, places = apart_from(lights, named), coordinates(named)
         self.lamps.learn(views.shape, views.view, others, places, is_whole=True)
-        self._next_look = self._tick + LOOKS[0 if self.lamps.are_few else 1]
+
+    def _may_look(self) -> bool:
+        """Whether it is time to look at lamps."""
+        if self._tick < self._last_look + LOOKS[0 if self.lamps.are_few else 1]:
+            return False
+        self._last_look = self._tick
+        return True
 
     def _give_up(self) -> MarkerResult:
         self._start_again(was_wrong=True)

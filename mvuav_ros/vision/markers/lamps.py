@@ -28,7 +28,7 @@ MAX_LAMPS = 24
 DEPTH = 0.4  # Of the body's size (1 sigma): how far behind or before its middle a lamp may be
 NOISE, NOISE_FOUND = 0.7, 2.0  # px (1 sigma), of a lamp's place; in a view that was just found
 GATE = 4.0  # Standard deviations within which a light may be a lamp
-MIN_SEEN, MIN_SHARE = 15, 0.9  # Frames with a lamp that is known, and of those that should show it
+MIN_SEEN, MIN_SHARE = 8, 0.9  # Frames with a lamp that is known, and of those that should show it
 MIN_MOVED = 10.0
 """px, by which a lamp that is known has moved in the image with the body: a glare does not."""
 MIN_KEPT, SPARED = 0.5, 3  # Of the frames that should show it, of any that is kept; but for some
@@ -138,6 +138,8 @@ class Lamps:
         All markers should be at (n, 2), px; if the whole body was seen, new lights may be lamps.
         """
         lamps, places = self._lamps, coordinates(lights)
+        if not (len(lamps) or len(places)):
+            return
         seen, found = self._pairs(shape, view, lights, np.arange(len(lamps)))
         at, slopes = self._places(shape, view.parameters, np.arange(len(lamps)))
         is_due = self._are_in_view(shape, at, markers)

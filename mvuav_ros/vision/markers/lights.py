@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
+from itertools import compress
 from typing import Any, NamedTuple
 
 import cv2
@@ -316,10 +317,8 @@ def are_close(a: Light, b: Light, distance: float) -> bool:
     return (a.x - b.x) ** 2 + (a.y - b.y) ** 2 < distance * distance
 
 
-def apart_from(lights: Collection[Light], these: Collection[Light]) -> list[Light]:
+def apart_from(lights: Sequence[Light], these: Collection[Light]) -> list[Light]:
     """The lights that are none of these, as measured otherwise."""
-    return [
-        light
-        for light in lights
-        if not any(are_close(light, own, own.seen.radius) for own in these)
-    ]
+    radii = np.array([light.seen.radius for light in these])
+    away = np.square(coordinates(lights)[:, None] - coordinates([*these])).sum(axis=-1)
+    return [*compress(lights, (away >= radii * radii).all(axis=1))]

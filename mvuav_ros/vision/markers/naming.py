@@ -253,6 +253,7 @@ class Search:
         self.faults = faults
         self.views = faults.views  # at this frame's time
         self.reacquired: Mapping[int, float] = {}  # log odds of the markers found again together
+        self._every: Sequence[Light] = ()  # lights of the frame
         self.lamps: list[Light] = []  # lights that are lamps (see `Lamps`)
         self.alone: set[int] = set()  # markers beside whose lights no other light is near
         self._known: tuple[int, ...] = tuple(self.found)
@@ -285,7 +286,7 @@ class Search:
         if lamps.are_known:
             self._find_lamps()
         lights = [light for light in lights if light not in self.lamps]
-        self._free = apart_from(lights, self.found.values())
+        self._free = apart_from(lights, [*self.found.values()])
         if not self.suspects:
             self._name_clear()
             if len(self.found) >= 2 and len(self.missing) >= 2:
@@ -304,7 +305,6 @@ class Search:
         }
         named = list(self.found.values())
         nameless = [light for light in self._free if light not in named]
-        self._learn_lamps()
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
         few = len(self.reacquired) < FAULTS.min_firm
@@ -325,23 +325,21 @@ class Search:
                 return
             self.views.anchor(correction)
         self.lamps = [*seen.values()]
-        self.found = {
-            m: light for m, light in self.found.items() if apart_from([light], self.lamps)
-        }
+        kept = apart_from([*self.found.values()], self.lamps)
+        self.found = {m: light for m, light in self.found.items() if light in kept}
         self.suspects &= self.found.keys()
         self._known = tuple(self.found)
         self._view = self.views.look(places_of(self.found))
 
-    def _learn_lamps(self) -> None:
+    def learn_lamps(self, lamps: Lamps) -> None:
         """Follow the lamps, where the markers leave no doubt of the view."""
         firm = self.found.keys() - self.suspects - self._doubtful
         if FAULTS.min_agreeing <= len(firm) == len(self.found):
-            lights = apart_from(self._every, self.found.values())
+            lights = apart_from(self._every, [*self.found.values()])
             expected = self.expected(range(len(self._markers))).values()
             places = np.array([place[:2] for place in expected])
-            self._known_lamps.learn(
-                self.views.shape, self._view, lights, places, is_whole=not self.missing
-            )
+            whole = not self.missing
+            lamps.learn(self.views.shape, self._view, lights, places, is_whole=whole)
 
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
