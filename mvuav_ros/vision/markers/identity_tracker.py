@@ -162,7 +162,7 @@ class IdentityTracker:
             if self._trial.is_refuted(places_of(agreeing), contradicted):
                 return self._give_up()
         memory.trust_again(doubted, search.alone)
-        if self._may_look():
+        if self._lamps_are_due():
             search.learn_lamps(self.lamps)
         return self._conclude(frame, memory, search, windows, status)
 
@@ -182,7 +182,7 @@ class IdentityTracker:
         faults.commit(named)
         self._is_sure = True
         memory.remember(frame.time, spots, {})
-        if self._may_look():
+        if self._lamps_are_due():
             own = [Light(*place, spots[marker]) for marker, place in named.items()]
             self._look_for_lamps(frame, faults.views, own)
         return self._result(frame, memory, spots, windows=windows)
@@ -196,8 +196,8 @@ class IdentityTracker:
         others, places = apart_from(lights, named), coordinates(named)
         self.lamps.learn(views.shape, views.view, others, places, is_whole=True)
 
-    def _may_look(self) -> bool:
-        """Whether it is time to look at lamps."""
+    def _lamps_are_due(self) -> bool:
+        """Whether to look at lamps in this frame; if so, they are not due in the next ones."""
         if self._tick < self._last_look + LOOKS[0 if self.lamps.are_few else 1]:
             return False
         self._last_look = self._tick

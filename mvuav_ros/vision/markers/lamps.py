@@ -28,10 +28,10 @@ MAX_LAMPS = 24
 DEPTH = 0.4  # Of the body's size (1 sigma): how far behind or before its middle a lamp may be
 NOISE, NOISE_FOUND = 0.7, 2.0  # px (1 sigma), of a lamp's place; in a view that was just found
 GATE = 4.0  # Standard deviations within which a light may be a lamp
-MIN_SEEN, MIN_SHARE = 8, 0.9  # Frames with a lamp that is known, and of those that should show it
+MIN_SEEN, MIN_SHARE = 8, 0.9  # Looks with a lamp that is known, and of those that should show it
 MIN_MOVED = 10.0
 """px, by which a lamp that is known has moved in the image with the body: a glare does not."""
-MIN_KEPT, SPARED = 0.5, 3  # Of the frames that should show it, of any that is kept; but for some
+MIN_KEPT, SPARED = 0.5, 3  # Of the looks that should show it, of any that is kept; but for some
 HIDDEN = 8.0  # px from a marker, whose light hides a lamp
 MIN_LAMPS = 3  # Lamps that show where the body is
 ALIKE = 2.0  # By which their deviations are taken larger, as all frames err alike

@@ -9,6 +9,7 @@ from support.marker_flights import DISTORTION, HEIGHT, SCENES, WIDTH, MarkerFlig
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers import identity_tracker
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity_tracker import IdentityTracker
 from mvuav_ros.vision.markers.lamps import MIN_SEEN, Lamps
@@ -175,3 +176,16 @@ def test_a_body_whose_markers_are_dark_for_long_is_neither_found_nor_lost():
     assert wrong == 0
     assert not any(names for names, _ in counts[60:480])
     assert all(names >= whole for names, whole in counts[483:])
+
+
+@pytest.mark.parametrize(('lamps', 'most'), [(0, 4), (3, 62)])
+def test_all_lights_are_looked_at_in_few_usual_frames(lamps, most, monkeypatch):
+    """In one of sixty; in one of three while a light may yet turn out to be a lamp."""
+    looks = []
+    find_spots = identity_tracker.find_spots
+    monkeypatch.setattr(
+        identity_tracker, 'find_spots', lambda *frame: looks.append(1) or find_spots(*frame)
+    )
+    flight = MarkerFlight(Scene(lamps=lamps), 3)
+    assert track(flight) == (0, [(5, 5)] * 180)
+    assert 3 <= len(looks) <= most
