@@ -198,7 +198,7 @@ class IdentityTracker:
 
     def _lamps_are_due(self) -> bool:
         """Whether to look at lamps in this frame; if so, they are not due in the next ones."""
-        if self._tick < self._last_look + LOOKS[0 if self.lamps.are_few else 1]:
+        if self._tick < self._last_look + LOOKS[self.lamps.is_learning]:
             return False
         self._last_look = self._tick
         return True

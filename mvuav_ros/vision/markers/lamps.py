@@ -41,8 +41,8 @@ _LAMP = np.dtype(
     [
         ('point', float, 3),  # units of the body's size: right, down, ahead
         ('covariance', float, (3, 3)),
-        ('seen', float),  # frames with the lamp
-        ('due', float),  # frames that should have shown it
+        ('seen', float),  # looks with the lamp
+        ('due', float),  # looks that should have shown it
         ('first', float, 2),  # px, where it was seen first
         ('moved', float),  # px, how far from there at most
     ]
@@ -69,9 +69,9 @@ class Lamps:
         return np.flatnonzero((lamps['seen'] >= enough) & (lamps['moved'] >= MIN_MOVED))
 
     @property
-    def are_few(self) -> bool:
-        """Whether there is no light that may yet turn out to be one."""
-        return len(self._known) == len(self._lamps)
+    def is_learning(self) -> bool:
+        """Whether a light may yet turn out to be one."""
+        return len(self._known) < len(self._lamps)
 
     @property
     def are_known(self) -> bool:
