@@ -13,6 +13,7 @@ from mvuav_ros.vision.markers import (
     calibrated_tracker,
     identity_tracker,
     initialization,
+    lamps,
     marker_memory,
     naming,
     view_filter,
@@ -51,6 +52,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'search by an older filter': [(Search, '_find_otherwise', _returns(None))],
     'two lights': [(naming, 'MIN_REACQUIRED', (3, 3))],
     'hidden markers': [(naming, 'MAX_HIDDEN', 0)],
+    'lamps': [(lamps, 'MIN_SEEN', math.inf)],
     'wider windows': [(identity_tracker, 'WIDEST', 0.0)],
     'learnt calibration': [(calibrated_tracker, 'AGREED', math.inf)],
 }

@@ -163,7 +163,7 @@ class IdentityTracker:
                 return self._give_up()
         memory.trust_again(doubted, search.alone)
         if self._lamps_are_due():
-            search.learn_lamps(self.lamps)
+            search.learn_lamps()
         return self._conclude(frame, memory, search, windows, status)
 
     def _go_on(

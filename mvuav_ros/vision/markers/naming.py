@@ -331,15 +331,15 @@ class Search:
         self._known = tuple(self.found)
         self._view = self.views.look(places_of(self.found))
 
-    def learn_lamps(self, lamps: Lamps) -> None:
-        """Follow the lamps, where the markers leave no doubt of the view."""
+    def learn_lamps(self) -> None:
+        """Follow the lamps among the lights, if there are any and the view is in no doubt."""
         firm = self.found.keys() - self.suspects - self._doubtful
-        if FAULTS.min_agreeing <= len(firm) == len(self.found):
+        if self._every and FAULTS.min_agreeing <= len(firm) == len(self.found):
             lights = apart_from(self._every, [*self.found.values()])
             expected = self.expected(range(len(self._markers))).values()
             places = np.array([place[:2] for place in expected])
             whole = not self.missing
-            lamps.learn(self.views.shape, self._view, lights, places, is_whole=whole)
+            self._known_lamps.learn(self.views.shape, self._view, lights, places, is_whole=whole)
 
     def _name_clear(self) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
