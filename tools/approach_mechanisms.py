@@ -9,7 +9,7 @@ from typing import Any
 
 from mvuav_ros.vision.approach import track, tuning
 from mvuav_ros.vision.approach.attitude import HorizonFinder
-from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
+from mvuav_ros.vision.approach.ground_motion import GroundMotion, Overlaid, Registration
 from mvuav_ros.vision.approach.strip_edges import EdgeLook
 
 
@@ -19,6 +19,7 @@ def _returns(value: Any) -> Callable[..., Any]:
 
 WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'overlays': [(Overlaid, 'take', _returns(None))],
+    'edges that stand still': [(GroundMotion, 'still_odds', _returns(-math.inf))],
     'weights from near by': [(tuning.TRACK, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
     'rows outside of the picture': [

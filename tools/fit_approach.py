@@ -329,7 +329,7 @@ def anywhere(image: NDArray[Any], slope: float) -> tuple[Candidates, Derotation]
     height, columns = pixels.shape[:2]
     level = Derotation(columns, height, factor, slope)
     whole = LevelledImage(pixels, level)
-    return find_candidates(whole, -0.45 * height, 0.65 * height), level
+    return find_candidates(whole, (-0.45 * height, 0.65 * height)), level
 
 
 def is_near_by(found: Candidates) -> NDArray[np.bool_]:
@@ -403,7 +403,9 @@ def of_run(folder: Path, step: int, allowed: Allowed, weight: float) -> Iterator
             def candidates(
                 seen: NDArray[Any], level: Derotation = level, middle: float = middle
             ) -> Candidates:
-                return find_candidates(LevelledImage(level.turned(seen)), middle - 20, middle + 50)
+                return find_candidates(
+                    LevelledImage(level.turned(seen)), (middle - 20, middle + 50)
+                )
 
             for text, seen in enumerate(plain_and_with_text(image)):
                 found = candidates(seen)
@@ -435,7 +437,7 @@ def whole(image: NDArray[Any]) -> tuple[Candidates, int]:
     """Candidates everywhere in an image, and px of the image per px of them."""
     pixels, factor = shrink_levels(image)
     height = pixels.shape[0]
-    return find_candidates(LevelledImage(pixels), 0.03 * height, 0.65 * height), factor
+    return find_candidates(LevelledImage(pixels), (0.03 * height, 0.65 * height)), factor
 
 
 def chosen(

@@ -112,6 +112,11 @@ class Derotation:
         first_y = self.factor * (centre_y + 0.5) - 0.5 - sin * centre_x - cos * centre_y
         return cos * x - sin * y + first_x, sin * x + cos * y + first_y
 
+    def to_working(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """The same on the working image as it was."""
+        on_x, on_y = self.to_frame(x, y)
+        return (on_x + 0.5) / self.factor - 0.5, (on_y + 0.5) / self.factor - 0.5
+
 
 def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:
     """The line through two points."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation, vertex
-from mvuav_ros.vision.approach.strip_edges import Strip
+from mvuav_ros.vision.approach.strip_edges import LevelledFrame, Strip, sample_edges
 from mvuav_ros.vision.approach.tuning import MOTION
 
 
@@ -47,7 +48,7 @@ class Registration:
         if box is None:
             self.alike = 1.0
             return 0.0, 0.0
-        (first, end), (top, bottom) = box
+        (first, top), (end, bottom) = box
         reach = MOTION.reach
         around = self.gray[top - reach : bottom + reach, first - reach : end + reach]
         part = self._last[top:bottom, first:end]
@@ -63,22 +64,61 @@ class Registration:
         return cos * right + sin * down, -sin * right + cos * down
 
 
-def _box(strip: Strip, level: Derotation, size: tuple[int, ...]) -> list[tuple[int, int]] | None:
-    """First column and the one after the last, and the same of rows, of what is compared."""
+def _box(strip: Strip, level: Derotation, size: tuple[int, ...]) -> Any:
+    """(2, 2) first column and row of what is compared, and the ones after the last; else None."""
     x, y, left, right, _, near = strip.tolist()
-    frame = level.to_frame(x + 0.25 * (left + right) * near, y + 0.5 * near)
-    box = []
-    for place, side, length in zip(frame, ((right - left) * near, near), size[1::-1], strict=True):
-        middle = (place + 0.5) / level.factor - 0.5
-        half = 0.5 * min(max(1.5 * side, MOTION.min_side), MOTION.max_side)
-        if not math.isfinite(middle):
-            return None
-        first = max(MOTION.reach, int(middle - half))
-        end = min(length - MOTION.reach, int(middle + half))
-        if end - first < MOTION.min_side // 2:
-            return None
-        box.append((first, end))
-    return box
+    middle = level.to_working(x + 0.25 * (left + right) * near, y + 0.5 * near)
+    sides = np.clip([1.5 * (right - left) * near, 1.5 * near], MOTION.min_side, MOTION.max_side)
+    box = np.trunc(np.multiply.outer((-0.5, 0.5), sides) + middle)
+    box = np.clip(box, MOTION.reach, np.array(size[1::-1]) - MOTION.reach)
+    # Not if the middle is nowhere.
+    return box.astype(int) if (np.diff(box, axis=0) >= MOTION.min_side // 2).all() else None
+
+
+class GroundMotion(NamedTuple):
+    """The newest working image, (height, width), and what an earlier one says that it shows."""
+
+    now: NDArray[np.uint8]
+    before: NDArray[np.uint8]  # the earlier image: of what stands still in the picture
+    moved: NDArray[np.uint8]  # the same, moved as the ground was: of what lies on the ground
+    plane: NDArray[np.float64]  # (3, 3) by which it was moved
+
+    def still_odds(self, strip: Strip, level: Derotation) -> float:
+        """Log odds by which a strip's edges stand still in the picture, not on the ground.
+
+        They are low where the ground does not move the edges aside, as along a runway that is flown
+        along, or where the land beside does not move as the ground should.
+        """
+        x, y, left, right, *ends = strip
+        aside = MOTION.beside * (right - left)
+        land, _ = self._ratios(np.array([x, y, left - aside, right + aside, *ends]), level)
+        edges, away = self._ratios(strip, level)
+        ratio = min(np.minimum(edges, (away / MOTION.map_sigma) ** 2).sum(), -land.sum())
+        odds = MOTION.still_weight * (ratio - MOTION.still_doubt)
+        return float(np.clip(odds, -MOTION.most_still_odds, MOTION.most_still_odds))
+
+    def _ratios(self, strip: Strip, level: Derotation) -> Any:
+        """(2,) logarithms of how much worse motion explains each edge than standing still does.
+
+        Also (2,) px by which the ground would have moved them across themselves.
+        """
+        frames = (LevelledFrame(image, replace(level, factor=1)) for image in self[:3])
+        now, *others = (sample_edges(frame, strip, 0.0) for frame in frames)
+        spare, places = MOTION.spare, now.across.size
+        images = np.stack([each.pixels for each in (now, *others)], dtype=float)
+        # (3 images, 2 edges, rows, shifts, places)
+        parts = np.lib.stride_tricks.sliding_window_view(
+            images.reshape(3, 2, -1, places), places - 2 * spare, axis=3
+        )
+        error = np.square(parts[1:] - parts[:1, :, :, spare : spare + 1]).mean(axis=(2, 4))
+        still, moved = error + MOTION.still_noise**2
+        at = np.stack(level.to_working(now.expected, now.rows), axis=-1)
+        way = cv2.perspectiveTransform(at, self.plane) - at
+        along = at[:, -1:] - at[:, :1]
+        across = np.linalg.det(np.stack(np.broadcast_arrays(way, along), axis=-1))
+        away = np.abs(across).mean(axis=1) / np.linalg.norm(along[:, 0], axis=1)
+        # Where exactly the ground has moved to is not known.
+        return np.log(moved.min(axis=1) / still[:, spare]), away
 
 
 class Overlaid:
@@ -91,6 +131,7 @@ class Overlaid:
     def __init__(self) -> None:
         # (height, width), 255 where the picture is overlaid; None where nowhere.
         self.mask: NDArray[np.uint8] | None = None
+        self.motion: GroundMotion | None = None  # up to the newest image, where it was measured
         self._votes: NDArray[np.float32] | None = None
         self._first = np.zeros((0, 0), np.uint8)
         self._corners = np.zeros((0, 1, 2), np.float32)
@@ -99,6 +140,7 @@ class Overlaid:
     def take(self, gray: NDArray[np.uint8]) -> None:
         """Take in the next working image, (height, width); it may not be changed later."""
         self._age += 1
+        self.motion = None
         if len(self._corners):
             if self._age % self._period:
                 return
@@ -143,6 +185,9 @@ class Overlaid:
         if not should_move.any():
             return False
         self._period = min(self._period + 1, MOTION.period)
+        replicate, size = cv2.BORDER_REPLICATE, gray.shape[::-1]
+        moved = cv2.warpPerspective(self._first, plane, size, borderMode=replicate)
+        self.motion = GroundMotion(gray, self._first, np.asarray(moved, np.uint8), plane)
         self._vote(old[~moving & should_move], new[way > MOTION.min_moved], gray.shape)
         return True
 
@@ -167,9 +212,8 @@ class Overlaid:
 
 def _counted(places: Any, cells: tuple[int, ...]) -> NDArray[np.float32]:
     """How many places (n, 2) lie in each of so many rows and columns of cells."""
-    rows, columns = cells
+    counts = np.zeros(cells, np.float32)
     column, row = (places / MOTION.cell).astype(np.intp).T
-    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-    number = row[inside] * columns + column[inside]
-    counts = np.bincount(number, minlength=rows * columns)
-    return counts.reshape(rows, columns).astype(np.float32)
+    inside = (column >= 0) & (column < cells[1]) & (row >= 0) & (row < cells[0])
+    np.add.at(counts, (row[inside], column[inside]), 1.0)
+    return counts

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -420,10 +421,10 @@ def _scaled(strips: Strips, factor: float) -> Strips:
     return scaled
 
 
-def find_candidates(image: LevelledImage, first: float, last: float) -> Candidates:
-    """All runways whose edges may meet between two rows of a levelled image, px."""
+def find_candidates(image: LevelledImage, *ranges: tuple[float, float]) -> Candidates:
+    """All runways whose edges may meet between two rows, px, or others, of a levelled image."""
     parts = []
-    for level in range(SEARCH.levels):
+    for (first, last), level in product(ranges, range(SEARCH.levels)):
         most = SEARCH.candidates if level == 0 else SEARCH.candidates // 2
         jobs = list(fan_jobs(first / 2**level, last / 2**level, level))
         parts.append(image.search(level, jobs, most))

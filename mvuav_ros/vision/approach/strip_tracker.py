@@ -112,7 +112,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         self._turn(frame.level)
         scene = self._scene if self._frame % TRACKER.scene_frames else None
         working = LevelledImage(pixels, frame.level, scene, self._overlaid.mask)
-        view = View(frame, working, sight, self.registration)
+        view = View(frame, working, sight, self.registration, self._overlaid.motion)
         for track in self.tracks:
             shown = track is self.best
             others = TRACKER.period_certain if self.certain else TRACKER.others_period
@@ -132,8 +132,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         if self._frame == 0:
             # Without a horizon no range is likelier than the others.
             ranges = sight.ranges if sight.row is None else sight.ranges[:1]
-            parts = [find_candidates(view.working, where.first, where.last) for where in ranges]
-            return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+            return find_candidates(view.working, *(where[1:] for where in ranges))
         turns = zip_longest(*map(_chunks, sight.ranges))
         chunks = [chunk for turn in turns for chunk in turn if chunk is not None]
         if not chunks:

@@ -249,7 +249,7 @@ class FollowedStrip:
         margin = 2.0 * 2 ** level_of(self.near_seen)
         depth = np.array([[far - margin], [self.near_seen + margin]])
         places = np.stack(np.broadcast_arrays(x + depth * (left, right), y + depth))
-        on_frame = (np.stack(level.to_frame(*places)) + 0.5) / level.factor - 0.5
+        on_frame = np.stack(level.to_working(*places))
         size = np.array([level.width, level.height]).reshape(2, 1, 1)
         inside = [(at > -0.5) & (at < size - 0.5) for at in (places, on_frame)]
         return list(np.all(inside, axis=(0, 1, 3)))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
-from mvuav_ros.vision.approach.ground_motion import Registration
+from mvuav_ros.vision.approach.ground_motion import GroundMotion, Registration
 from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
 from mvuav_ros.vision.approach.search import LevelledImage, describe_around, ends_of
 from mvuav_ros.vision.approach.side_lines import find_side_lines
@@ -32,7 +32,7 @@ from mvuav_ros.vision.approach.strips import (
     strip_along,
     strips_through,
 )
-from mvuav_ros.vision.approach.tuning import LINES, SEARCH, SHOULDERS, TRACK, TRACKER
+from mvuav_ros.vision.approach.tuning import LINES, MOTION, SEARCH, SHOULDERS, TRACK, TRACKER
 
 
 def weigh(measured: Strips, odds: NDArray[np.float64]) -> tuple[Strips, NDArray[np.float64], float]:
@@ -82,6 +82,7 @@ class View(NamedTuple):
     working: LevelledImage  # its working image
     sight: Sight  # where edges may meet on that
     registration: Registration  # of the working images
+    motion: GroundMotion | None = None  # of these as well, in frames in which it is measured
 
 
 def support(edges: Edges) -> float:
@@ -145,6 +146,7 @@ class RunwayTrack(FollowedStrip):
         self.agreement = 1.0
         self.locked = False  # followed by its edges alone
         self.above_horizon = False  # of a horizon that has been known for longer
+        self.still = MOTION.least_still  # log odds that it stands still in the picture
         self._found = strip[None]  # by a search, since it was weighed
         self._look, self.kinds = EdgeLook(), EdgeKinds()
         self._spread = np.zeros((2, 2))
@@ -165,8 +167,9 @@ class RunwayTrack(FollowedStrip):
 
     @property
     def rank(self) -> float:
-        """Log odds, with what the horizon says, with which it stands against other tracks."""
-        return self.log_odds - TRACKER.above_horizon_odds * self.above_horizon
+        """Log odds, with what horizon and motion say, with which it stands against other tracks."""
+        still = max(self.still, 0.0)  # nearly the logarithm of 1 + odds, and 0 where it moves
+        return self.log_odds - TRACKER.above_horizon_odds * self.above_horizon - still
 
     @property
     def preference(self) -> float:
@@ -200,6 +203,9 @@ class RunwayTrack(FollowedStrip):
             self._follow(view, period, shown)
         if not is_plausible(self.strip(), view.working.size):
             self.give_up()
+        elif view.motion is not None:
+            odds = self.still + view.motion.still_odds(self.strip(), view.frame.level)
+            self.still = min(max(odds, MOTION.least_still), MOTION.most_still)
         # What looks like a horizon in the picture may be the border of a field.
         known = view.sight.seen >= self.age
         self.above_horizon = known and self.lies_above(view.sight.row)

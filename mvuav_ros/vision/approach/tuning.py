@@ -81,6 +81,18 @@ class MotionTuning:
     max_votes: float = 6.0  # votes kept
     joined: int = 5  # cells: overlaid ones that are no farther apart are joined. A drawn runway
     forgotten: float = 0.1  # share of the votes lost in a comparison: one wrong map hides nothing
+    # Of edges that stand still or move: samples by which the map may be wrong, grey levels by which
+    # images of the same differ, widths from an edge to land that should move. Outlines drawn over
+    # moving planes; runs 3 and 5
+    spare: int = 3
+    still_noise: float = 3.0
+    beside: float = 0.5
+    map_sigma: float = 0.5  # px, of the map where edges are
+    still_weight: float = 4.0  # log odds of standing still per logarithm of the ratio of squares
+    still_doubt: float = 0.3  # that ratio, which wrong maps reach
+    most_still_odds: float = 3.0  # log odds of one comparison
+    least_still: float = -4.0  # log odds of a track, at first and at least
+    most_still: float = 12.0  # likewise, at most
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,11 @@ TEXT = (20, 190, 150, 214)
 """First column and row, and those after the last, of the text."""
 
 
-def ground(index, turn=0.0):
-    """A plane of fields seen from an aircraft that flies on, and turns by px per frame."""
-    rng = np.random.default_rng(7)
-    fields = cv2.resize(rng.integers(40, 150, (150, 150), np.uint8), (1200, 1200))
+def ground(index, turn=0.0, size=8.0):
+    """A plane of fields of a size, seen from an aircraft that flies on, and turns by px a frame."""
+    count = round(1200 / size)
+    grey = np.random.default_rng(7).integers(40, 150, (count, count), np.uint8)
+    fields = cv2.resize(grey, (1200, 1200))
     rows = np.arange(HORIZON + 4, 240)
     depth = 3000.0 / (rows - HORIZON)
     across = (np.arange(320) - 160 - turn * index) / 300.0
@@ -60,11 +61,7 @@ def test_nothing_is_overlaid_where_everything_moves_or_nothing_does():
 
 
 def fixed_strip(image):
-    """A runway with dashed sides and a threshold, as a display would lay it over the view.
-
-    Of lines without dashes hardly more than the ends are corners: see "Known failures" in
-    docs/runway.md.
-    """
+    """A runway with dashed sides and a threshold, as a display would lay it over the view."""
     pavement = np.array([(150, 80), (170, 80), (210, 150), (110, 150)])
     cv2.fillPoly(image, [pavement], 70, cv2.LINE_AA)
     for (x1, y1), (x2, y2) in (pavement[[0, 3]], pavement[[1, 2]]):
@@ -86,6 +83,35 @@ def test_a_runway_that_is_painted_on_the_picture_is_none(turn):
         assert result.confidence < 0.05
     for result in results[50:]:
         assert result.corners is None or abs(result.corners[0][0] - 112) > 15
+
+
+def outlined(image, sides):
+    """A runway's outline of plain lines, along which hardly more than the ends are corners."""
+    corners = np.array([(150, 80), (170, 80), (210, 150), (110, 150)])
+    for first in range(0, 4, 4 // sides):
+        ends = corners[first - 1].tolist(), corners[first].tolist()
+        cv2.line(image, *ends, (255,) * 3, 2, cv2.LINE_AA)
+    return image
+
+
+@pytest.mark.parametrize('colour', [True, False], ids=['colour', 'grey'])
+@pytest.mark.parametrize(
+    ('turn', 'sides', 'size'),
+    [(0.4, 4, 8.0), (-0.4, 2, 8.0), (0.6, 2, 16.0), (0.8, 4, 24.0), (1.5, 2, 8.0)],
+)
+def test_an_outline_that_is_drawn_into_the_picture_is_none(turn, sides, size, colour):
+    """Its lines stand still while the ground moves across them; no other thing is a runway."""
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach', min_confidence=0.0))
+    confidences = []
+    for index in range(60):
+        image = cv2.cvtColor(ground(index, turn, size), cv2.COLOR_GRAY2BGR)
+        if colour:
+            image = np.clip(image * (0.6, 1.0, 0.9), 0, 255).astype(np.uint8)
+        image = outlined(image, sides)
+        image = image if colour else np.ascontiguousarray(image[:, :, 1])
+        confidences.append(detector.process(image, index).confidence)
+    assert max(confidences[:12]) > 0.5
+    assert max(confidences[36:]) < 0.05
 
 
 def test_a_runway_whose_edges_stand_still_is_followed():

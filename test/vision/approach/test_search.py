@@ -16,7 +16,7 @@ def test_a_strip_that_meets_above_the_image_and_leaves_it_at_its_sides(horizon, 
     if gray:
         image = np.ascontiguousarray(image[:, :, 2])
     ranges = Sight.unknown(240).ranges
-    strips = [find_candidates(LevelledImage(image), r.first, r.last).strips for r in ranges]
+    strips = [find_candidates(LevelledImage(image), r[1:]).strips for r in ranges]
     x, y, left, right, _, _ = np.concatenate(strips).T
     # In the highest row of the picture and in the row in which the edges leave it.
     rows = np.array([0.0, min(200.0, 140.0 * 10 / (0.5 * width) + horizon)])
