@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -108,21 +109,17 @@ class Ros1Type:
             raise UnknownTypeError(name) from error
         self.schema = Schema('ros2msg', text)
 
-    def to_cdr(self, data: bytes | memoryview, *, is_wanted: bool = True) -> bytes:
-        """Convert a message; one that is not wanted is only measured, and gives b''.
+    def to_cdr(self, data: bytes | memoryview) -> bytes | None:
+        """A message converted; None where it is not of this type."""
+        with suppress(SerdeError, *_MISFITS):
+            return bytes(self._store.ros1_to_cdr(data, self._name))
+        return None
 
-        Raises:
-            SerdeError: the message is not of this type.
-        """
-        try:
-            if is_wanted:
-                return bytes(self._store.ros1_to_cdr(data, self._name))
-            end, _ = self._measured(data, 0, None, 0, self._store)
-        except _MISFITS as error:
-            raise SerdeError(str(error)) from error
-        if end != len(data):
-            raise SerdeError(f'it has {len(data)} bytes, not {end}')
-        return b''
+    def fits(self, data: bytes | memoryview) -> bool:
+        """Whether a message is of this type, which takes less time than to convert it."""
+        with suppress(SerdeError, *_MISFITS):
+            return bool(self._measured(data, 0, None, 0, self._store)[0] == len(data))
+        return False
 
 
 ros1_type = lru_cache(maxsize=1024)(Ros1Type)

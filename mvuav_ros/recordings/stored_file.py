@@ -5,13 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
-
-from rosbags.serde import SerdeError
 
 from mvuav_ros.messages.definitions import Ros1Type, Schema, UnknownTypeError, ros1_type
 from mvuav_ros.messages.untrusted import words
@@ -299,10 +296,10 @@ class RecordingFile(ABC):
         """A message of ROS 1, or one that is compressed by itself, as CDR; None if damaged."""
         data: bytes | memoryview | None = raw
         why = _MALFORMED
-        if converter is not None:
-            data = None
-            with suppress(SerdeError):
-                data = converter.to_cdr(raw, is_wanted=is_wanted)
+        if converter is not None and is_wanted:
+            data = converter.to_cdr(raw)
+        elif converter is not None:
+            data = b'' if converter.fits(raw) else None
         if data is not None and data[:4] == ZSTD_START:
             why, data = _COMPRESSED, decompress_message(data, self._message_limit)
         if data is None:
