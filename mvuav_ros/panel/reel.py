@@ -159,7 +159,7 @@ class Reel:
         finally:
             images.close()
         if not self._items:
-            raise SourceError('there are no images' + f' from {start_s:g} s on' * (start_s > 0))
+            raise SourceError('there are no images')
         # A video's frames have no time of recording.
         first = self._items[0]
         is_known = isinstance(first, EncodedFrame)

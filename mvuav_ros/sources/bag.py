@@ -213,6 +213,7 @@ class BagImages(FrameSource):
 
         Raises:
             RecordingError: the bag cannot be read any more.
+            SourceError: as of `Selection.begin_within`.
         """
         synchronized = self.camera_topic if camera else None, self.imu_topic if attitude else None
         paired = SynchronizedTopics(self.topic, *synchronized, self._named(TF, TF_STATIC_TOPIC))
@@ -245,6 +246,9 @@ class BagImages(FrameSource):
                     self.count = self._estimate(selection, images, elapsed_ns)
             yield from paired.completed(found, wait=True)
         yield from paired.completed(video.end(), wait=False)
+        if images == 0 and window[0] is not None:
+            times = (message.stamp_ns for message in recording.messages({self.topic}))
+            selection.begin_within(self.name, max(times, default=window[0]) - origin_ns)
 
     def _lead_in(self, video: VideoDecoder, start_ns: int) -> None:
         """Decode a video's packets before a part, whose first frames may need them."""

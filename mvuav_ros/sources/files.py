@@ -50,7 +50,8 @@ class ImageFolder(FrameSource):
         self.account.kept = 0
         for index, file in enumerate(self._files):
             stamp_ns = round(index * 1e9 / self.rate) or BEGINNING_NS
-            if index and stamp_ns < round(self.start_s * 1e9):
+            # The first and the last one say how long it is.
+            if 0 < index < len(self._files) - 1 and stamp_ns < round(self.start_s * 1e9):
                 continue
             try:
                 if file.stat().st_size > _MAX_FILE:

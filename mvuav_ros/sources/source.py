@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -63,16 +63,29 @@ class Selection:
         end = None if self.duration_s is None else start + round(self.duration_s * _NS)
         return start if self.start_s > 0 else None, end
 
-    def stretch(self, frames: Iterable[Frame | BadFrame]) -> Iterator[Frame | BadFrame]:
-        """The frames in the stretch of time, of a source whose stamps rise."""
-        window: tuple[int | None, int | None] | None = None
-        for frame in frames:
-            window = window or self.window_ns(frame.stamp_ns - BEGINNING_NS)
-            start, end = window
-            if end is not None and frame.stamp_ns >= end:
+    def stretch(self, source: FrameSource) -> Iterator[Frame | BadFrame]:
+        """The frames in the stretch of time, of a source whose stamps rise.
+
+        Raises:
+            SourceError: as of `begin_within`.
+        """
+        origin_ns = last_ns = 0
+        for number, frame in enumerate(source.frames()):
+            last_ns = frame.stamp_ns
+            origin_ns = origin_ns if number else last_ns - BEGINNING_NS
+            start, end = self.window_ns(origin_ns)
+            if end is not None and last_ns >= end:
                 return
-            if start is None or frame.stamp_ns >= start:
+            if start is None or last_ns >= start:
                 yield frame
+        if last_ns:
+            self.begin_within(source.name, last_ns - origin_ns)
+
+    def begin_within(self, name: str, length_ns: int) -> None:
+        """Raise a SourceError where the start lies beyond the last image of a source."""
+        if length_ns < round(self.start_s * _NS):
+            said = f'the start at {self.start_s:g} s lies beyond its end'
+            raise SourceError(f'{name} is {length_ns / _NS:.2f} s long: {said}')
 
     def count(self, frames: int | None, rate: float | None) -> int | None:
         """The number of frames wanted of a source that has so many at a steady rate (Hz)."""

@@ -232,7 +232,7 @@ class ReplayInput:
 
     def _images(self, keep: Collection[str] | None) -> Iterator[Item]:
         """Those of no bag, which have no messages: a frame's are made of it."""
-        for index, frame in enumerate(self._selection.stretch(self._source.frames())):
+        for index, frame in enumerate(self._selection.stretch(self._source)):
             if isinstance(frame, Frame):
                 if self._camera is not None:
                     frame = replace(frame, camera=self._camera)

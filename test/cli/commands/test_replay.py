@@ -246,6 +246,8 @@ def test_a_part_of_the_recording(
     assert f'results for {len(expected)} of {len(expected)} frames' in run.out
     first = 0 if kind == 'folder' else stamp(0)
     assert [round((s - first) * 30 / 1e9) for s in stamps(out)] == list(expected)
+    run = mvuav('replay', source, '-o', out, *NODE, '--force', '--start', 1)
+    assert 'is 0.97 s long: the start at 1 s lies beyond its end' in run.error
 
 
 def test_a_part_keeps_all_inputs_of_that_time(bag: Path, tmp_path: Path) -> None:
@@ -286,6 +288,8 @@ def test_a_part_is_that_of_the_whole_and_what_is_before_it_need_not_be_sound(
     wanted = [(each.stamp_ns, each.data) for each in inside if each.topic == '/image_raw']
     found = [(each.stamp_ns, each.data) for each in read(part) if each.topic == '/image_raw']
     assert len(found) == 45 and found == wanted
+    run = mvuav('replay', source, '-o', part, *options, '--force', '--start', 60)
+    assert 'is 4.97 s long: the start at 60 s lies beyond its end' in run.error
 
 
 @pytest.mark.parametrize('form', ['mcap', 'rosbag2'])
@@ -296,9 +300,10 @@ def test_an_output_stays_where_nothing_is_there_to_replace_it(
     replay = ('replay', bag, '-o', out, *NODE, '--format', form)
     assert mvuav(*replay).status == 0
     before = read(out)
-    for mistake in (('--start', 100), ('--every', 2, '--duration', 0)):
+    mistakes = (('--start', 100), 'long: the start'), (('--every', 2, '--duration', 0), 'is there')
+    for mistake, said in mistakes:
         run = mvuav(*replay, '--force', *mistake)
-        assert 'not a single frame is there' in run.error
+        assert said in run.error
         assert read(out) == before
 
 
