@@ -15,9 +15,12 @@ Example:
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+# As type checkers know it. A command takes signals only once this file is read: without `typing`.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from mvuav_ros.parameters.parameter_file import load_parameters as load_parameters
     from mvuav_ros.processing.tracking import draw as draw
     from mvuav_ros.processing.tracking import track as track

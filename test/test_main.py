@@ -16,7 +16,7 @@ def executable(monkeypatch):
     module = ModuleType('some_executable')
     module.main = lambda: seen.append(os.environ['OPENBLAS_NUM_THREADS'])
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setitem(__main__.EXECUTABLES, 'some', module.__name__)
+    monkeypatch.setattr(__main__, '_executables', lambda: {'some': module.__name__})
     monkeypatch.setattr(__main__.signal, 'signal', lambda *_: None)
     return seen
 

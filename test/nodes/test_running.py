@@ -135,6 +135,27 @@ def test_the_command_is_interrupted_in_one_line(tmp_path):
         assert 'Traceback' not in output, (delay, output)
 
 
+INTERRUPTED = """
+import os, runpy, signal, sys
+wanted = sys.argv.pop(1)
+assert wanted not in sys.modules
+class Interrupting:
+    def find_spec(name, *_):
+        if name == wanted:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupting)
+runpy.run_module('mvuav_ros', run_name='__main__', alter_sys=True)
+"""
+
+
+@pytest.mark.parametrize('module', ['typing', 'mvuav_ros.detectors', 'mvuav_ros.parameters'])
+@pytest.mark.parametrize(('name', 'status'), [('mvuav', 130), ('marker_tracker', 0)])
+def test_an_interrupt_in_the_midst_of_an_import_is_no_traceback(name, status, module):
+    command = [sys.executable, '-c', INTERRUPTED, module, name]
+    run = subprocess.run(command, cwd=ROOT, env=CLEAN, capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (status, '')
+
+
 def test_an_interrupt_while_a_dataclass_is_made_keeps_the_status():
     """It is made by exec() of text; there Python remembers a KeyboardInterrupt for its exit."""
     program = """
