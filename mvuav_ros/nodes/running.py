@@ -22,7 +22,7 @@ from types import FrameType
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
@@ -106,8 +106,6 @@ class _StopRequest:
         # Unlike an Event, it may be put to while a handler interrupts another put.
         self._ends: SimpleQueue[None] = SimpleQueue()
         Thread(target=self._end_at_last, daemon=True).start()
-        # From then on there is something to clean up.
-        self.initialised = False
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
 
@@ -122,30 +120,42 @@ class _StopRequest:
         os._exit(self._status)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        if not self.initialised:
-            os._exit(0)
         self.made = True
         self._ends.put(None)
 
 
 @contextmanager
-def until_stopped(name: str) -> Iterator[Node]:
-    """A node for a short program; SIGINT and SIGTERM end the block without an error."""
+def _until_signal() -> Iterator[_StopRequest]:
+    """SIGINT and SIGTERM end the block, and ROS, without an error; afterwards they do nothing."""
     stop = _StopRequest()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node(name)
-    stop.initialised = True
-    # A signal just before a wait does not end it: then this does.
-    node.create_timer(_WAKE, lambda: None)
-    install_signal_handlers()
     try:
-        yield node
+        yield stop
     except Exception:
         # After a signal rclpy's calls fail, each in its own way.
         if not stop.made:
             raise
     finally:
         rclpy.try_shutdown()
+        # rclpy has put the handlers back that it found. To Python's end signals are to do nothing.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def until_stopped(name: str) -> Iterator[Node]:
+    """A node for a short program; SIGINT and SIGTERM end the block without an error."""
+    with _until_signal() as stop:
+
+        def look() -> None:
+            if stop.made:
+                rclpy.try_shutdown()
+
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        node = rclpy.create_node(name)
+        # A signal just before a wait, or before rclpy's handlers, does not end it: then this does.
+        node.create_timer(_WAKE, look)
+        install_signal_handlers()
+        yield node
 
 
 def run_nodes(names: Sequence[str]) -> int:
@@ -156,37 +166,30 @@ def run_nodes(names: Sequence[str]) -> int:
         node has `failed` and said why in its log.
     """
     make_nodes = nodes_of(names)
-    stop = _StopRequest()
     tune_process()
     prepare_transport(camera_images=SOURCE in names)
     nodes: Sequence[ManagedNode] = ()
     status = 1
-    try:
-        _refuse_unreadable_files()
-        stop.initialised = True
-        # rclpy's handlers shut the context down at once, even under a node in the making.
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        # Before anything starts: a node that fails at once shuts the context down.
-        executor = SingleThreadedExecutor()
-        nodes = make_nodes()
-        _start(nodes, executor)
-        freeze_garbage()
-        install_signal_handlers()
-        if not stop.made:
-            _spin(executor, nodes)
-        status = int(any(node.failed for node in nodes))
-    except (KeyboardInterrupt, ExternalShutdownException):
-        status = 0
-    except Exception as error:
-        status = 0 if stop.made else _explain(error, nodes)
-    finally:
-        stop.end(status)
-        for node in nodes:
-            node.destroy_node()
-        rclpy.try_shutdown()
-        # rclpy has put the handlers back that it found. To Python's end signals are to do nothing.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+    with _until_signal() as stop:
+        try:
+            _refuse_unreadable_files()
+            # Signals would shut it down at once, even under a node in the making.
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            # Before anything starts: a node that fails at once shuts the context down.
+            executor = SingleThreadedExecutor()
+            nodes = make_nodes()
+            _start(nodes, executor)
+            freeze_garbage()
+            install_signal_handlers()
+            if not stop.made:
+                _spin(executor, nodes)
+            status = int(any(node.failed for node in nodes))
+        except Exception as error:
+            status = 0 if stop.made else _explain(error, nodes)
+        finally:
+            stop.end(status)
+            for node in nodes:
+                node.destroy_node()
     return status
 
 

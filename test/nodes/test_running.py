@@ -91,7 +91,6 @@ from mvuav_ros.nodes import running
 # On a busy machine it all takes longer than a clean-up may.
 running._LONGEST_CLEANUP = 600.0
 stop = running._StopRequest()
-stop.initialised = True
 signal.signal(signal.SIGALRM, stop._on_signal)
 signal.setitimer(signal.ITIMER_REAL, 1e-5, 1e-5)
 for _ in range(20_000):
@@ -103,6 +102,30 @@ os._exit(0)
 def test_a_signal_in_the_midst_of_another_one_blocks_nothing():
     command = [sys.executable, '-c', HAMMERED]
     assert subprocess.run(command, cwd=ROOT, env=CLEAN, timeout=60, check=False).returncode == 0
+
+
+EARLY = """
+import os, signal, rclpy
+from mvuav_ros.nodes import running
+install = running.install_signal_handlers
+def install_late():
+    os.kill(os.getpid(), signal.SIGINT)
+    install()
+running.install_signal_handlers = install_late
+running._LONGEST_CLEANUP = 600.0
+with running.until_stopped('short') as node:
+    rclpy.spin(node)
+print('ended')
+"""
+
+
+def test_a_signal_before_rclpy_knows_of_it_ends_a_short_program(domain):
+    variables = {**CLEAN, 'ROS_DOMAIN_ID': str(domain)}
+    command = [sys.executable, '-c', EARLY]
+    run = subprocess.run(
+        command, cwd=ROOT, env=variables, capture_output=True, text=True, timeout=120
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (0, 'ended\n', '')
 
 
 def test_a_signal_in_the_midst_of_frames(graph):
