@@ -32,6 +32,11 @@ _TANKER = (
 _RATES = {True: 20, False: 0.5}
 """Images of the scene per second, on the screen and off it, where a browser still draws them."""
 _RUNWAY_LENGTH, _DEFAULT_WIDTH = 1500.0, 45.0
+_NEEDS = (
+    'it needs a calibrated camera (camera_info), and names of four lights, or mode approach with a '
+    'runway_width'
+)
+_SILENT = 'the node does not answer'
 _COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
 _MEANS = {
     'rho_mean': 'mean rho px',
@@ -68,8 +73,7 @@ class PoseScene:
             viewer = ui.scene.perspective_camera(fov=40, near=1.0, far=4000.0)
             view = ui.scene(grid=(400, 40), background_color='#dfe6ee', camera=viewer)
             self._scene = view.classes('scene').props('role=img')
-            needs = 'a calibrated camera (camera_info), and names of four lights, or mode approach'
-            el.text(f'No pose: it needs {needs} with a runway_width.', 'soft small no-pose')
+            self._why = el.text('', 'soft small no-pose')
         with self._scene as scene:
             with scene.group() as self._own:
                 self._cone = _make_view(scene)
@@ -98,7 +102,8 @@ class PoseScene:
         el.set_props(self._scene, fps=_RATES[visible])
 
     def show(self, node: LiveNode | None) -> None:
-        """Show the bodies of this node's kind."""
+        """Show the bodies of this node's kind, and why there may be no pose."""
+        self._why.set_text(f'No pose: {_NEEDS if node is None or node.alive else _SILENT}.')
         if node is None or 'pose' not in PROCESSORS[node.kind].topics:
             return
         tracks = node.kind == 'marker_tracker'

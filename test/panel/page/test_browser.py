@@ -593,8 +593,11 @@ def test_without_a_pose_no_body_stands_in_space_and_a_long_name_stays_in_its_pla
     panel.until(lambda: page.evaluate(drawn) == [False], 'a scene without a tanker')
     box = page.locator('.node', has_text=name).bounding_box()
     assert box['x'] + box['width'] < page.locator('.record').bounding_box()['x']
+    why = page.locator('.no-pose')
+    assert why.inner_text().startswith('No pose: it needs a calibrated camera')
+    idle.kill()
+    panel.until(lambda: why.inner_text() == 'No pose: the node does not answer.', 'the reason')
     page.context.close()
-    idle.terminate()
 
 
 def test_a_change_is_marked_in_the_curves(panel):
