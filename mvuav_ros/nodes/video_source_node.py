@@ -127,8 +127,9 @@ class SourcePlayer:
         try:
             self._wait_for_subscribers()
             while not self._stop.is_set():
-                self._interrupt.clear()
+                # In this order: of a restart between the two the rewind must not be lost.
                 self._rewind = False
+                self._interrupt.clear()
                 self._status.state = 'playing'
                 self._play()
         except Exception as error:

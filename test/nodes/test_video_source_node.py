@@ -279,6 +279,25 @@ def test_a_restart_is_seen_after_its_interrupt():
     assert seen == [False] and player._rewind
 
 
+def test_a_restart_in_the_midst_of_a_new_pass_is_not_lost():
+    """Its interrupt was kept without the rewind: that pass ran as fast as it could be read."""
+    player = SourcePlayer(Logged(), Damaged())
+
+    clear, passes = player._interrupt.clear, []
+
+    def between():
+        clear()
+        player.restart()
+
+    def play():
+        passes.append((player._rewind, player._interrupt.is_set()))
+        player._stop.set()
+
+    player._interrupt.clear, player._play = between, play
+    player._run()
+    assert passes == [(True, True)]
+
+
 @pytest.fixture
 def clock(monkeypatch):
     """A clock that only waiting moves: its time, s, and an event whose waits do so."""

@@ -25,8 +25,8 @@ distortion_coefficients:
 rectification_matrix:
   rows: 3
   cols: 3
-  data: [1., 0., 0.,
-         0., 1., 0.,
+  data: [0.8, -0.6, 0.,
+         0.6, 0.8, 0.,
          0., 0., 1.]
 projection_matrix:
   rows: 3
@@ -53,6 +53,10 @@ def test_a_saved_calibration_is_read_by_every_url(share):
     first, *others = (load_calibration(url) for url in urls)
     assert (first.width, first.height, first.k[0], first.d[1]) == (640, 480, 603.52, -0.232)
     assert all(other == first for other in others)
+    save_calibration(first, path)
+    assert load_calibration(path) == first
+    rows = [line for line in path.read_text().splitlines() if 'data: [' in line]
+    assert len(rows) == 4 and all(row.endswith(']') for row in rows)
 
 
 def test_a_calibration_of_one_camera_is_saved_with_the_identity_and_k(tmp_path):

@@ -21,7 +21,7 @@ from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.recordings.layout import fingerprint
 from mvuav_ros.sources.files import ImageFolder, VideoFile
 from mvuav_ros.sources.opening import looks_like_bag, open_source, planned_flight
-from mvuav_ros.sources.source import BEGINNING_NS, SourceError
+from mvuav_ros.sources.source import BEGINNING_NS, Selection, SourceError
 from mvuav_ros.sources.v4l2_camera import Camera
 
 
@@ -61,6 +61,7 @@ def test_hidden_files_are_no_images(tmp_path):
 def test_a_rate_for_images(tmp_path):
     source = open_source(str(write_images(tmp_path / 'images')), rate=10.0)
     assert [f.stamp_ns for f in source.frames()][:3] == [1, 100_000_000, 200_000_000]
+    assert [f.stamp_ns for f in Selection(start_s=1.1).stretch(source)] == [1_100_000_000]
 
 
 def test_a_glob_and_a_single_image(tmp_path):
@@ -72,7 +73,7 @@ def test_a_glob_and_a_single_image(tmp_path):
 def test_a_glob_below_a_folder_whose_name_has_brackets(tmp_path, monkeypatch):
     folder = write_images(tmp_path / 'flight[1] (2)', 2)
     monkeypatch.chdir(tmp_path)
-    for pattern in (f'{folder}/*.png', f'{folder.name}/image*', 'flight*/image_?.png'):
+    for pattern in (folder, f'{folder}/*.png', f'{folder.name}/image*', 'flight*/image_?.png'):
         assert open_source(pattern).count == 2
     assert fingerprint(f'{folder}/*.png')['input_bytes'] != '0'
 
@@ -110,6 +111,7 @@ def test_a_video_and_its_own_rate(tmp_path):
         ('missing.mcap', 'no such file'),
         ('empty', 'no images and no bag'),
         ('text.mp4', 'not a video'),
+        ('nothing.mp4', 'nothing.mp4 is empty'),
         ('*.png', 'no images and no bag'),
         ('sim:zeppelin', 'sim:tanker and sim:runway'),
         ('sim:tanker?motion=looping', 'must be one of'),
@@ -119,6 +121,7 @@ def test_a_video_and_its_own_rate(tmp_path):
 def test_what_cannot_be_opened_is_said(tmp_path, name, words):
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'text.mp4').write_text('no video')
+    (tmp_path / 'nothing.mp4').touch()
     text = name if name.startswith('sim:') else str(tmp_path / name)
     with pytest.raises(SourceError, match=words):
         open_source(text)

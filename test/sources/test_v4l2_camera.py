@@ -79,6 +79,12 @@ def test_nothing_is_asked_for_by_default():
     assert Driver.newest.asked == []
 
 
+def test_a_gray_camera_that_says_nothing_of_itself(monkeypatch):
+    monkeypatch.setattr(Driver, 'get', lambda *_: -1.0)
+    monkeypatch.setattr(Driver, 'read', lambda _: (True, np.zeros((480, 640), np.uint8)))
+    assert first().image.encoding == 'mono8'
+
+
 def test_settings_are_made_in_an_order_that_drivers_take():
     camera = Camera(
         0,
@@ -102,6 +108,7 @@ def test_settings_are_made_in_an_order_that_drivers_take():
     [
         ({'width': 1920, 'height': 1080}, 'width is 640, not 1920, height is 480, not 1080'),
         ({'fps': 120.0}, 'fps is 29.97, not 120'),
+        ({'fps': 31.0}, None),
         ({'pixel_format': 'GREY'}, 'pixel_format is YUYV, not GREY'),
         ({'gain': 0}, None),
         ({'gain': 5}, 'gain is 0, not 5'),
