@@ -43,7 +43,7 @@ from mvuav_ros.messages.images import (
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.bag import BagImages
-from mvuav_ros.sources.files import VideoFile
+from mvuav_ros.sources.files import VideoFile, _Stamps
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import BEGINNING_NS as FIRST
 from mvuav_ros.sources.source import Selection, SourceError
@@ -123,6 +123,9 @@ def test_a_steady_rate_is_freed_of_the_files_rounding(tmp_path: Path) -> None:
     stamps = [frame.stamp_ns for frame in source.frames()]
     assert stamps == pytest.approx([number * 1e9 / 30 for number in range(31)], abs=1e6)
     assert len(set(stamps)) == 31
+    # What is off by a tick is no rounding; a time that stands still or runs back goes on.
+    ticks = _Stamps(20.0, Fraction(1, 1000))
+    assert [ticks.of(pts) for pts in (0, 51, 51, 40)] == [1, 51_000_000, 101_000_000, 151_000_000]
 
 
 def test_a_camera_that_was_turned(tmp_path: Path) -> None:
