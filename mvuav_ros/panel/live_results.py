@@ -156,8 +156,7 @@ class Figures:
         self._place = np.where(np.abs(place) < _MAX_DISTANCE, place, math.nan)
         self._turn = rotation_of(pose.orientation)
         variances = np.diagonal(np.reshape(message.pose.covariance, (6, 6)))
-        known = (variances > 0) & (variances < _MAX_VALUE)
-        self._deviations = np.sqrt(np.where(known, variances, math.nan))
+        self._deviations = np.sqrt(np.where(variances > 0, variances, math.nan))
         self._missed = 0
         if self._kind == 'marker_tracker':
             self._place = OPTICAL_FROM_BODY.T @ self._place
@@ -229,7 +228,7 @@ def _trust_in_markers(rows: Any) -> tuple[str, str]:
         int((rows['state'] == state).sum())
         for state in (MarkerState.DETECTED, MarkerState.PREDICTED)
     )
-    if len(rows) == 0 or (rows['label'] == Label.UNLABELLED).all():
+    if (rows['label'] == Label.UNLABELLED).all():
         return (GOOD if detected else BAD), f'{detected} lights, without names'
     words = f'{detected} of {len(rows)} lights' + (f', {predicted} predicted' if predicted else '')
     good = detected == len(rows)

@@ -132,7 +132,7 @@ def test_stamps():
         watch.follow(stamp)
     assert watch.frames_left_out == 2
     assert watch.spacing_ns == pytest.approx(33_333_333, abs=10)
-    watch.follow(stamps[-1] + 60_000_000_000)
+    watch.follow(stamps[-1] + 6_000_000_000)
     assert (watch.frames_left_out, watch.jumps_forward) == (2, 1)
 
 
@@ -143,6 +143,16 @@ def test_irregular_stamps_are_no_gaps():
         stamp += 33_000_000 + (index % 3) * 5_000_000
         watch.follow(stamp)
     assert watch.frames_left_out == 0
+
+
+def test_the_first_few_stamps_say_nothing_of_gaps_and_those_that_run_back_nothing_at_all():
+    watch = StampMonitor()
+    for stamp in (0, 100, 400, 500, 900):
+        watch.follow(stamp)
+    assert (watch.frames_left_out, watch.spacing_ns) == (0, 0)
+    for stamp in range(800, 0, -100):
+        watch.follow(stamp)
+    assert watch.spacing_ns == 0
 
 
 def test_problems_are_those_of_the_last_seconds():
@@ -163,6 +173,12 @@ def test_problems_are_those_of_the_last_seconds():
     for _ in range(6):
         last = said()
     assert last == 'running'
+    statistics.stamps.frames_left_out = 3
+    assert said().startswith('gaps in the stamps: 3 images are missing')
+    # Those that were lost on their way are no fault of the camera.
+    events.lost += 3
+    events.missing += 3
+    assert 'gaps' not in said()
 
 
 @pytest.mark.parametrize('total', [3, 2**64 - 2**31 + 3])
@@ -208,6 +224,13 @@ def test_a_source_never_warns_without_words(monkeypatch):
     status = SourceStatus('camera')
     status.trouble('torn')
     assert said == ['torn']
+
+
+def test_a_source_that_is_paused_says_so():
+    status = SourceStatus('video flight.mp4')
+    status.state = 'playing'
+    said = status.report('source', paused=True, subscribers=1)
+    assert (said.message, said.values[0].value) == ('paused', 'paused')
 
 
 def test_reasons_for_silence():
@@ -275,6 +298,14 @@ def test_a_frame_that_is_not_followed_leaves_no_gap():
     assert monitor.frames_left_out == 0
     monitor.follow(1600)
     assert monitor.frames_left_out == 2
+    # Nor does one that is rejected.
+    statistics, image = FrameStatistics(), Image(np.zeros((2, 2), np.uint8), 'mono8')
+    for number in (*range(10), 11):
+        if number == 11:
+            statistics.reject('bad image', 'torn')
+        frame = Frame(number * 100, 'camera', image)
+        statistics.processed_one(frame, FrameTimes(0.0, 0.0, 0.0, 0.0, 0.0))
+    assert statistics.stamps.frames_left_out == 0
 
 
 def test_a_handover_never_holds_up_the_source(graph):

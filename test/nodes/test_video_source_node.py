@@ -19,11 +19,13 @@ from mvuav_ros.messages.images import BadFrame, Frame, decode_compressed_image, 
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes import video_source_node
 from mvuav_ros.nodes.diagnostics import SourceStatus
+from mvuav_ros.nodes.publishing import as_encoding
 from mvuav_ros.nodes.video_source_node import Pace, SourcePlayer
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.opening import open_source
+from mvuav_ros.vision.image import Image as OwnImage
 
 NODE = 'video_source'
 
@@ -122,6 +124,15 @@ def test_encoding_gamma_and_stamp(graph, folder):
     assert abs(stamps(images)[-1] - time.time()) < 30
 
 
+def test_other_encodings():
+    bgr = np.array([[[1, 2, 3]]], np.uint8)
+    assert as_encoding(OwnImage(bgr, 'bgr8'), 'rgb8').pixels.tolist() == [[[3, 2, 1]]]
+    assert as_encoding(OwnImage(bgr[:, :, ::-1], 'rgb8'), 'bgr8').pixels.tolist() == bgr.tolist()
+    deep = OwnImage(np.array([[0x1234]], np.uint16), 'mono16')
+    assert as_encoding(deep, 'mono8').pixels.tolist() == [[0x12]]
+    assert as_encoding(deep, 'source') is deep
+
+
 def test_compressed_images(graph, bag):
     images = play(graph, bag, '/image_raw/compressed', CompressedImage)
     graph.until(lambda: len(images) == 10, '10 images')
@@ -135,6 +146,10 @@ def test_calibration(graph, tmp_path, topic, focal_length):
     with RecordingWriter(bag) as writer:
         message = serialize_message(image_message(np.zeros((48, 64), np.uint8), 0))
         writer.write(topic, 'sensor_msgs/msg/Image', 0, message)
+        # What is given counts, not what was recorded.
+        other = CameraInfo(width=64, height=48, k=[90.0, 0, 32.0, 0, 90.0, 24.0, 0, 0, 1.0])
+        kind = 'sensor_msgs/msg/CameraInfo'
+        writer.write('/nose/camera_info', kind, 0, serialize_message(other))
     calibration = tmp_path / 'nose.yaml'
     calibration.write_text(
         'image_width: 64\nimage_height: 48\ncamera_name: nose\n'

@@ -1,12 +1,16 @@
 """Nodes as the panel finds them, on real DDS."""
 
 import asyncio
+import time
+from types import SimpleNamespace
 
 import pytest
+from rcl_interfaces.msg import SetParametersResult
 from sensor_msgs.msg import PointCloud2
 from support.graph import Graph
 
-from mvuav_ros.panel.live_nodes import FoundNode, LiveNode, LiveSystem, find_nodes
+from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE
+from mvuav_ros.panel.live_nodes import FoundNode, LiveNode, LiveSystem, _input, find_nodes
 
 KIND = 'marker_tracker'
 
@@ -70,3 +74,69 @@ def test_of_many_nodes_that_are_gone_the_last_few_are_kept(monkeypatch):
         assert [*system.nodes] == [f'/tracker_{number}' for number in range(5, 10)]
 
     asyncio.run(scan())
+
+
+def followed(monkeypatch):
+    """A system with a node that has answered, whose ROS is not there."""
+    monkeypatch.setattr(LiveSystem, '_read', lambda *_: asyncio.sleep(0))
+    monkeypatch.setattr(LiveNode, 'connect', lambda *_: None)
+    system, found = LiveSystem(None), FoundNode('/tracker', KIND)
+    node = system.nodes['/tracker'] = LiveNode(None, found)
+    node.alive, node.unread = True, False
+    return system, node, {'/tracker': found}
+
+
+@pytest.mark.parametrize('quiet', [0.0, 1.0, 60.0])
+def test_a_node_that_says_nothing_for_long_is_asked_again(monkeypatch, quiet):
+    system, node, found = followed(monkeypatch)
+    # Where it has said nothing yet that is no silence.
+    node.last_seen = time.monotonic() - quiet if quiet else 0.0
+
+    async def scan():
+        system._take(found)
+
+    asyncio.run(scan())
+    assert (node.alive, node.unread) == ((False, True) if quiet > 4.0 else (True, False))
+
+
+def test_what_was_not_followed_is_no_silence(monkeypatch):
+    system, node, _ = followed(monkeypatch)
+    node.last_seen = time.monotonic()
+    system._scanning = SimpleNamespace(cancel=lambda: None)
+    system.leave(print)
+    assert node.unread and node.last_seen == 0.0
+
+
+def test_a_value_that_is_refused_is_not_shown(monkeypatch):
+    system, node, _ = followed(monkeypatch)
+    node.values = {'threshold': 0.7, 'mode': 'track'}
+    refused = SetParametersResult(successful=False, reason='threshold: must be at most 1')
+
+    async def ask(*_, **__):
+        return SimpleNamespace(results=[SetParametersResult(successful=True), refused])
+
+    node.ask = ask
+    said = asyncio.run(system.set(node, {'mode': 'detect', 'threshold': 7.0}))
+    assert said == {'threshold': 'must be at most 1'}
+    assert node.values == {'threshold': 0.7, 'mode': 'detect'}
+
+
+@pytest.mark.parametrize(('success', 'reason'), [(True, ''), (False, 'not active')])
+def test_a_service_that_fails_says_why(success, reason):
+    async def request(*_):
+        return SimpleNamespace(success=success, message='not active')
+
+    node = SimpleNamespace(create_client=lambda *_: None, destroy_client=lambda _: None)
+    system = LiveSystem(SimpleNamespace(node=node, request=request))
+    assert asyncio.run(system.trigger('/tracker/reset')) == reason
+
+
+def test_raw_images_and_the_longer_side_count(monkeypatch):
+    both = [('/a/image_raw/compressed', [COMPRESSED_IMAGE]), ('/a/image_raw', [IMAGE])]
+    assert _input(both)[:2] == ('/a/image_raw', False)
+    assert _input(both[:1])[:2] == ('/a/image_raw/compressed', True)
+    _, node, _ = followed(monkeypatch)
+    assert node.image_size == 0
+    for said in ('640x480 mono8', '480x640 mono8'):
+        node.status = {'image': said}
+        assert node.image_size == 640

@@ -8,7 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import (
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Vector3,
+    Vector3Stamped,
+)
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from support.marker_scenes import draw, tanker_at
@@ -84,6 +89,16 @@ def test_the_tanker_is_ahead_and_to_the_right_in_the_axes_of_the_camera():
     assert turned == {'roll': '± 17°', 'pitch': '± 5.7°', 'yaw': '± 11°'}
     place, turn = whole['pose']
     assert place == [80.0, -1.5, 2.0] and np.allclose(turn, np.eye(3), atol=1e-5)
+    # A variance of 0 says that it is not known.
+    figures, _ = said('marker_tracker', TRACK, (1.5, -2.0, 80.0), AHEAD, deviations=(0.0,) * 6)
+    assert figures['ahead'] == ('80.0 m', '')
+
+
+@pytest.mark.parametrize(('roll', 'shown'), [(0.1, '5.7°'), (-1e-9, '0.0°')])
+def test_the_roll_of_rpy_is_shown_in_degrees(roll, shown):
+    figures = Figures('marker_tracker', lambda: TRACK)
+    figures.take('rpy', Vector3Stamped(vector=Vector3(x=roll)))
+    assert figures.said()['figures'][0][:2] == ('roll', shown)
 
 
 def test_what_is_known_to_millimetres_is_shown_so():
@@ -218,15 +233,35 @@ def test_all_lines_are_counted_where_there_is_room_for_some():
 def test_curves_bear_the_names_of_their_lights():
     chart = PROCESSORS['marker_tracker'].panel.charts['x']
 
-    def names(mode, labels, ids, names=()):
-        markers = tuple(Marker(label, MarkerState.DETECTED, x=5.0, y=5.0) for label in labels)
+    def curves(mode, labels, ids, names=(), state=MarkerState.DETECTED):
+        markers = tuple(Marker(label, state, x=5.0, y=5.0) for label in labels)
         result = MarkerResult(markers, ids=ids)
         data = encode_markers(result, cdr_header(0, ''), numbered=mode == 'track_any')
-        return list(curves_of(chart, deserialize_message(data, PointCloud2), names))
+        return curves_of(chart, deserialize_message(data, PointCloud2), names)
 
+    def names(*given):
+        return list(curves(*given))
+
+    assert curves('track', (0,), (), (), MarkerState.LOST) == {'marker 1': None}
     assert names('track', (0, 4), (), TANKER_NAMES) == ['left wing', 'right wing']
     assert names('track', (0, 1), ()) == ['marker 1', 'marker 2']
     assert names('track_any', (255, 255), (7, 12), TANKER_NAMES) == ['marker 7', 'marker 12']
+
+
+@pytest.mark.parametrize(
+    ('states', 'state', 'words'),
+    [
+        ('DETECTED PREDICTED LOST', DOUBTFUL, '1 of 3 lights, 1 predicted'),
+        ('DETECTED LOST LOST', BAD, '1 of 3 lights'),
+        ('', BAD, '0 lights, without names'),
+    ],
+)
+def test_the_trust_in_lights(states, state, words):
+    markers = tuple(Marker(n, MarkerState[each]) for n, each in enumerate(states.split()))
+    data = encode_markers(MarkerResult(markers), cdr_header(0, ''))
+    figures = Figures('marker_tracker', lambda: TRACK)
+    figures.take('markers', deserialize_message(data, PointCloud2))
+    assert figures.said()['trust'] == (state, words)
 
 
 def test_the_view_in_space_is_the_calibrations():

@@ -1,6 +1,7 @@
 """A recording frame by frame, with any values, as the node itself would see it."""
 
 import asyncio
+import tempfile
 import time
 from dataclasses import replace
 from itertools import islice
@@ -114,6 +115,7 @@ def test_the_time_of_a_frame_counts_from_the_recordings_first_message_as_its_sta
     for start_s, index, seconds in ((0.0, 0, 2.0), (0.0, 15, 3.0), (4.0, 0, 4.0), (4.0, 15, 5.0)):
         shown = show(player, index, source=str(path), start_s=start_s)
         assert shown.seconds == pytest.approx(seconds, abs=0.01)
+        assert shown.is_whole == (start_s == 0.0)
     with pytest.raises(SourceError, match=r'is 5\.93 s long: the start at 60 s'):
         show(player, 0, source=str(path), start_s=60.0)
 
@@ -136,8 +138,12 @@ def test_a_compressed_recording_is_unpacked_once(tmp_path, monkeypatch):
         return unpack(*arguments)
 
     monkeypatch.setattr(reading, 'decompress_file', count)
-    assert show(Reel(), 0, source=str(packed)).count == 180
-    assert len(unpacked) == 1
+    scratch = tmp_path / 'scratch'
+    scratch.mkdir()
+    monkeypatch.setattr(tempfile, 'tempdir', str(scratch))
+    player = Reel()
+    assert show(player, 0, source=str(packed)).count == 180
+    assert len(unpacked) == 1 and not list(scratch.iterdir())
 
 
 def test_of_a_recording_with_several_cameras_the_images_of_each_can_be_shown(tmp_path):
@@ -149,7 +155,7 @@ def test_of_a_recording_with_several_cameras_the_images_of_each_can_be_shown(tmp
                 writer.write(f'/{name}/image_raw', message.type, message.stamp_ns, message.data)
     writer.close()
     both = ('/runway/image_raw', '/tanker/image_raw')
-    player = Reel()
+    player, images = Reel(), {}
     for topic, shown_topic, count in (
         ('/elsewhere', both[0], 3),
         (both[1], both[1], 2),
@@ -158,7 +164,9 @@ def test_of_a_recording_with_several_cameras_the_images_of_each_can_be_shown(tmp
     ):
         shown = show(player, 0, source=str(path), topic=topic)
         assert (shown.topic, shown.count) == (shown_topic, count)
-        assert sorted(shown.topics) == [*both] and shown.results[0].jpeg
+        assert sorted(shown.topics) == [*both]
+        assert images.setdefault(shown.topic, shown.results[0].jpeg) == shown.results[0].jpeg
+    assert len({b'', *images.values()}) == 3
 
 
 def test_the_process_says_why_a_recording_cannot_be_shown_and_goes_on(tmp_path):
@@ -170,6 +178,11 @@ def test_the_process_says_why_a_recording_cannot_be_shown_and_goes_on(tmp_path):
         try:
             with pytest.raises(ReelFailedError, match='broken'):
                 await process.show(replace(FIRST, source=str(broken)))
+            for child in set(active_children()) - before:
+                child.kill()
+                child.join()
+            with pytest.raises(ReelFailedError):
+                await process.show(FIRST)
             return await process.show(replace(FIRST, index=3))
         finally:
             process.end()

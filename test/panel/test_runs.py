@@ -67,7 +67,7 @@ def test_a_run_keeps_parameters_results_input_and_version(made):
     (kept,) = store.all()
     assert kept == done
     assert kept.parameters == VALUES and kept.source == str(BAG) and kept.version
-    assert kept.frames == kept.answered == 150
+    assert kept.frames == kept.answered == 150 and kept.image_topic == ''
     assert said[:2] == [('starting', 0.0), ('0 of 150 frames', 0.0)]
     assert said[-1] == ('150 of 150 frames', 1.0)
     with open_recording(store.folder / 'first' / RESULTS) as recording:
@@ -130,7 +130,7 @@ def test_a_run_over_a_damaged_recording_says_what_is_lost(tmp_path):
 
 def test_a_run_can_be_cancelled(made):
     store, _, _ = made
-    runner, _ = run('cancelled', store, look=lambda runner: runner.is_busy and runner.cancel())
+    runner, _ = run('cancelled', store, look=lambda runner: runner._cancelled or runner.cancel())
     assert runner.words == 'cancelled' and runner.last is None
     assert not (store.folder / 'cancelled').exists()
 
@@ -160,6 +160,9 @@ def test_damaged_runs_are_left_out_and_deleted_ones_gone(made, tmp_path):
         bad = made_at.sub(f'"made": {words}', sound)
         assert bad != sound
         (store.folder / f'made {number}' / 'run.json').write_text(bad)
+    (store.folder / 'more').mkdir()
+    more = sound.replace('"answered": 150', '"answered": 151')
+    (store.folder / 'more' / 'run.json').write_text(more)
     (store.folder / 'fifo').mkdir()
     os.mkfifo(store.folder / 'fifo' / 'run.json')
     found = []
@@ -168,7 +171,15 @@ def test_damaged_runs_are_left_out_and_deleted_ones_gone(made, tmp_path):
     thread.join(60.0)
     assert not thread.is_alive(), 'it waits for somebody to write into a FIFO'
     assert [each.name for each in found] == ['first']
-    bad = {'one', 'two', 'three', 'four', 'fifo', *(f'made {number}' for number in range(5))}
+    bad = {
+        'one',
+        'two',
+        'three',
+        'four',
+        'more',
+        'fifo',
+        *(f'made {number}' for number in range(5)),
+    }
     assert store.rejected.keys() == bad and all(store.rejected.values())
     store.delete('first')
     assert store.all() == [] and not (store.folder / 'first').exists()

@@ -75,6 +75,15 @@ def test_a_few_numbers_stay_numbers_and_other_lists_are_a_line():
 
 def test_values_of_a_file():
     given = {'a': 1, 'b': 'x', 'c': [1, 2.5], 'd': ['x'], 'e': {'f': 1}, 'g': None, 'h': [True]}
+    given['i'] = 2**63 + 1
     taken = {name: sanitized.plain_value(value) for name, value in given.items()}
-    nothing = dict.fromkeys('degh')
+    nothing = dict.fromkeys('deghi')
     assert taken == {'a': 1, 'b': 'x', 'c': (1.0, 2.5), **nothing}
+
+
+def test_a_file_may_be_as_long_as_is_said_and_no_longer(tmp_path):
+    path = tmp_path / 'text'
+    path.write_text('word')
+    assert sanitized.file_text(path, 4) == 'word'
+    with pytest.raises(OSError, match='more than 3 bytes'):
+        sanitized.file_text(path, 3)

@@ -26,8 +26,8 @@ OUTSIDE = [
     'a\\b',
     '/etc/passwd',
     '.hidden',
-    'a..b',
     'ends.',
+    'a..b',
     'nul\0',
     'line\nbreak',
     'x' * 65,
@@ -167,6 +167,7 @@ def test_a_file_from_elsewhere_is_taken_in_if_it_is_one_of_ours(tmp_path):
         b'[' * 50_000,
         b'other: {ros__parameters: {x: 1}}',
         f'a: &a [1]\n{laughs}'.encode(),
+        b'marker_tracker: {ros__parameters: {threshold: &a 0.5, max_distance: *a}}',
         good + b' ' * 200_000,
     ):
         with pytest.raises(ParameterError):
