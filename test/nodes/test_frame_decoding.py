@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import MagicMock
+
 import pytest
 from support.coded_videos import (
     compressed_image,
@@ -13,11 +15,13 @@ from support.coded_videos import (
 
 from mvuav_ros.messages.images import BadFrame, Frame, StampReader
 from mvuav_ros.nodes.image_input import ReceivedImage
-from mvuav_ros.nodes.publishing import FrameDecoder
+from mvuav_ros.nodes.publishing import FrameAnswerer, FrameDecoder
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 
 START_NS = 1_700_000_000_000_000_000
 LEVEL = Attitude(0.0, 0.0, 0.0, 1.0)
+CAMERA = CameraModel(64, 48, (50.0, 0.0, 32.0, 0.0, 50.0, 24.0, 0.0, 0.0, 1.0))
 
 
 def stamp_of(number: int) -> int:
@@ -27,10 +31,9 @@ def stamp_of(number: int) -> int:
 def received(
     data: bytes, number: int = 0, *, skipped: bool = False, lost: bool = False
 ) -> ReceivedImage:
-    attitude = LEVEL if number % 2 else None
+    beside = (CAMERA, LEVEL) if number % 2 else (None, None)
     stamp_ns = StampReader().read(data, START_NS)
-    times = stamp_ns, 0.0, 0.0
-    return ReceivedImage(data, *times, attitude=attitude, is_skipped=skipped, follows_loss=lost)
+    return ReceivedImage(data, stamp_ns, 0.0, 0.0, *beside, is_skipped=skipped, follows_loss=lost)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +51,8 @@ def test_each_packet_gives_its_frame_at_once(transport, make, codec, name) -> No
         (frame,) = decoder.frames(received(make(data, name, stamp_of(number)), number))
         assert isinstance(frame, Frame)
         assert (frame.stamp_ns, number_in(frame.image.pixels)) == (stamp_of(number), number)
-        assert frame.attitude == (LEVEL if number % 2 else None)
+        beside = (CAMERA, LEVEL) if number % 2 else (None, None)
+        assert (frame.camera, frame.attitude) == beside
 
 
 def test_what_is_skipped_is_decoded_only_where_others_need_it() -> None:
@@ -78,6 +82,34 @@ def test_after_a_lost_start_the_next_key_frame_is_the_first() -> None:
     assert numbers[-1] == 11 and len(numbers) >= 7
     assert all('does not decode' in reason for reason in reasons)
     assert len(numbers) + len(reasons) <= 11
+
+
+def test_packets_that_never_become_frames_are_not_kept_for_ever() -> None:
+    decoder = FrameDecoder('compressed')
+    data = packets('libx264', 1)[0]
+    for number in range(200):
+        message = compressed_image(data, 'h264', stamp_of(number))
+        assert list(decoder.frames(received(message, skipped=True))) == []
+    assert len(decoder._received) <= 64
+
+
+def test_after_a_pause_no_image_is_made_of_what_needs_those_before() -> None:
+    processor = MagicMock(status='', frames_problem='')
+    processor.process.return_value = []
+    publishers = MagicMock()
+    publishers.publish.return_value, publishers.debug_wanted.return_value = 0.0, []
+    answerer = FrameAnswerer(MagicMock(), processor)
+    answerer.restart(publishers, 'compressed')
+    for number, data in enumerate(packets('libx265', 10)):
+        answerer.statistics.enabled = number != 2
+        answerer.answer(received(compressed_image(data, 'h265', stamp_of(number))))
+    stamps = [given.args[0].stamp_ns for given in processor.process.call_args_list]
+    assert stamps == [stamp_of(number) for number in (0, 1, 5, 6, 7, 8, 9)]
+    # They are left out, and no bad images.
+    assert answerer.statistics.rejected.total() == 0
+    # What was skipped is counted elsewhere.
+    answerer.answer(received(compressed_image(data, 'h265', stamp_of(10)), skipped=True))
+    assert answerer.statistics.received == 10
 
 
 @pytest.mark.parametrize(('codec', 'name'), [('libx264', 'h264'), ('libx265', 'h265')])

@@ -4,15 +4,17 @@ import os
 import signal
 import xml.etree.ElementTree as ET
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
 import pytest
-from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from support.live_stream import RESULTS
 
 from mvuav_ros.nodes import running as transport
+from mvuav_ros.nodes.publishing import ResultPublishers
 
 # Fast DDS as it comes: a segment of 512 kB.
 DEFAULTS = {'FASTDDS_BUILTIN_TRANSPORTS': 'DEFAULT'}
@@ -209,3 +211,16 @@ def test_a_small_shared_memory_is_left_to_fast_dds(environment, capsys):
     transport.prepare_transport()
     assert not any(name in os.environ for name in VARIABLES)
     assert '--shm-size' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'durability', [DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL]
+)
+def test_what_is_latched_is_published_though_nobody_listens_yet(durability):
+    node = MagicMock()
+    publisher = node.create_publisher.return_value
+    publisher.get_subscription_count.return_value = 0
+    publisher.qos_profile.durability = durability
+    publishers = ResultPublishers(node, MagicMock(message_types={'~/markers': PointCloud2}))
+    publishers.publish([('~/markers', bytes)])
+    assert publisher.publish.called == (durability == DurabilityPolicy.TRANSIENT_LOCAL)

@@ -22,6 +22,7 @@ from mvuav_ros.messages.cdr import PointLayout, cdr_header
 from mvuav_ros.messages.marker_messages import encode_markers
 from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.messages.runway_messages import LINE
+from mvuav_ros.panel import live_results
 from mvuav_ros.panel.live_results import (
     BAD,
     DOUBTFUL,
@@ -291,8 +292,9 @@ def test_a_pose_in_alert_is_doubtful_in_every_mode_that_has_one(mode):
     assert figures.said()['trust'] == (DOUBTFUL, '5 of 5 lights, protection level alert: along')
 
 
-def test_the_calibration_of_a_camera_is_no_result_of_the_node():
-    subscribed, news = {}, []
+def feed_of(values, news):
+    """The results of a node without ROS, and who takes its messages, by topic."""
+    subscribed = {}
     ros = SimpleNamespace(
         subscribe=lambda kind, topic, take, qos: subscribed.update({topic: take}),
         call_in_loop=lambda function, *arguments: function(*arguments),
@@ -300,12 +302,38 @@ def test_the_calibration_of_a_camera_is_no_result_of_the_node():
     node = SimpleNamespace(
         name='/tracker',
         kind='marker_tracker',
-        values=TRACK,
+        values=values,
         image_topic='/image_raw',
         camera_info_topic='/camera_info',
     )
-    feed = SeriesFeed(ros, node, lambda: news.append(1))
+    return SeriesFeed(ros, node, lambda: news.append(1)), subscribed
+
+
+def test_the_calibration_of_a_camera_is_no_result_of_the_node():
+    news = []
+    feed, subscribed = feed_of(TRACK, news)
     subscribed['/camera_info'](CameraInfo())
     assert feed.take() == '' and not news
     subscribed['/tracker/pose'](pose_message((1.5, -2.0, 80.0), AHEAD))
     assert json.loads(feed.take())['pose'] and news
+
+
+@pytest.mark.parametrize(('rate', 'points'), [(30.0, 60), (120.0, 120)])
+def test_curves_have_as_many_points_as_a_screen_shows(monkeypatch, rate, points):
+    clock = SimpleNamespace(now=1000.0)
+    monkeypatch.setattr(live_results, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    feed, subscribed = feed_of(TRACK, [])
+    for _ in range(round(2.0 * rate)):
+        subscribed['/tracker/rpy'](Vector3Stamped())
+        clock.now += 1.0 / rate
+    assert len(json.loads(feed.take())['points']) == pytest.approx(points, abs=1)
+
+
+@pytest.mark.parametrize(('layout', 'name'), [('', 'left wing'), ('rig.yaml', 'marker 1')])
+def test_lights_of_a_rig_of_ones_own_have_no_names_of_the_tanker(layout, name):
+    feed, subscribed = feed_of({**TRACK, 'layout': layout}, [])
+    result = MarkerResult((Marker(0, MarkerState.DETECTED, x=5.0, y=5.0),))
+    data = encode_markers(result, cdr_header(0, ''))
+    subscribed['/tracker/markers'](deserialize_message(data, PointCloud2))
+    points = json.loads(feed.take())['points']
+    assert {curve for _, _, curves in points for curve in curves} == {name}
