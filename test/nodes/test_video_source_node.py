@@ -338,6 +338,21 @@ def test_a_pause_is_no_delay_to_be_caught_up_with(clock):
     assert clock.now > 5.5
 
 
+def test_a_frame_that_is_late_is_caught_up_with_and_time_that_runs_back_is_no_hurry(clock):
+    pace, shown = Pace(lambda: 0.0), []
+    # The stamp of each frame, and how long the one before it took, s.
+    for stamp, took in ((0.0, 0.0), (0.1, 0.3), (0.5, 0.0), (0.6, 2.0), (0.7, 0.0), (0.2, 0.0)):
+        clock.now += took
+        pace.wait(round(stamp * 1e9), clock.event)
+        shown.append(clock.now)
+    pace.wait(300_000_000, clock.event)
+    # At 2.5 s it is too late by far: from there on it goes as it is.
+    assert [*shown, clock.now] == pytest.approx([0.0, 0.3, 0.5, 2.5, 2.6, 2.6, 2.7])
+    pace.wait(100_300_000_000, clock.event)
+    pace.wait_for_end(clock.event)
+    assert clock.now == pytest.approx(2.7 + 5.0 + 5.0)
+
+
 def test_another_rate_counts_while_a_frame_is_waited_for(clock):
     pace = Pace(lambda: 0.01 if clock.now < 3.0 else 10.0)
     pace.wait(0, clock.event)
@@ -365,15 +380,18 @@ class Two(Damaged):
 
 
 def test_no_frame_comes_after_a_pause_although_it_is_waited_for(clock):
-    player, sent = played(Logged(), Two())
-    go_on = []
+    source, go_on, times = Two(), [], []
+    source.frames = lambda: iter([Frame(n * 1_000_000_000, '', None) for n in range(3)])
+    player, sent = played(Logged(), source)
+    player._node.publish = lambda frame: (sent.append(frame.stamp_ns), times.append(clock.now))
 
     def wait(seconds):
         clock.now += seconds
-        player.paused = True
+        player.paused = not go_on
 
     def resumed():
         go_on.append((clock.now, list(sent)))
+        clock.now += 0.5
         player.paused = False
 
     player._interrupt, player._running.wait = clock.event, resumed
@@ -381,7 +399,9 @@ def test_no_frame_comes_after_a_pause_although_it_is_waited_for(clock):
     clock.event.wait = wait
     player._play()
     assert [seen for _, seen in go_on] == [[0]]
-    assert sent == [0, 1_000_000_000]
+    assert sent == [0, 1_000_000_000, 2_000_000_000]
+    # The pause lies between the frames as it was.
+    assert times == pytest.approx([0.0, 1.5, 2.5])
 
 
 def test_the_last_frame_of_a_pass_lasts_like_the_one_before_it(clock):

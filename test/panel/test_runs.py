@@ -126,6 +126,14 @@ def test_a_run_over_a_damaged_recording_says_what_is_lost(tmp_path):
     (kept,) = store.all()
     assert 0 < kept.frames < 150 and 'cut off' in kept.lost
     assert runner.words == f'{kept.answered} of {kept.frames} frames; {kept.lost}'
+    torn = tmp_path / 'torn.mcap'
+    with open_recording(BAG) as recording, RecordingWriter(torn) as writer:
+        for number, message in enumerate(islice(recording.messages({'/image_raw'}), 5)):
+            data = message.data[:100] if number == 2 else message.data
+            writer.write(message.topic, message.type, message.stamp_ns, data)
+    runner, _ = run('torn', store, torn)
+    assert (runner.last.answered, runner.last.frames) == (4, 5)
+    assert {m.name: m.value for m in runner.last.metrics}['frames rejected'] == 1
 
 
 def test_a_run_can_be_cancelled(made):
