@@ -218,8 +218,6 @@ def _explained(error: Exception, name: str) -> tuple[str, int]:
         _leave(2)
     if hasattr(error, 'format_message'):
         return f'{error.format_message()} (see {error.ctx.command_path} --help)', 2  # type: ignore[attr-defined]
-    if type(error).__name__ == 'Abort':
-        return 'interrupted', 128 + signal.SIGINT
     raise error
 
 

@@ -79,7 +79,7 @@ def test_no_option_is_annotated_with_text():
             assert not isinstance(parameter.annotation, str), (callback, parameter)
 
 
-@pytest.mark.parametrize('place', ['~/out', 'file://{}/out'])
+@pytest.mark.parametrize('place', ['~/my out', 'file://{}/my%20out'])
 def test_a_home_and_a_file_url_are_places_whatever_command_writes_there(
     tmp_path, monkeypatch, place
 ):
@@ -95,7 +95,7 @@ def test_a_home_and_a_file_url_are_places_whatever_command_writes_there(
         ('sweep', f'{place}/flight.mcap', '--nodes', 'marker_tracker', f'--output={place}/sweep'),
     ):
         assert mvuav(*command).status == 0
-    names = {path.name for path in (tmp_path / 'out').iterdir()}
+    names = {path.name for path in (tmp_path / 'my out').iterdir()}
     assert names == {'flight.mcap', 'results.mcap', 'tables', 'sweep'}
     assert list((tmp_path / 'here').iterdir()) == []
 

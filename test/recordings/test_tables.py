@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from support.commands import mvuav
 from support.hostile_recordings import GOOD_CLOUD, cloud, write_clouds
-from support.recording_samples import STORE, Sample, cdr, mcap_ends, write_mcap
+from support.recording_samples import STORE, Sample, cdr, mcap_ends, pose_sample, write_mcap
 
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, view_points
 from mvuav_ros.messages.marker_messages import encode_markers, encode_rpy
@@ -279,6 +279,10 @@ def test_messages_that_do_not_decode_are_counted(results: Path, tmp_path: Path) 
     assert strict.status == 1 and '--strict' in strict.error
     (said,) = json.loads(strict.out)['accounts']
     assert (said['kept'], said['lost'], said['is_exact']) == (7, 1, True)
+    # One of several is enough.
+    sound = write_mcap(tmp_path / 'sound.mcap', [pose_sample(0)])
+    several = mvuav('export', sound, results, '-o', tmp_path / 'both', '--strict')
+    assert several.status == 1 and '--strict' in several.error
 
 
 def test_messages_of_a_recording_that_is_cut_are_counted(tmp_path: Path) -> None:
