@@ -16,11 +16,8 @@ from __future__ import annotations
 
 from importlib import import_module
 
-# As type checkers know it. A command takes signals only once this file is read: without `typing`.
-TYPE_CHECKING = False
+TYPE_CHECKING = False  # as type checkers know it, whose import is slow: no signal is taken yet
 if TYPE_CHECKING:
-    from typing import Any
-
     from mvuav_ros.parameters.parameter_file import load_parameters as load_parameters
     from mvuav_ros.processing.tracking import draw as draw
     from mvuav_ros.processing.tracking import track as track
@@ -58,7 +55,7 @@ if not TYPE_CHECKING:
     __all__ = [*_MODULES, '__version__']
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in _MODULES:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     value = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)

@@ -1,13 +1,13 @@
 """``python -m mvuav_ros NAME …`` runs the executable of that name; so do the console scripts.
 
-Nothing is imported before signals are taken: a process is to end cleanly even while it is still
-importing.
+Nothing large is imported before signals are taken: a process ends cleanly while it imports.
 """
 
 import os
 import signal
 import sys
 from collections.abc import Callable
+from importlib import import_module
 
 
 def main() -> None:
@@ -29,8 +29,6 @@ def _run(name: str) -> None:
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     # A camera that cannot be opened is said by us, and tried again each second.
     os.environ.setdefault('OPENCV_LOG_LEVEL', 'ERROR')
-    from importlib import import_module
-
     executables = _executables()
     if name not in executables:
         sys.exit(f'usage: python -m mvuav_ros {"|".join(executables)} …')

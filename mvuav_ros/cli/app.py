@@ -231,7 +231,3 @@ def _leave(status: int) -> NoReturn:
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     sys.exit(status)
-
-
-if __name__ == '__main__':
-    main()

@@ -84,8 +84,7 @@ class NodeProcess:
 
     def interrupt(self) -> None:
         """Ask it to end."""
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+        self._process.send_signal(signal.SIGINT)
 
     def end(self) -> None:
         """Wait for its end, which comes by force if it takes too long."""

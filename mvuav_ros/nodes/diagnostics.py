@@ -191,16 +191,12 @@ class DetectorStatus:
     def __init__(self, statistics: FrameStatistics, processor: Processor) -> None:
         self._statistics, self._processor = statistics, processor
         self._history: deque[dict[str, int]] = deque(maxlen=round(WINDOW) + 1)
-        self._lost = 0
+        self.lost = 0  # images in transport, in the seconds of the newest report
 
     @property
     def state(self) -> str:
         """``running`` or ``disabled``."""
         return 'running' if self._statistics.enabled else 'disabled'
-
-    def explain_no_images(self, images: InputState) -> str:
-        """Why no images come, by the newest `report`."""
-        return explain_no_images(images, self._lost)
 
     def report(self, name: str, images: InputState, notes: Sequence[str]) -> DiagnosticStatus:
         """The status of the last seconds, while nothing else touches the statistics.
@@ -213,7 +209,7 @@ class DetectorStatus:
             never = statistics.received == 0
             level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
             since = '' if never else f' for {WINDOW:.0f} s'
-            problems = [f'no images{since}: {self.explain_no_images(images)}']
+            problems = [f'no images{since}: {explain_no_images(images, self.lost)}']
         elif statistics.enabled:
             problems += statistics.problems()
             problems += filter(None, (self._processor.status, self._processor.frames_problem))
@@ -229,11 +225,11 @@ class DetectorStatus:
         counts['left_out'] = self._statistics.stamps.frames_left_out
         self._history.append(counts)
         recent = {name: count - self._history[0][name] for name, count in counts.items()}
-        self._lost = recent['lost']
+        self.lost = recent['lost']
         problems = []
         skipped = max(recent['missing'] - recent['lost'], 0) + recent['skipped']
-        if self._lost:
-            lost = counted(self._lost, 'image')
+        if self.lost:
+            lost = counted(self.lost, 'image')
             problems.append(f'{lost} lost in transport: {_lost_why(events)}')
         if skipped:
             said = f'{counted(skipped, "image")} skipped; {SLOW_REMEDY}'

@@ -18,6 +18,7 @@ from mvuav_ros.nodes.diagnostics import (
     WINDOW,
     DetectorStatus,
     every_second,
+    explain_no_images,
     publish_status,
     status,
 )
@@ -222,6 +223,6 @@ class VisionNode(ManagedNode):
         statistics = self._answerer.statistics
         quiet = statistics.enabled and statistics.quiet_for >= WINDOW
         if quiet and not self._reported_silence:
-            why = self._status.explain_no_images(images)
+            why = explain_no_images(images, self._status.lost)
             self.get_logger().warning(f'no images for {WINDOW:.0f} s: {why}')
         self._reported_silence = quiet

@@ -40,7 +40,7 @@ class NodeRecorder:
     ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path, self.messages, self.over = path, 0, ''
-        self._ros, self._on_end, self._failed = ros, on_end, False
+        self._ros, self._on_end = ros, on_end
         self._began = time.monotonic()
         self._writer = RecordingWriter(path, metadata={'recorded': {'node': node.name}})
         self._subscriptions = ExitStack()
@@ -79,13 +79,12 @@ class NodeRecorder:
 
     def _keep(self, topic: str, kind: str, data: bytes) -> None:
         # One message may come after the end.
-        if self.over or self._failed:
+        if self.over:
             return
         try:
             self._writer.write(topic, kind, time.time_ns(), data)
             self.messages += 1
         except RecordingError as error:
-            self._failed = True
             self._ros.call_in_loop(self.stop, str(error))
 
 

@@ -101,11 +101,7 @@ def _stored(text: str, topics: _Topics, rate: float | None) -> FrameSource:
 def _remote(url: str, topics: _Topics, rate: float | None) -> FrameSource:
     """A copy of what lies elsewhere, for as long as the source is used."""
     folder = TemporaryDirectory(prefix='mvuav_')
-    try:
-        source = _stored(str(fetch(url, Path(folder.name))), topics, rate)
-    except SourceError:
-        folder.cleanup()
-        raise
+    source = _stored(str(fetch(url, Path(folder.name))), topics, rate)
     weakref.finalize(source, folder.cleanup)
     return source
 

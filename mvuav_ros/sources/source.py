@@ -64,11 +64,7 @@ class Selection:
         return start if self.start_s > 0 else None, end
 
     def stretch(self, source: FrameSource) -> Iterator[Frame | BadFrame]:
-        """The frames in the stretch of time, of a source whose stamps rise.
-
-        Raises:
-            SourceError: as of `begin_within`.
-        """
+        """The frames in it, of a source whose stamps rise; a SourceError as of `begin_within`."""
         origin_ns = last_ns = 0
         for number, frame in enumerate(source.frames()):
             last_ns = frame.stamp_ns

@@ -32,11 +32,7 @@ _TANKER = (
 _RATES = {True: 20, False: 0.5}
 """Images of the scene per second, on the screen and off it, where a browser still draws them."""
 _RUNWAY_LENGTH, _DEFAULT_WIDTH = 1500.0, 45.0
-_NEEDS = (
-    'it needs a calibrated camera (camera_info), and names of four lights, or mode approach with a '
-    'runway_width'
-)
-_SILENT = 'the node does not answer'
+_NEEDS = 'a calibrated camera (camera_info), and names of four lights, or mode approach with a'
 _COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
 _MEANS = {
     'rho_mean': 'mean rho px',
@@ -103,7 +99,9 @@ class PoseScene:
 
     def show(self, node: LiveNode | None) -> None:
         """Show the bodies of this node's kind, and why there may be no pose."""
-        self._why.set_text(f'No pose: {_NEEDS if node is None or node.alive else _SILENT}.')
+        is_silent = node and not node.alive
+        why = 'the node does not answer' if is_silent else f'it needs {_NEEDS} runway_width'
+        self._why.set_text(f'No pose: {why}.')
         if node is None or 'pose' not in PROCESSORS[node.kind].topics:
             return
         tracks = node.kind == 'marker_tracker'
