@@ -14,7 +14,7 @@ import matplotlib
 matplotlib.use('Agg')
 
 from doc_pictures.coordinate_frames import body_frames, image_frame, roll_sign, runway_frame
-from doc_pictures.marker_stages import marker_parameters, marker_pipeline
+from doc_pictures.marker_stages import lamps, marker_parameters, marker_pipeline
 from doc_pictures.name_confidence import name_confidence
 from doc_pictures.node_graph import node_graph
 from doc_pictures.protection_level import protection_level
@@ -28,6 +28,7 @@ PICTURES: Mapping[str, Callable[[Path], None]] = {
     'frame_runway.svg': runway_frame,
     'roll_sign.jpg': roll_sign,
     'marker_pipeline.jpg': marker_pipeline,
+    'lamps.jpg': lamps,
     'runway_pipeline_thesis.jpg': thesis_pipeline,
     'runway_pipeline_approach.jpg': approach_pipeline,
     'name_confidence.png': name_confidence,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +13,14 @@ from doc_pictures.style import image_row, save
 from mvuav_ros import MarkerTracker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.opening import make_flight
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.lights import Blobs
 from mvuav_ros.vision.markers.marker_results import MarkerResult
 from mvuav_ros.vision.point_operations import threshold
 from mvuav_ros.vision.pose import PoseEstimator
+from mvuav_ros.vision.rig import MarkerRig
 
 _FLIGHT = {'frames': 16, 'fps': 15, 'motion': 'roll_translation', 'background': 'sky', 'glares': 2}
 _CROP = slice(0, 450)
@@ -56,6 +60,26 @@ def marker_pipeline(path: Path) -> None:
         '6  pose: the axes of the body',
     ]
     save(image_row([each[_CROP] for each in images], titles), path)
+
+
+def lamps(path: Path) -> None:
+    """A body whose markers are dark for a time, and whose lamps are not."""
+    # The flights that try the tracker, which are the tests'.
+    sys.path.append(str(Path(__file__).resolve().parents[2] / 'test'))
+    from support.marker_flights import DISTORTION, HEIGHT, SCENES, WIDTH, MarkerFlight
+
+    flight = MarkerFlight(SCENES['lamps on the body'], 5)
+    markers = tuple(zip(flight.names, map(tuple, flight.rig.tolist()), strict=True))
+    tracker = MarkerTracker(rig=MarkerRig('body', markers, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    matrix = tuple(flight.matrix.ravel().tolist())
+    tracker.set_camera(CameraModel(WIDTH, HEIGHT, matrix, (*DISTORTION, 0.0)))
+    drawn = []
+    for stamp_ns, pixels, _ in flight:
+        image = Image(pixels, 'mono8')
+        drawn.append(draw_markers(image, tracker.process(image, stamp_ns)))
+    crop = slice(90, 310), slice(130, 570)
+    titles = ['five markers and five lamps', 'two seconds later: the markers are dark']
+    save(image_row([drawn[number][crop] for number in (40, 100)], titles), path)
 
 
 def marker_parameters(path: Path, name: str) -> None:
