@@ -28,8 +28,13 @@ def test_the_player_is_resumed_once_the_detector_has_found_it(graph, tmp_path):
     publisher = player.create_publisher(Image, '/image_raw', QoSProfile(depth=100))
     graph.spin(2.0)
     assert not resumed
-    reliable = {'qos_overrides./image_raw.subscription.reliability': 'reliable'}
-    graph.start('marker_tracker', **reliable)
+    # However long the node has to wait for the processor.
+    everything = {
+        'qos_overrides./image_raw.subscription.reliability': 'reliable',
+        'qos_overrides./image_raw.subscription.history': 'keep_all',
+        'qos_overrides./marker_tracker/markers.publisher.history': 'keep_all',
+    }
+    graph.start('marker_tracker', **everything)
     answers = graph.listen('/marker_tracker/markers', PointCloud2)
     graph.until(lambda: bool(resumed), 'the resumption')
     for index in range(30):
