@@ -132,23 +132,14 @@ def _fly_package(name: str, calibrated: bool, seed: int) -> dict[str, Any]:
 
 
 def _fly(group: str, seed: int) -> dict[str, Any]:
-    from support.marker_flights import DISTORTION, HEIGHT, SCENES, WIDTH, MarkerFlight
-
-    from mvuav_ros.vision.camera import CameraModel
-    from mvuav_ros.vision.rig import MarkerRig
+    from support.marker_flights import SCENES, MarkerFlight, told
 
     flight = MarkerFlight(SCENES[group], seed)
-    markers = tuple(zip(flight.names, map(tuple, flight.rig.tolist()), strict=True))
-    rig = MarkerRig('body', markers, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    camera = None
-    if flight.matrix is not None:
-        matrix = tuple(flight.matrix.ravel().tolist())
-        camera = CameraModel(WIDTH, HEIGHT, matrix, (*DISTORTION, 0.0))
     frames = (
         (stamp_ns, image, truth, truth.whole, not len(truth.others))
         for stamp_ns, image, truth in flight
     )
-    return _follow(rig, camera, frames)
+    return _follow(*told(flight), frames)
 
 
 def _follow(rig: Any, camera: Any, frames: Iterator[Any]) -> dict[str, Any]:

@@ -66,10 +66,12 @@ class Selection:
     def stretch(self, source: FrameSource) -> Iterator[Frame | BadFrame]:
         """The frames in it, of a source whose stamps rise; a SourceError as of `begin_within`."""
         origin_ns = last_ns = 0
+        start = end = None
         for number, frame in enumerate(source.frames()):
             last_ns = frame.stamp_ns
-            origin_ns = origin_ns if number else last_ns - BEGINNING_NS
-            start, end = self.window_ns(origin_ns)
+            if number == 0:
+                origin_ns = last_ns - BEGINNING_NS
+                start, end = self.window_ns(origin_ns)
             if end is not None and last_ns >= end:
                 return
             if start is None or last_ns >= start:

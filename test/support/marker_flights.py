@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -389,6 +389,19 @@ class MarkerFlight:
                 if not np.isnan(other.places[frame, 0]):
                     draw(image, other.places[frame], other.radius)
             yield round(frame / FPS * 1e9), image, truth
+
+
+def told(flight: MarkerFlight) -> tuple[Any, Any]:
+    """The rig and the camera (None: no calibration) that a tracker is told, as the package's."""
+    from mvuav_ros.vision.camera import CameraModel
+    from mvuav_ros.vision.rig import MarkerRig
+
+    markers = tuple(zip(flight.names, map(tuple, flight.rig.tolist()), strict=True))
+    rig = MarkerRig('body', markers, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    if flight.matrix is None:
+        return rig, None
+    matrix = tuple(flight.matrix.ravel().tolist())
+    return rig, CameraModel(WIDTH, HEIGHT, matrix, (*DISTORTION, 0.0))
 
 
 def draw(image: NDArray[np.uint8], place: Array, radius: float) -> None:

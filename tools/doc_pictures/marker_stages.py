@@ -13,14 +13,12 @@ from doc_pictures.style import image_row, save
 from mvuav_ros import MarkerTracker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.opening import make_flight
-from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.lights import Blobs
 from mvuav_ros.vision.markers.marker_results import MarkerResult
 from mvuav_ros.vision.point_operations import threshold
 from mvuav_ros.vision.pose import PoseEstimator
-from mvuav_ros.vision.rig import MarkerRig
 
 _FLIGHT = {'frames': 16, 'fps': 15, 'motion': 'roll_translation', 'background': 'sky', 'glares': 2}
 _CROP = slice(0, 450)
@@ -66,13 +64,12 @@ def lamps(path: Path) -> None:
     """A body whose markers are dark for a time, and whose lamps are not."""
     # The flights that try the tracker, which are the tests'.
     sys.path.append(str(Path(__file__).resolve().parents[2] / 'test'))
-    from support.marker_flights import DISTORTION, HEIGHT, SCENES, WIDTH, MarkerFlight
+    from support.marker_flights import SCENES, MarkerFlight, told
 
     flight = MarkerFlight(SCENES['lamps on the body'], 5)
-    markers = tuple(zip(flight.names, map(tuple, flight.rig.tolist()), strict=True))
-    tracker = MarkerTracker(rig=MarkerRig('body', markers, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    matrix = tuple(flight.matrix.ravel().tolist())
-    tracker.set_camera(CameraModel(WIDTH, HEIGHT, matrix, (*DISTORTION, 0.0)))
+    rig, camera = told(flight)
+    tracker = MarkerTracker(rig=rig)
+    tracker.set_camera(camera)
     drawn = []
     for stamp_ns, pixels, _ in flight:
         image = Image(pixels, 'mono8')

@@ -19,7 +19,14 @@ from mvuav_ros.vision.markers.rig_view import (
     WeakPerspective,
     deviations_of,
 )
-from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, times
+from mvuav_ros.vision.markers.view_correction import (
+    FREEDOM,
+    TAIL,
+    Belief,
+    Correction,
+    NamedPlaces,
+    times,
+)
 
 # Chosen on drawn flights with four to eight lamps on the body, whose lights go out, or which
 # leaves the image; and on glares (seeds 99740 to 99749 of `tools/compare_markers.py`).
@@ -82,7 +89,9 @@ class Lamps:
         self, shape: WeakPerspective, view: ViewState, lights: Sequence[Light]
     ) -> dict[int, Light]:
         """The known lamps among a frame's lights by a view; none where they are too few."""
-        seen, found = self._pairs(shape, view, lights, self._known)
+        known = self._known
+        at, slopes = self._places(shape, view.parameters, known)
+        seen, found = self._pairs(shape, view, lights, known, at, slopes)
         if len(seen) < MIN_LAMPS:
             return {}
         return {lamp: lights[i] for lamp, i in zip(seen.tolist(), found.tolist(), strict=True)}
@@ -107,17 +116,18 @@ class Lamps:
 
         The logarithm of how probable it is to see so much of them, over that without any.
         """
-        known, every = self._known, coordinates(lights)
-        if not (len(known) and len(every)):
+        known = self._known
+        if not (len(known) and lights):
             return np.zeros(len(views))
+        every = coordinates(lights)
         at = WeakPerspective(self._lamps['point'][known], shape.lens).project(views)
         away = np.square(at[:, :, None] - every).sum(axis=-1)
         is_named = (named[:, :, None] == every).all(axis=-1).any(axis=1)
         nearest = np.where(is_named[:, None], np.inf, away).min(axis=-1)
         flat = self._lamps['covariance'][known][:, (0, 1), (0, 1)].sum(axis=-1)
         variances = flat * np.exp(2.0 * views[:, SCALE, None]) + NOISE_FOUND**2
-        # Student's t with four degrees of freedom, as of a marker's place.
-        density = (1.0 + nearest / (4.0 * variances)) ** -3 / (2.0 * math.pi * variances)
+        # Student's t, as of a marker's place.
+        density = (1.0 + nearest / (FREEDOM * variances)) ** -TAIL / (2.0 * math.pi * variances)
         share = (self._lamps['seen'][known] + 1.0) / (self._lamps['due'][known] + 2.0)
         odds = np.log(1.0 - share + share * density / CLUTTER_DENSITY)
         odds[~self._are_in_view(shape, at, named)] = 0.0
@@ -140,8 +150,9 @@ class Lamps:
         lamps, places = self._lamps, coordinates(lights)
         if not (len(lamps) or len(places)):
             return
-        seen, found = self._pairs(shape, view, lights, np.arange(len(lamps)))
-        at, slopes = self._places(shape, view.parameters, np.arange(len(lamps)))
+        rows = np.arange(len(lamps))
+        at, slopes = self._places(shape, view.parameters, rows)
+        seen, found = self._pairs(shape, view, lights, rows, at, slopes)
         is_due = self._are_in_view(shape, at, markers)
         is_due[seen] = True
         lamps['due'] += is_due
@@ -184,11 +195,15 @@ class Lamps:
         view: ViewState,
         lights: Sequence[Light],
         lamps: NDArray[np.intp],
+        at: Array,
+        slopes: Array,
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Those of some lamps that are seen, and as which lights: each the other's nearest."""
+        """Those of some lamps that are seen, and as which lights: each the other's nearest.
+
+        Their places and slopes are those of `_places`.
+        """
         if not (len(lamps) and lights):
             return np.empty(0, np.intp), np.empty(0, np.intp)
-        at, slopes = self._places(shape, view.parameters, lamps)
         _, by_view = WeakPerspective(self._lamps['point'][lamps], shape.lens).linearize(
             view.parameters[None]
         )

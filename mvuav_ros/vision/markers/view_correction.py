@@ -27,8 +27,8 @@ Distance = tuple[float, float, float, float]
 """Factors of x², x y and y², and the logarithm of the density at no distance, px^-2."""
 BESIDE = 6.0  # px (1 sigma): how far from a marker's place a light lies that has been taken for it
 _LOG_TURN = math.log(2.0 * math.pi)
-_FREEDOM = 4.0  # Degrees, of the distribution of a place about where the others put it
-_TAIL = 0.5 * _FREEDOM + 1.0  # Exponent of its density in two dimensions
+FREEDOM = 4.0  # Degrees, of the distribution of a place about where the others put it
+TAIL = 0.5 * FREEDOM + 1.0  # Exponent of its density in two dimensions
 
 
 class Belief(NamedTuple):
@@ -243,8 +243,8 @@ class Correction:
         rows = zip(self.gain.markers, own, self.nis, other, far, strict=True)
         return {
             marker: (
-                by_it[3] - _TAIL * math.log1p(near / _FREEDOM),
-                by_another[3] - _TAIL * math.log1p(far / _FREEDOM),
+                by_it[3] - TAIL * math.log1p(near / FREEDOM),
+                by_another[3] - TAIL * math.log1p(far / FREEDOM),
             )
             for marker, by_it, near, by_another, far in rows
         }

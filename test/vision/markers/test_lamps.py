@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from support.marker_flights import DISTORTION, HEIGHT, SCENES, WIDTH, MarkerFlight, Scene
+from support.marker_flights import SCENES, MarkerFlight, Scene, told
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
@@ -17,7 +17,7 @@ from mvuav_ros.vision.markers.lights import Lens, Light
 from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.rig_view import PITCH, ROLL, ViewState, WeakPerspective, X, Y
 from mvuav_ros.vision.markers.view_correction import Belief
-from mvuav_ros.vision.rig import TANKER_747, MarkerRig
+from mvuav_ros.vision.rig import TANKER_747
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
 SHAPE = WeakPerspective.of(TANKER_747, Lens((640, 480), CAMERA))
@@ -147,10 +147,8 @@ def test_lamps_speak_for_the_view_that_shows_them_where_they_are():
 
 def track(flight):
     """Wrong names, and of each frame how many names and how many markers that shine alone."""
-    markers = tuple(zip(flight.names, map(tuple, flight.rig.tolist()), strict=True))
-    rig = MarkerRig('body', markers, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    camera = CameraModel(WIDTH, HEIGHT, tuple(flight.matrix.ravel().tolist()), (*DISTORTION, 0.0))
-    tracker, parameters = IdentityTracker(rig, camera), MarkerTrackerParameters(prediction='kalman')
+    tracker = IdentityTracker(*told(flight))
+    parameters = MarkerTrackerParameters(prediction='kalman')
     wrong, counts = 0, []
     for stamp_ns, pixels, truth in flight:
         result = tracker.track(Image(pixels, 'mono8'), 1e-9 * stamp_ns, parameters)
