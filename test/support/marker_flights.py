@@ -54,6 +54,7 @@ class Scene:
         glares: wide glares, each with a ghost on the other side of the image.
         clutter: lights that stay in sight and are no markers.
         lamps: lights on the body that are no markers.
+        bright: share of the image, below, that is ground as bright as a marker.
         dropped: share of the frames that never come; half of them in a row.
         rig_error: of each marker's place against the rig, in parts of its size (1 sigma per axis).
         focal_error: of the calibration's focal length, either way; None: no calibration.
@@ -73,6 +74,7 @@ class Scene:
     glares: int = 0
     clutter: int = 0
     lamps: int = 0
+    bright: float = 0.0
     dropped: float = 0.0
     rig_error: float = 0.0
     focal_error: float | None = 0.0
@@ -103,6 +105,7 @@ SCENES = {
         dropped=0.1,
     ),
     'lamps on the body': Scene(lamps=5, losses=4, blind=1, roll=0.3, tilt=0.12),
+    'bright ground': Scene(sway=60.0, bright=0.2, losses=4, blind=1, roll=0.3, tilt=0.12),
     'three lights': Scene(markers=3, impostors=1, losses=1, tilt=0.12),
     'four lights': Scene(markers=4, impostors=2, losses=2, tilt=0.12),
     'eight lights': Scene(markers=8, impostors=3, losses=4, roll=0.5, tilt=0.2),
@@ -193,6 +196,7 @@ class MarkerFlight:
         matrix: (3, 3), the camera's as the tracker is told; None: it is not told.
         others: the lights that are no markers.
         dark: (frames, n), whether a marker does not shine.
+        edge: (frames, width), row below which the ground is bright.
     """
 
     def __init__(self, scene: Scene, seed: int) -> None:
@@ -279,6 +283,13 @@ class MarkerFlight:
             self._add_clutter(moving=number % 2 == 1)
         for _ in range(scene.lamps):
             self._add_lamp()
+        self.edge = np.full((frames, WIDTH), np.inf)
+        if scene.bright:
+            columns = np.arange(WIDTH) - WIDTH / 2
+            waves = 5.0 * np.sin(columns / 37.0) + 3.0 * np.sin(columns / 11.0)
+            middle, slope = self._wander(15.0), self._wander(0.06)
+            middle += (1.0 - scene.bright) * HEIGHT
+            self.edge = middle[:, None] + slope[:, None] * columns + waves
 
     def _add_impostor(self, number: int) -> None:
         """A light in the place of a marker that goes dark: it passes, drifts off, or comes late."""
@@ -367,6 +378,9 @@ class MarkerFlight:
             if is_marker:
                 close &= shining & ~np.eye(len(pixels), dtype=bool)
             whole &= ~close.any(axis=1)
+        column = np.clip(pixels[:, 0], 0, WIDTH - 1).astype(int)
+        # No wave rises by more than half of a lamp's width beside it.
+        whole &= pixels[:, 1] + 1.5 * radii + 3.0 < self.edge[frame, column]
         return Truth(pixels, whole, others, self.rotations[frame], self.translations[frame])
 
     def __iter__(self) -> Iterator[tuple[int, NDArray[np.uint8], Truth]]:
@@ -382,7 +396,7 @@ class MarkerFlight:
         kept[:5] = True
         for frame in np.flatnonzero(kept).tolist():
             truth = self.truth(frame)
-            image = ground.copy()
+            image = np.where(rows > self.edge[frame], np.uint8(235), ground)
             for marker in np.flatnonzero(~self.dark[frame]):
                 draw(image, truth.pixels[marker], self.radii[frame, marker])
             for other in self.others:

@@ -18,7 +18,6 @@ from mvuav_ros.vision.markers.initialization import Attempts, Trial, fewest_at_s
 from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
     Frame,
-    GroupingError,
     Lens,
     Light,
     Point,
@@ -68,7 +67,7 @@ class IdentityTracker:
         self._labels = labels_of(rig.names)
         self._wings = [rig.names.index(wing) for wing in WINGS if wing in rig.names]
         self._size = (0, 0)
-        self._tick, self._last_look = 0, -LOOKS[0]
+        self._tick = self._next_look = 0
         self.lights = 0  # in the newest frame in which the whole body was looked for
         self._start_again()
 
@@ -90,18 +89,12 @@ class IdentityTracker:
             # Any three lights look like three markers, and any four where the lens is not known.
             self._is_redundant = self._count > (3 if self._lens.focal else 4)
             self._start_again()
-        if self._body is None:
-            return self._start(frame)
-        return self._follow(frame, *self._body)
+        result = self._follow(frame, *self._body) if self._body else self._start(frame)
+        return result if result.named else result.remarked(frame.crowd)
 
     def _start(self, frame: Frame, lamps: Collection[Light] = ()) -> MarkerResult:
         """Name all markers in a whole frame, in which some lights are known to be lamps."""
-        try:
-            lights = [light for light in find_spots(frame, self._lens) if light not in lamps]
-        except GroupingError as error:
-            self._attempts.fail()
-            self.lights = 0
-            return self._nothing(str(error))
+        lights = [light for light in find_spots(frame, self._lens) if light not in lamps]
         self.lights = seen = len(lights)
         if not self._attempts.due(seen):
             return self._nothing(f'{seen} lights in view, {self._count} do not stand out')
@@ -138,14 +131,14 @@ class IdentityTracker:
         faults.doubtful = memory.doubtful
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
-            return self._go_on(frame, faults, memory, spots, named, windows)
+            return self._go_on(frame, spots, named, windows)
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
         doubted = memory.distrust(spots)
         faults.untrusted = memory.untrusted
         found = {index: Light(*place, spots[index]) for index, place in named.items()}
         search = Search(faults, memory.markers, consensus, found)
-        status = self._search(frame, search)
+        self._search(frame, search)
         if search.faults is not faults:
             self._body = search.faults, memory
             memory.start_afresh()
@@ -162,53 +155,49 @@ class IdentityTracker:
             if self._trial.is_refuted(places_of(agreeing), contradicted):
                 return self._give_up()
         memory.trust_again(doubted, search.alone)
-        if self._lamps_are_due():
+        if self._tick >= self._next_look:
             search.learn_lamps()
-        return self._conclude(frame, memory, search, windows, status)
+            self._wait_for_lamps()
+        return self._conclude(frame, memory, search, windows)
 
     def _go_on(
         self,
         frame: Frame,
-        faults: FaultDetector,
-        memory: MarkerMemory,
         spots: Mapping[int, Detection],
         named: Mapping[int, Point],
         windows: Sequence[Window],
     ) -> MarkerResult:
         """The usual frame: all markers are in their windows (px of the image), and agree."""
+        assert self._body is not None
+        faults, memory = self._body
         if self._trial is not None and self._trial.is_refuted(named):
             return self._give_up()
         memory.weigh(spots, faults.evidence(named))
         faults.commit(named)
         self._is_sure = True
         memory.remember(frame.time, spots, {})
-        if self._lamps_are_due():
+        if self._tick >= self._next_look:
             own = [Light(*place, spots[marker]) for marker, place in named.items()]
             self._look_for_lamps(frame, faults.views, own)
+            self._wait_for_lamps()
         return self._result(frame, memory, spots, windows=windows)
 
     def _look_for_lamps(self, frame: Frame, views: ViewFilter, named: Sequence[Light]) -> None:
         """Look at the whole frame for lamps on a body all of whose markers have names."""
-        try:
-            lights = find_spots(frame, self._lens)
-        except GroupingError:
-            return
-        others, places = apart_from(lights, named), coordinates(named)
+        others = apart_from(find_spots(frame, self._lens), named)
+        places = coordinates(named)
         self.lamps.learn(views.shape, views.view, others, places, is_whole=True)
 
-    def _lamps_are_due(self) -> bool:
-        """Whether to look at lamps in this frame; if so, they are not due in the next ones."""
-        if self._tick < self._last_look + LOOKS[self.lamps.is_learning]:
-            return False
-        self._last_look = self._tick
-        return True
+    def _wait_for_lamps(self) -> None:
+        """They have been looked at: not in the next frames again."""
+        self._next_look = self._tick + LOOKS[self.lamps.is_learning]
 
     def _give_up(self) -> MarkerResult:
         self._start_again(was_wrong=True)
         return self._nothing('the lights are not those of one body')
 
     def _conclude(
-        self, frame: Frame, memory: MarkerMemory, search: Search, windows: list[Window], status: str
+        self, frame: Frame, memory: MarkerMemory, search: Search, windows: list[Window]
     ) -> MarkerResult:
         """Remember and report what a search has found."""
         # Where other lights are about, some three of all nearly always look like three markers.
@@ -235,24 +224,20 @@ class IdentityTracker:
         spots = {index: light.seen for index, light in search.found.items()}
         memory.remember(frame.time, spots, expected)
         hidden = search.suspects | memory.doubtful
-        return self._result(frame, memory, spots, hidden, expected, windows, status)
+        return self._result(frame, memory, spots, hidden, expected, windows)
 
-    def _search(self, frame: Frame, search: Search) -> str:
-        """Name the lights of the whole frame (see `find_spots`); what is wrong with it."""
+    def _search(self, frame: Frame, search: Search) -> None:
+        """Name the lights of the whole frame (see `find_spots`)."""
         # The filter as it was when four firm names agreed last; since then it has gone on alone.
         if self._is_sure:
             self._sure, self._is_sure = copy.copy(search.views), False
         else:
             self._sure.predict(frame.time)
-        try:
-            lights = find_spots(frame, self._lens)
-        except GroupingError as error:
-            return str(error)
+        lights = find_spots(frame, self._lens)
         # Among many lights either this or a new start takes long enough for one frame.
         rests = self._attempts.rest or self._attempts.last
         if rests or len(lights) <= MAX_NAMED or not self._is_lost(frame):
             search.name(lights, self._clutter, self.lamps, self._sure)
-        return ''
 
     def _is_lost(self, frame: Frame) -> bool:
         """Whether no name has been reported for so long that the body is looked for anew."""

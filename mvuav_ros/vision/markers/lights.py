@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import compress
 from typing import Any, NamedTuple
 
@@ -61,9 +61,8 @@ class Lens:
         return camera.seen_at((ideal - self.centre) / self.focal)
 
 
-# Beyond these a frame is noise or glare, not lights, and grouping it would stall the stream.
-MAX_BRIGHT_FRACTION = 0.05
-MAX_BRIGHT_SMALL_FRAME = 4096
+MAX_BRIGHT_FRACTION, MAX_BRIGHT_SMALL_FRAME = 0.05, 4096
+"""Of a frame, and px, beyond which all bright pixels together are noise or glare, not lights."""
 
 
 class GroupingError(ValueError):
@@ -76,15 +75,15 @@ def area_fits(area: Any, parameters: MarkerTrackerParameters) -> Any:
     return (parameters.min_area <= area) & (area <= most)
 
 
-def count_bright(mask: Mask) -> int:
-    """The number of a mask's bright pixels; raises where they are more than 5 % of the frame."""
-    count = cv2.countNonZero(mask)
-    if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
-        raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')
-    return count
+def brightness_problem(mask: Mask) -> str:
+    """What is wrong with a mask whose bright pixels are too many to be all of lights; else ''."""
+    bright = cv2.countNonZero(mask)
+    if bright <= max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
+        return ''
+    return f'{100 * bright / mask.size:.0f} % of the frame is above the threshold'
 
 
-MAX_BLOBS = 400
+MAX_BLOBS = 400  # Pieces that are measured in one frame
 LONGEST = 3.0  # Sides of the box around a piece that may still be a light, one over the other
 MIN_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
 
@@ -94,29 +93,29 @@ class Blobs:
 
     Unlike the thesis's groups around seeds a piece may be of any width, and two lights are two
     pieces for as long as a dark pixel lies between them.
-
-    Raises:
-        GroupingError: the frame is too bright or too noisy to hold markers.
     """
 
     def __init__(self, gray: Pixels, parameters: MarkerTrackerParameters) -> None:
         self._meter = CentroidMeter(gray, parameters.threshold, parameters.weighted)
         mask = threshold(gray, parameters.threshold)
-        count_bright(mask)
         self._labels, self._where, stats = label(mask)
         fits = area_fits(stats[:, cv2.CC_STAT_AREA], parameters)
         self._numbers = 1 + np.flatnonzero(fits[1:])  # of the pieces within the limits
-        if len(self._numbers) > MAX_BLOBS:
-            raise GroupingError(f'{len(stats) - 1} clusters above the threshold')
         # (n, 5), x, y, width, height and area (px), in the order of their first pixels, row by row.
         self.stats = stats[self._numbers].astype(np.intp)
 
-    def may_be_lights(self) -> Integers:
-        """The rows in `stats` of those that are compact enough to be looked at more closely."""
+    def may_be_lights(self, least: float = 0.0) -> Integers:
+        """The rows in `stats` of those, of an area (px) at least, that are compact enough.
+
+        Of too many the largest: noise makes small ones.
+        """
         _, _, width, height, area = self.stats.T
         is_long = np.maximum(width, height) > LONGEST * np.minimum(width, height)
-        is_filled = area >= MIN_FILLED * width * height
-        return np.flatnonzero(is_filled & ~(is_long & (area > 4)))
+        is_filled = area >= np.maximum(MIN_FILLED * width * height, least)
+        rows = np.flatnonzero(is_filled & ~(is_long & (area > 4)))
+        if len(rows) > MAX_BLOBS:
+            rows = np.sort(rows[np.argsort(-area[rows], kind='stable')[:MAX_BLOBS]])
+        return rows
 
     def measure(self, chosen: Integers | None = None) -> list[Detection]:
         """The lights of all pieces, or of some by their rows, without what is other pieces'."""
@@ -180,7 +179,9 @@ def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
     Raises:
         GroupingError: more than 5 % of the frame is bright, or there are more than `MAX_CLUSTERS`.
     """
-    if not count_bright(mask):
+    if problem := brightness_problem(mask):
+        raise GroupingError(problem)
+    if not cv2.countNonZero(mask):
         return np.empty((0, 3))
     reach = min(grouping_distance, max(mask.shape))
     # Column after column, as the scan goes: the search for the next seed is one over bytes. With
@@ -228,10 +229,16 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
         GroupingError: the frame is too bright or too noisy to hold markers.
     """
     gray = image.gray()
+    mask = threshold(gray, parameters.threshold)
     if parameters.by_components:
-        spots = sorted(Blobs(gray, parameters).measure())
+        if problem := brightness_problem(mask):
+            raise GroupingError(problem)
+        blobs = Blobs(gray, parameters)
+        if len(blobs.stats) > MAX_BLOBS:
+            raise GroupingError(f'{len(blobs.stats)} clusters above the threshold')
+        spots = sorted(blobs.measure())
         return np.array([spot[:3] for spot in spots], np.float64).reshape(-1, 3)
-    groups = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
+    groups = group_mask(mask, parameters.grouping_distance)
     lights: Array = groups[area_fits(groups[:, 2], parameters)]
     if not parameters.weighted or not 0 < len(lights) <= MAX_BLOBS:
         return lights
@@ -258,16 +265,20 @@ class Frame:
         self.image, self.time, self.number, self.parameters = image, time, number, parameters
         self.meter = CentroidMeter(image, parameters.threshold, parameters.weighted)
         self.size = self.meter.size
+        self._spots: dict[float, list[Detection]] = {}
+        self.crowd = ''  # what is wrong where it has more bright pieces than are measured
 
-    @cached_property
-    def blobs(self) -> Blobs:
-        """Its bright pieces, however often they are looked at; a `GroupingError` as of `Blobs`."""
-        return Blobs(self.image.gray(), self.parameters)
+    def spots(self, least: float) -> list[Detection]:
+        """Those of its bright pieces that may be lights, of an area (px) at least, measured.
 
-    @cached_property
-    def spots(self) -> list[Detection]:
-        """Those that may be lights, measured; a `GroupingError` as of `Blobs`."""
-        return self.blobs.measure(self.blobs.may_be_lights())
+        However often they are asked for.
+        """
+        if least not in self._spots:
+            blobs = Blobs(self.image.gray(), self.parameters)
+            if len(blobs.stats) > MAX_BLOBS:
+                self.crowd = f'{len(blobs.stats)} clusters above the threshold'
+            self._spots[least] = blobs.measure(blobs.may_be_lights(least))
+        return self._spots[least]
 
 
 class Light(NamedTuple):
@@ -278,14 +289,10 @@ class Light(NamedTuple):
     seen: Detection
 
 
-def find_spots(frame: Frame, lens: Lens) -> list[Light]:
-    """The lights of a whole frame, measured.
-
-    Raises:
-        GroupingError: the frame is too bright or too noisy to hold markers.
-    """
-    places = lens.straightened(frame.spots)
-    return [Light(x, y, spot) for (x, y), spot in zip(places, frame.spots, strict=True)]
+def find_spots(frame: Frame, lens: Lens, least: float = 0.0) -> list[Light]:
+    """The lights of a whole frame, of an area (px) at least, measured."""
+    spots = frame.spots(least)
+    return [Light(*place, spot) for place, spot in zip(lens.straightened(spots), spots, strict=True)]
 
 
 def by_size(lights: Sequence[Light]) -> list[Light]:

@@ -136,8 +136,8 @@ class MarkerResult:
         ]
 
     def remarked(self, remark: str) -> MarkerResult:
-        """The same with a remark behind the status; an empty one says nothing."""
-        if not remark:
+        """The same with a remark behind the status; an empty one, or a known one, says nothing."""
+        if not remark or remark in self.status:
             return self
         return replace(self, status='; '.join(filter(None, (self.status, remark))))
 

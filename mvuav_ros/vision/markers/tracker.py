@@ -12,6 +12,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
+from mvuav_ros.vision.markers.lights import brightness_problem
 from mvuav_ros.vision.markers.marker_results import (
     TANKER_NAMES,
     Label,
@@ -20,7 +21,7 @@ from mvuav_ros.vision.markers.marker_results import (
     is_cut,
 )
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker, detect, detect_any
-from mvuav_ros.vision.point_operations import Pixels, full_scale
+from mvuav_ros.vision.point_operations import Pixels, full_scale, threshold
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, RigOrFile, load_rig
 from mvuav_ros.vision.rig_examination import examine
 
@@ -188,7 +189,7 @@ class MarkerTracker:
         return nameless.remarked(remark)
 
     def _explained(self, image: Image, result: MarkerResult) -> MarkerResult:
-        """With a remark on lights cut off, and where all is too dark, as 12 bits in 16 are."""
+        """With a remark on lights cut off, and where all is too bright or too dark."""
         size = image.width, image.height
         cut = [self.rig.names[each.label] for each in result.named if is_cut(each, size)]
         if cut:
@@ -197,8 +198,9 @@ class MarkerTracker:
             return result
         brightest = int(image.pixels.max(initial=0)) / full_scale(image.pixels)
         if brightest > self.parameters.threshold:
-            return result
-        # Two parts, as replay repeats those alone that are the same in every frame.
+            mask = threshold(image.gray(), self.parameters.threshold)
+            return result.remarked(brightness_problem(mask))
+        # As 12 bits in 16 are. Two parts, as replay repeats those alone that are the same in every frame.
         return result.remarked(f'no pixel is above the threshold; the brightest is {brightest:.2g}')
 
     def _time_of(self, stamp_ns: int) -> float:

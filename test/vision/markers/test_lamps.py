@@ -145,13 +145,14 @@ def test_lamps_speak_for_the_view_that_shows_them_where_they_are():
     assert Lamps().log_odds(SHAPE, lights, VIEW[None], named[:1]) == 0.0
 
 
-def track(flight):
+def track(flight, change=lambda pixels, number: pixels):
     """Wrong names, and of each frame how many names and how many markers that shine alone."""
     tracker = IdentityTracker(*told(flight))
     parameters = MarkerTrackerParameters(prediction='kalman')
     wrong, counts = 0, []
-    for stamp_ns, pixels, truth in flight:
-        result = tracker.track(Image(pixels, 'mono8'), 1e-9 * stamp_ns, parameters)
+    for number, (stamp_ns, pixels, truth) in enumerate(flight):
+        image = Image(change(pixels, number), 'mono8')
+        result = tracker.track(image, 1e-9 * stamp_ns, parameters)
         named = [m.state is MarkerState.DETECTED for m in result.markers]
         pairs = zip(result.markers, truth.pixels, named, strict=True)
         wrong += sum(math.dist((m.x, m.y), place) > 4.0 for m, place, is_named in pairs if is_named)
@@ -187,3 +188,16 @@ def test_all_lights_are_looked_at_in_few_usual_frames(lamps, most, monkeypatch):
     flight = MarkerFlight(Scene(lamps=lamps), 3)
     assert track(flight) == (0, [(5, 5)] * 180)
     assert 3 <= len(looks) <= most
+
+
+def test_what_is_too_bright_to_be_searched_costs_no_names():
+    """A usual frame is looked at for lamps, and most of it is white."""
+
+    def brightened(pixels, number):
+        if number < 10:
+            return pixels
+        pixels = pixels.copy()
+        pixels[:110] = pixels[300:] = 255
+        return pixels
+
+    assert track(MarkerFlight(Scene(lamps=0), 3), brightened) == (0, [(5, 5)] * 180)
