@@ -8,7 +8,7 @@ lights take their places, and frames are lost.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
 
 WIDTH, HEIGHT = 640, 480
 MATRIX = np.array([(612.0, 0.0, 331.0), (0.0, 608.0, 229.0), (0.0, 0.0, 1.0)])
@@ -416,6 +417,31 @@ def told(flight: MarkerFlight) -> tuple[Any, Any]:
         return rig, None
     matrix = tuple(flight.matrix.ravel().tolist())
     return rig, CameraModel(WIDTH, HEIGHT, matrix, (*DISTORTION, 0.0))
+
+
+def track_flight(
+    flight: MarkerFlight, change: Callable[[Pixels, int], Pixels] = lambda pixels, number: pixels
+) -> tuple[int, list[tuple[int, int]]]:
+    """Wrong names, and of each frame how many names and how many markers that shine alone.
+
+    A tracker of the package sees the frames (uint8, of a number), changed.
+    """
+    from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+    from mvuav_ros.vision.image import Image
+    from mvuav_ros.vision.markers.identity_tracker import IdentityTracker
+    from mvuav_ros.vision.markers.marker_results import MarkerState
+
+    tracker = IdentityTracker(*told(flight))
+    parameters = MarkerTrackerParameters(prediction='kalman')
+    wrong, counts = 0, []
+    for number, (stamp_ns, pixels, truth) in enumerate(flight):
+        image = Image(change(pixels, number), 'mono8')
+        result = tracker.track(image, 1e-9 * stamp_ns, parameters)
+        named = [m.state is MarkerState.DETECTED for m in result.markers]
+        pairs = zip(result.markers, truth.pixels, named, strict=True)
+        wrong += sum(math.dist((m.x, m.y), place) > 4.0 for m, place, is_named in pairs if is_named)
+        counts.append((sum(named), int(truth.whole.sum())))
+    return wrong, counts
 
 
 def draw(image: NDArray[np.uint8], place: Array, radius: float) -> None:

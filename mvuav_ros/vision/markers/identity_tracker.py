@@ -138,7 +138,7 @@ class IdentityTracker:
         faults.untrusted = memory.untrusted
         found = {index: Light(*place, spots[index]) for index, place in named.items()}
         search = Search(faults, memory.markers, consensus, found)
-        self._search(frame, search)
+        self._search(frame, search, 0.0 if self._is_lost(frame) else memory.least_area)
         if search.faults is not faults:
             self._body = search.faults, memory
             memory.start_afresh()
@@ -226,14 +226,14 @@ class IdentityTracker:
         hidden = search.suspects | memory.doubtful
         return self._result(frame, memory, spots, hidden, expected, windows)
 
-    def _search(self, frame: Frame, search: Search) -> None:
-        """Name the lights of the whole frame (see `find_spots`)."""
+    def _search(self, frame: Frame, search: Search, least: float) -> None:
+        """Name the lights of the whole frame, of an area (px) at least (see `find_spots`)."""
         # The filter as it was when four firm names agreed last; since then it has gone on alone.
         if self._is_sure:
             self._sure, self._is_sure = copy.copy(search.views), False
         else:
             self._sure.predict(frame.time)
-        lights = find_spots(frame, self._lens)
+        lights = find_spots(frame, self._lens, least)
         # Among many lights either this or a new start takes long enough for one frame.
         rests = self._attempts.rest or self._attempts.last
         if rests or len(lights) <= MAX_NAMED or not self._is_lost(frame):

@@ -109,6 +109,7 @@ TYPICAL_AREA, TYPICAL_SPREAD = (0.6, 1.6), 1.06
 """Area and spread over the light's usual ones within which nothing has happened to it."""
 LIKELY_AREA, LIKELY_SPREAD = (0.3, 3.2), 1.3
 """The same for a light that may be the marker after all."""
+SPECK = 0.1  # Of the smallest marker's usual area: what is smaller is none, however it dims
 _LEARNING = 0.2  # Per frame, by which the usual area and spread follow the light
 RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
@@ -258,6 +259,11 @@ class MarkerMemory:
                 before[index] = known.untrusted
                 known.untrusted = self._probation
         return before
+
+    @property
+    def least_area(self) -> float:
+        """Px, of a light that may be a marker; rain, stars and noise are smaller."""
+        return SPECK * min(marker.area for marker in self.markers)
 
     @property
     def doubtful(self) -> set[int]:

@@ -4,17 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from support.marker_flights import SCENES, MarkerFlight, Scene, told
+from support.marker_flights import SCENES, MarkerFlight, Scene, track_flight
 
-from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers import identity_tracker
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.identity_tracker import IdentityTracker
 from mvuav_ros.vision.markers.lamps import MIN_SEEN, Lamps
 from mvuav_ros.vision.markers.lights import Lens, Light
-from mvuav_ros.vision.markers.marker_results import MarkerState
 from mvuav_ros.vision.markers.rig_view import PITCH, ROLL, ViewState, WeakPerspective, X, Y
 from mvuav_ros.vision.markers.view_correction import Belief
 from mvuav_ros.vision.rig import TANKER_747
@@ -145,25 +141,10 @@ def test_lamps_speak_for_the_view_that_shows_them_where_they_are():
     assert Lamps().log_odds(SHAPE, lights, VIEW[None], named[:1]) == 0.0
 
 
-def track(flight, change=lambda pixels, number: pixels):
-    """Wrong names, and of each frame how many names and how many markers that shine alone."""
-    tracker = IdentityTracker(*told(flight))
-    parameters = MarkerTrackerParameters(prediction='kalman')
-    wrong, counts = 0, []
-    for number, (stamp_ns, pixels, truth) in enumerate(flight):
-        image = Image(change(pixels, number), 'mono8')
-        result = tracker.track(image, 1e-9 * stamp_ns, parameters)
-        named = [m.state is MarkerState.DETECTED for m in result.markers]
-        pairs = zip(result.markers, truth.pixels, named, strict=True)
-        wrong += sum(math.dist((m.x, m.y), place) > 4.0 for m, place, is_named in pairs if is_named)
-        counts.append((sum(named), int(truth.whole.sum())))
-    return wrong, counts
-
-
 @pytest.mark.parametrize('seed', [5, 9])
 def test_lamps_do_not_take_the_names_of_markers_that_go_dark(seed):
     """Without what is known of the lamps 38 and 12 names are wrong."""
-    wrong, _ = track(MarkerFlight(SCENES['lamps on the body'], seed))
+    wrong, _ = track_flight(MarkerFlight(SCENES['lamps on the body'], seed))
     assert wrong == 0
 
 
@@ -171,7 +152,7 @@ def test_a_body_whose_markers_are_dark_for_long_is_neither_found_nor_lost():
     """Its lamps are no body, and the markers have their names again at once."""
     flight = MarkerFlight(Scene(lamps=7, roll=0.3, tilt=0.12, frames=540), 3)
     flight.dark[60:480] = True
-    wrong, counts = track(flight)
+    wrong, counts = track_flight(flight)
     assert wrong == 0
     assert not any(names for names, _ in counts[60:480])
     assert all(names >= whole for names, whole in counts[483:])
@@ -186,7 +167,7 @@ def test_all_lights_are_looked_at_in_few_usual_frames(lamps, most, monkeypatch):
         identity_tracker, 'find_spots', lambda *frame: looks.append(1) or find_spots(*frame)
     )
     flight = MarkerFlight(Scene(lamps=lamps), 3)
-    assert track(flight) == (0, [(5, 5)] * 180)
+    assert track_flight(flight) == (0, [(5, 5)] * 180)
     assert 3 <= len(looks) <= most
 
 
@@ -200,4 +181,4 @@ def test_what_is_too_bright_to_be_searched_costs_no_names():
         pixels[:110] = pixels[300:] = 255
         return pixels
 
-    assert track(MarkerFlight(Scene(lamps=0), 3), brightened) == (0, [(5, 5)] * 180)
+    assert track_flight(MarkerFlight(Scene(lamps=0), 3), brightened) == (0, [(5, 5)] * 180)
