@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import NoneType
 
-import cv2
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
@@ -358,7 +357,7 @@ class Finder:
             return f'the picture has not changed for {registration.unchanged} frames'
         if track is None:
             return ''
-        if float(cv2.meanStdDev(registration.gray)[1].item()) < DETECTOR.min_contrast:
+        if registration.is_plain:
             return 'the picture is all alike'
         if registration.alike < MOTION.min_alike:
             return 'the picture shows nothing of what the last one did'

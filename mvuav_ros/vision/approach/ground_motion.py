@@ -25,6 +25,8 @@ class Registration:
         """The newest image differs from the last one; a still says nothing new."""
         self.unchanged = 0
         """Images that were the same as the newest."""
+        self.is_plain = False
+        """The newest image is all alike, as of a camera or a link that fails."""
         self.alike = math.nan
         """Correlation of a strip's surroundings with the last image, the best of all strips'."""
 
@@ -37,7 +39,12 @@ class Registration:
         same = np.array_equal(self.gray, self._last)
         self.moving = self._last.size > 0 and not same
         self.unchanged = self.unchanged + 1 if same else 0
+        self.is_plain = float(cv2.meanStdDev(self.gray)[1].item()) < MOTION.min_contrast
         self.alike = math.nan
+
+    def leave_out(self) -> None:
+        """Compare the next image with the one before the newest."""
+        self.gray = self._last
 
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
         """Px to the right and down by which the surroundings of the last frame's strip have moved.
@@ -46,7 +53,6 @@ class Registration:
         """
         box = _box(strip, level, self._last.shape)
         if box is None:
-            self.alike = 1.0
             return 0.0, 0.0
         (first, top), (end, bottom) = box
         reach = MOTION.reach

@@ -182,8 +182,6 @@ class RoadTrack(FollowedStrip):
 
     def step(self, view: View) -> None:
         """Follow it into the next frame."""
-        if self.age:
-            self.shape.predict(*view.registration.shift(self.strip(), view.frame.level))
         self.age += 1
         height, width = view.working.size
         strip = self.strip()
@@ -229,11 +227,11 @@ class RoadTracker(StripTracker[RoadTrack]):
 
     def step(self, frame: LevelledFrame, pixels: NDArray[Any], sight: Sight) -> RoadTrack | None:
         """The track that is shown in the next frame, of which ``pixels`` are the working image."""
-        self.registration.take(pixels)
+        if not self._move(frame.level, pixels):
+            return self.best
         horizon = None if sight.row is None else (sight.row, ROAD.horizon_sigma)
         working = LevelledImage(pixels, frame.level)
         view = View(frame, working, sight._replace(meeting=horizon), self.registration)
-        self._turn(frame.level)
         for track in self.tracks:
             track.step(view)
         self.tracks = [track for track in self.tracks if not track.lost]

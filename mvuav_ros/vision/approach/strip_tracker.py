@@ -25,7 +25,7 @@ from mvuav_ros.vision.approach.sight import SearchRange, Sight
 from mvuav_ros.vision.approach.strip_edges import LevelledFrame
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.track import RunwayTrack, View
-from mvuav_ros.vision.approach.tuning import SEARCH, TRACKER
+from mvuav_ros.vision.approach.tuning import MOTION, SEARCH, TRACKER
 
 
 def _chunks(where: SearchRange) -> Iterator[tuple[SearchRange, int, int, list[float]]]:
@@ -53,6 +53,7 @@ class StripTracker(Generic[TrackT]):
         self.level: Derotation | None = None  # of the last frame
         self.registration = Registration()
         self._frame = 0
+        self._unlike = 0  # images in a row that show nothing of what the one before them did
 
     @property
     def confidence(self) -> float:
@@ -64,11 +65,26 @@ class StripTracker(Generic[TrackT]):
         """What is shown is likelier what is looked for than not."""
         return self.best is not None and self.best.rank > 0.0
 
-    def _turn(self, level: Derotation) -> None:
+    def _move(self, level: Derotation, pixels: NDArray[Any]) -> bool:
+        """Move the tracks as the next working image has, levelled so; whether it shows anything.
+
+        One that does not is left out, as if it had not come: all will be about where it was.
+        """
+        self.registration.take(pixels)
         if self.level is not None:
             for track in self.tracks:
                 track.turn(self.level, level)
         self.level = level
+        shifts = [self.registration.shift(track.strip(), level) for track in self.tracks]
+        self._unlike = self._unlike + 1 if self.registration.alike < MOTION.min_alike else 0
+        is_plain = self.registration.is_plain and self.tracks
+        # Where it goes on it is another scene, or one that moves too fast.
+        if is_plain or 0 < self._unlike <= MOTION.max_unlike:
+            self.registration.leave_out()
+            return False
+        for track, shift in zip(self.tracks, shifts, strict=True):
+            track.shape.predict(*shift)
+        return True
 
     def _admit(self, track: TrackT) -> bool:
         """Follow another one, for which the worst may have to go; whether there is room."""
@@ -107,9 +123,9 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     def step(self, frame: LevelledFrame, pixels: NDArray[Any], sight: Sight) -> RunwayTrack | None:
         """The likeliest track in the next frame, of which ``pixels`` are the working image."""
-        self.registration.take(pixels)
+        if not self._move(frame.level, pixels):
+            return self.best
         self._overlaid.take(self.registration.gray)
-        self._turn(frame.level)
         scene = self._scene if self._frame % TRACKER.scene_frames else None
         working = LevelledImage(pixels, frame.level, scene, self._overlaid.mask)
         view = View(frame, working, sight, self.registration, self._overlaid.motion)

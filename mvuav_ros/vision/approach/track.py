@@ -197,8 +197,6 @@ class RunwayTrack(FollowedStrip):
 
         Between weighings the edges of the one that is ``shown`` are measured, not those of others.
         """
-        if self.age:
-            self.shape.predict(*view.registration.shift(self.strip(), view.frame.level))
         if is_plausible(self.strip(), view.working.size):
             self._follow(view, period, shown)
         if not is_plausible(self.strip(), view.working.size):

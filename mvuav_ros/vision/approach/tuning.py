@@ -16,7 +16,6 @@ class DetectorTuning:
     """Of the whole frame."""
 
     frozen_frames: int = 50  # equal frames, after which a picture shows nothing: two seconds
-    min_contrast: float = 2.0  # grey levels, deviation of what shows anything: noise has 1 to 2
     # shares of the height searched for vanishing points without a horizon
     whole_range: tuple[float, float] = (0.03, 0.65)
     range_above: float = -0.4  # share of the height above the picture, up to which likewise
@@ -65,6 +64,8 @@ class MotionTuning:
     max_side: int = 96  # px, likewise
     min_correlation: float = 0.5  # of two parts that show the same
     min_alike: float = 0.1  # likewise, anything in common: noise has up to 0.07, fast turns 0.18
+    min_contrast: float = 2.0  # grey levels, deviation of what shows anything: noise has 1 to 2
+    max_unlike: int = 3  # images in a row that are left out, as of a camera or a link that fails
     cell: int = 8  # px: sides of the cells in which it is remembered what stands still
     max_corners: int = 150  # corners compared
     corner_distance: float = 5.0  # px between corners

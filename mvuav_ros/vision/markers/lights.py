@@ -292,7 +292,9 @@ class Light(NamedTuple):
 def find_spots(frame: Frame, lens: Lens, least: float = 0.0) -> list[Light]:
     """The lights of a whole frame, of an area (px) at least, measured."""
     spots = frame.spots(least)
-    return [Light(*place, spot) for place, spot in zip(lens.straightened(spots), spots, strict=True)]
+    return [
+        Light(*place, spot) for place, spot in zip(lens.straightened(spots), spots, strict=True)
+    ]
 
 
 def by_size(lights: Sequence[Light]) -> list[Light]:

@@ -189,7 +189,7 @@ class MarkerTracker:
         return nameless.remarked(remark)
 
     def _explained(self, image: Image, result: MarkerResult) -> MarkerResult:
-        """With a remark on lights cut off, and where all is too bright or too dark."""
+        """With a remark on lights cut off, on glare, and on the dark, as of 12 bits in 16."""
         size = image.width, image.height
         cut = [self.rig.names[each.label] for each in result.named if is_cut(each, size)]
         if cut:
@@ -200,7 +200,7 @@ class MarkerTracker:
         if brightest > self.parameters.threshold:
             mask = threshold(image.gray(), self.parameters.threshold)
             return result.remarked(brightness_problem(mask))
-        # As 12 bits in 16 are. Two parts, as replay repeats those alone that are the same in every frame.
+        # In two parts, as replay repeats those alone that are the same in every frame.
         return result.remarked(f'no pixel is above the threshold; the brightest is {brightest:.2g}')
 
     def _time_of(self, stamp_ns: int) -> float:

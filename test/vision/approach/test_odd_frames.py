@@ -99,6 +99,34 @@ def test_what_was_followed_is_not_reported_of_a_frame_that_shows_nothing(flight,
     assert not found[-1].status
 
 
+def no_signal(image, _):
+    """What a receiver shows while nothing comes."""
+    blue = np.full_like(image, (180, 0, 0))
+    return cv2.putText(blue, 'NO SIGNAL', (80, 120), cv2.FONT_HERSHEY_PLAIN, 1, (255,) * 3, 2)
+
+
+@pytest.mark.parametrize(
+    'spoil',
+    [
+        lambda image, _: np.zeros_like(image),
+        lambda image, rng: rng.integers(0, 256, image.shape).astype(np.uint8),
+        no_signal,
+    ],
+    ids=['black', 'noise', 'no signal'],
+)
+def test_frames_that_show_nothing_cost_no_others(flight, spoil):
+    """Every sixth shows none of the runway, as the tracks are weighed in every sixth."""
+    rng = np.random.default_rng(2)
+    for first in range(6):
+        is_spoilt = [index >= 6 and index % 6 == first for index in range(FRAMES)]
+        images = [
+            spoil(image, rng) if spoils else image
+            for image, spoils in zip(flight, is_spoilt, strict=True)
+        ]
+        found = [result.confidence >= CONFIDENT for result, _ in results(images)]
+        assert found == [not spoils for spoils in is_spoilt]
+
+
 def test_a_torn_picture_is_reported_where_the_runway_is(flight):
     """The rows below somewhere come from the frame before, moved sideways."""
     torn = [flight[0]]

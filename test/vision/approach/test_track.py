@@ -111,6 +111,7 @@ def test_edges_that_are_predicted_are_doubted_the_more_the_longer():
     assert all(edge.doubt == (0.0, 0.0) for edge in track.points)
     doubts = []
     for _ in range(4):
+        track.shape.predict(0.0, 0.0)
         track.step(seen, 6)
         doubts.append([max(edge.doubt) for edge in track.points])
     assert np.min(doubts) > 1.0
