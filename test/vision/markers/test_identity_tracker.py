@@ -494,11 +494,11 @@ def tanker_before(camera, place, roll_deg=0.0):
     return camera.matrix[0, 0] * seen[:, :2] / seen[:, 2:] + camera.matrix[:2, 2]
 
 
-@pytest.mark.parametrize(('dark', 'first'), [(0, 9), (1, 9), (3, 9), (4, 9), (2, 15)])
+@pytest.mark.parametrize(('dark', 'first'), [(0, 9), (1, 9), (2, 9), (3, 9), (4, 9)])
 def test_a_body_with_a_dark_light_begins_with_the_others(dark, first):
     """Ten frames must show it alike; the light has its name once it is lit.
 
-    Without the rudder the others are nearly in one plane, and might be upside down.
+    Without the rudder the others are nearly in one plane: upright is likelier than upside down.
     """
     tracker = MarkerTracker()
     tracker.set_camera(CAMERA)
@@ -528,8 +528,8 @@ def test_three_lights_and_a_stranger_are_no_body_with_a_dark_light(dark):
     ('share', 'roll_deg', 'radius', 'named'),
     [
         *[(0.4, 120.0, 3, 5), (0.4, 180.0, 2, 5), (0.95, 0.0, 3, 5), (0.95, 180.0, 3, 5)],
-        # Lights as large as the body's may be another body's.
-        *[(0.4, 120.0, 4, 0), (0.4, 180.0, 4, 0)],
+        # Lights as large as the body's may be another body's, but that would be upside down.
+        *[(0.4, 120.0, 4, 0), (0.4, 0.0, 4, 5)],
     ],
 )
 def test_a_smaller_body_with_smaller_lights_is_a_flare(share, roll_deg, radius, named):
