@@ -55,19 +55,42 @@ class Registration:
         if box is None:
             return 0.0, 0.0
         (first, top), (end, bottom) = box
-        reach = MOTION.reach
-        around = self.gray[top - reach : bottom + reach, first - reach : end + reach]
         part = self._last[top:bottom, first:end]
-        alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
-        row, column = (int(place) for place in np.unravel_index(alike.argmax(), alike.shape))
+        for reach in MOTION.reaches:
+            left, upper = max(first - reach, 0), max(top - reach, 0)
+            around = self.gray[upper : bottom + reach, left : end + reach]
+            alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
+            row, column = (int(place) for place in np.unravel_index(alike.argmax(), alike.shape))
+            right, down = left + column - first, upper + row - top
+            # What is most alike at the end of the reach is more so beyond: a torn picture.
+            is_inside = 0 < row < alike.shape[0] - 1 and 0 < column < alike.shape[1] - 1
+            is_known = is_inside and alike[row, column] > MOTION.min_correlation
+            if is_known and (reach == MOTION.reaches[-1] or self._has_moved(right, down)):
+                break
         self.alike = float(np.fmax(self.alike, alike[row, column]))
-        # What is most alike at the end of the reach is more so beyond: a torn picture.
-        if not alike[row, column] > MOTION.min_correlation or {0, 2 * reach} & {row, column}:
+        if not is_known:
             return 0.0, 0.0
-        right = column - reach + vertex(alike[row], column)
-        down = row - reach + vertex(alike[:, column], row)
+        x, y = right + vertex(alike[row], column), down + vertex(alike[:, column], row)
         cos, sin = math.cos(level.slope), math.sin(level.slope)
-        return cos * right + sin * down, -sin * right + cos * down
+        return cos * x + sin * y, -sin * x + cos * y
+
+    def _has_moved(self, right: int, down: int) -> bool:
+        """Whether the whole picture is more like the last one after so many px, if they are many."""
+        if max(abs(right), abs(down)) < MOTION.reaches[-1]:
+            return True
+        (height, width), x, y = self.gray.shape, max(right, 0), max(down, 0)
+        places = (self.gray, x, y), (self._last, x - right, y - down), (self._last, x, y)
+        # Coarse, as it may have turned as well.
+        now, moved, still = (
+            cv2.resize(
+                image[upper : upper + height - abs(down), left : left + width - abs(right)],
+                MOTION.coarse,
+                interpolation=cv2.INTER_AREA,
+            )
+            for image, left, upper in places
+        )
+        error, usual = (cv2.norm(now, other, cv2.NORM_L1) for other in (moved, still))
+        return error < MOTION.max_error_moved * usual
 
 
 def _box(strip: Strip, level: Derotation, size: tuple[int, ...]) -> Any:
@@ -76,7 +99,8 @@ def _box(strip: Strip, level: Derotation, size: tuple[int, ...]) -> Any:
     middle = level.to_working(x + 0.25 * (left + right) * near, y + 0.5 * near)
     sides = np.clip([1.5 * (right - left) * near, 1.5 * near], MOTION.min_side, MOTION.max_side)
     box = np.trunc(np.multiply.outer((-0.5, 0.5), sides) + middle)
-    box = np.clip(box, MOTION.reach, np.array(size[1::-1]) - MOTION.reach)
+    nearest = MOTION.reaches[-1]
+    box = np.clip(box, nearest, np.array(size[1::-1]) - nearest)
     # Not if the middle is nowhere.
     return box.astype(int) if (np.diff(box, axis=0) >= MOTION.min_side // 2).all() else None
 
