@@ -23,21 +23,36 @@ def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
     nodes, which are left out. ``node`` is one of this package, without slash.
 
     Raises:
-        ParameterError: the text is not a parameter file.
+        ParameterError: the text is not a parameter file, or has several such nodes that differ.
     """
-    return _values_of(node, _sections(text, name))
+    return _values_of(node, _sections(text, name), name)
 
 
-def _values_of(node: str, sections: Iterable[_Section]) -> dict[str, object]:
+def _values_of(
+    node: str, sections: Iterable[_Section], file: str, image_topic: str | None = None
+) -> dict[str, object]:
+    """The node's, in whichever namespace; of several that differ, that of the image topic's."""
     every = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
     others = every.difference(NODE_PARAMETERS[node].names())
-    values: dict[str, object] = {}
-    for key, section in sections:
-        if names_node(key, node):
-            given = dict(_leaves(section, '.'))
-            left_out = others if '*' in key.rsplit('/', 1)[-1] else ()
-            values.update({name: given[name] for name in given if name not in left_out})
-    return values
+    ours = [(f'/{key.strip("/")}', section) for key, section in sections if names_node(key, node)]
+    named = [key for key, _ in ours if '*' not in key]
+    found: dict[str, dict[str, object]] = {name: {} for name in named or ['']}
+    for name, values in found.items():
+        for key, section in ours:
+            if not name or fits(key, name):
+                given = dict(_leaves(section, '.'))
+                left_out = others if '*' in key.rsplit('/', 1)[-1] else ()
+                values.update({each: given[each] for each in given if each not in left_out})
+    if image_topic:
+        topic = f'/{image_topic.lstrip("/")}'
+        inside = [name for name in found if topic.startswith(name.removesuffix(node))]
+        found = {name: found[name] for name in sorted(inside, key=len)[-1:] or found}
+    first, *rest = found
+    for other in rest:
+        if found[other] != found[first]:
+            said = f'has other values for {other} than for {first}: --image-topic or another'
+            raise ParameterError(file, f'{said} file has to say which of them counts')
+    return found[first]
 
 
 def names_node(key: str, node: str) -> bool:
@@ -145,20 +160,26 @@ def node_names(text: str | None, otherwise: Iterable[str] = DETECTORS) -> list[s
 
 
 def resolve_parameters(
-    nodes: Iterable[str], path: Path | None = None, assignments: Iterable[str] = ()
+    nodes: Iterable[str],
+    path: Path | None = None,
+    assignments: Iterable[str] = (),
+    image_topic: str | None = None,
 ) -> NodeParameters:
     """The values that a ROS 2 parameter file, then ``node:name:=value``, give to nodes.
+
+    Where the file has a node in several namespaces, the one that the ``image_topic`` is in counts.
 
     Raises:
         ParameterError: a parameter is unknown, its value not valid, its node not among ``nodes``,
             or the file none of parameters. So it is if the file names none of this package's
             nodes, or one that is spelt nearly like them; those of other nodes are not looked at.
+            Nor does it say of a node in several namespaces with other values which one counts.
     """
     sections: list[_Section] = []
     if path is not None:
         sections = [*_sections(_text(path), str(path))]
         _check_node_keys(path, [key for key, _ in sections])
-    given = {node: _values_of(node, sections) for node in nodes}
+    given = {node: _values_of(node, sections, str(path), image_topic) for node in nodes}
     for node, name, value in map(parse_assignment, assignments):
         if node not in given:
             raise ParameterError(f'{node}:{name}', f'{node} is not among {", ".join(nodes)}')

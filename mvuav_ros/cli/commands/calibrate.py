@@ -256,7 +256,7 @@ def calibrate_rig(
         measured = work.parse_distance(distance) if distance else None
     except ValueError as error:
         raise ParameterError('--distance', str(error)) from error
-    given = resolve_parameters(['marker_tracker'], params_file, param or [])
+    given = resolve_parameters(['marker_tracker'], params_file, param or [], topic)
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
     report = _report_folder(report, output, force, source, camera_info, rig, params_file)
     camera = load_calibration(camera_info) if camera_info else None
