@@ -160,6 +160,9 @@ def check(
     if len(body.names) == MIN_MARKERS:
         note = ': names, but no pose, which takes four'
     say(f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across{note}')
+    for direction, axis in (('left to right', 1), ('top to bottom', 2)):
+        order = sorted(zip(-body.positions[:, axis], body.names, strict=True))
+        say(f'from behind, {direction}: {", ".join(name for _, name in order)}')
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
