@@ -155,14 +155,7 @@ def check(
         body = load_rig(file)
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
-    plane = len(body.names) > MIN_MARKERS and dimensions(body) < 3
-    note = ', all in one plane: the tilt is ambiguous' if plane else ''
-    if len(body.names) == MIN_MARKERS:
-        note = ': names, but no pose, which takes four'
-    say(f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across{note}')
-    for direction, axis in (('left to right', 1), ('top to bottom', 2)):
-        order = sorted(zip(-body.positions[:, axis], body.names, strict=True))
-        say(f'from behind, {direction}: {", ".join(name for _, name in order)}')
+    _say_shape(body)
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
@@ -177,6 +170,20 @@ def check(
             _say_exchanges(body, camera, in_view[0])
     if doubts:
         raise typer.Exit(1)
+
+
+def _say_shape(body: MarkerRig) -> None:
+    from mvuav_ros.vision.reprojection import MIN_MARKERS
+    from mvuav_ros.vision.rig_examination import dimensions
+
+    plane = len(body.names) > MIN_MARKERS and dimensions(body) < 3
+    note = ', all in one plane: the tilt is ambiguous' if plane else ''
+    if len(body.names) == MIN_MARKERS:
+        note = ': names, but no pose, which takes four'
+    say(f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across{note}')
+    for direction, axis in (('left to right', 1), ('top to bottom', 2)):
+        order = sorted(zip(-body.positions[:, axis], body.names, strict=True))
+        say(f'from behind, {direction}: {", ".join(name for _, name in order)}')
 
 
 def _camera(camera_info: str | None, width: int, fov: float) -> CameraModel:
