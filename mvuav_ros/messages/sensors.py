@@ -10,14 +10,7 @@ from functools import cache
 from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
-from mvuav_ros.messages.cdr import (
-    STAMP_END,
-    STAMP_START,
-    CdrReader,
-    CdrWriter,
-    cdr_header,
-    stamped_doubles,
-)
+from mvuav_ros.messages.cdr import STAMP_END, STAMP_START, CdrReader, CdrWriter, stamped_doubles
 from mvuav_ros.parameters.common_parameters import TRANSPORTS
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
@@ -153,12 +146,11 @@ def encode_camera_info(camera: CameraModel, header: bytes) -> bytes:
     return writer.message()
 
 
-def encode_imu(stamp_ns: int, seen: Attitude) -> bytes:
-    """The inverse of `decode_imu`: an orientation, and nothing else."""
+def encode_imu(seen: Attitude, header: bytes) -> bytes:
+    """The inverse of `decode_imu`, with the header of its sensor: nothing but an orientation."""
     covariance = (seen.sigma**2, *(0.0, 0.0, 0.0, seen.sigma**2) * 2)
     nothing = (0.0, 0.0, 0.0, *_UNKNOWN)
     turn = seen.x, seen.y, seen.z, seen.w
-    header = cdr_header(stamp_ns, seen.sensor)
     return stamped_doubles(header, *turn, *covariance, *nothing, *nothing)
 
 

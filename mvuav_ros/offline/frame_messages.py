@@ -40,8 +40,8 @@ def frame_messages(frame: Frame) -> Iterator[Message]:
         info = partial(encode_camera_info, frame.camera, header)
         yield topic_beside(IMAGE_TOPIC, 'camera_info'), CAMERA_INFO, info
     if frame.attitude is not None:
-        seen = partial(encode_imu, frame.stamp_ns, frame.attitude)
-        yield topic_beside(IMAGE_TOPIC, 'imu'), IMU, seen
+        sensor = cdr_header(frame.stamp_ns, frame.attitude.sensor)
+        yield topic_beside(IMAGE_TOPIC, 'imu'), IMU, partial(encode_imu, frame.attitude, sensor)
     yield IMAGE_TOPIC, IMAGE, partial(serialize_image, frame.image, header)
     if isinstance(frame.truth, TankerTruth):
         yield from _tanker_messages(frame.truth, header)

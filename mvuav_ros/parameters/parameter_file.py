@@ -35,24 +35,22 @@ def _values_of(
     every = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
     others = every.difference(NODE_PARAMETERS[node].names())
     ours = [(f'/{key.strip("/")}', section) for key, section in sections if names_node(key, node)]
-    named = [key for key, _ in ours if '*' not in key]
-    found: dict[str, dict[str, object]] = {name: {} for name in named or ['']}
-    for name, values in found.items():
+    names = [*dict.fromkeys(key for key, _ in ours if '*' not in key)] or ['']
+    if image_topic:
+        topic = f'/{image_topic.lstrip("/")}'
+        inside = [name for name in names if topic.startswith(name.removesuffix(node))]
+        names = sorted(inside, key=len)[-1:] or names
+    found: list[dict[str, object]] = [{} for _ in names]
+    for name, values in zip(names, found, strict=True):
         for key, section in ours:
             if not name or fits(key, name):
                 given = dict(_leaves(section, '.'))
                 left_out = others if '*' in key.rsplit('/', 1)[-1] else ()
                 values.update({each: given[each] for each in given if each not in left_out})
-    if image_topic:
-        topic = f'/{image_topic.lstrip("/")}'
-        inside = [name for name in found if topic.startswith(name.removesuffix(node))]
-        found = {name: found[name] for name in sorted(inside, key=len)[-1:] or found}
-    first, *rest = found
-    for other in rest:
-        if found[other] != found[first]:
-            said = f'has other values for {other} than for {first}: --image-topic or another'
-            raise ParameterError(file, f'{said} file has to say which of them counts')
-    return found[first]
+    if any(values != found[0] for values in found):
+        said = f'{" and ".join(names)} differ; choose one by --image-topic, or by another file'
+        raise ParameterError(file, said)
+    return found[0]
 
 
 def names_node(key: str, node: str) -> bool:
@@ -167,13 +165,13 @@ def resolve_parameters(
 ) -> NodeParameters:
     """The values that a ROS 2 parameter file, then ``node:name:=value``, give to nodes.
 
-    Where the file has a node in several namespaces, the one that the ``image_topic`` is in counts.
+    Where the file has a node in several namespaces, the one that the ``image_topic`` is in counts;
+    it is an error if that does not say which, and they differ.
 
     Raises:
         ParameterError: a parameter is unknown, its value not valid, its node not among ``nodes``,
             or the file none of parameters. So it is if the file names none of this package's
             nodes, or one that is spelt nearly like them; those of other nodes are not looked at.
-            Nor does it say of a node in several namespaces with other values which one counts.
     """
     sections: list[_Section] = []
     if path is not None:

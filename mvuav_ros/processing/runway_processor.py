@@ -195,10 +195,7 @@ class RunwayDetectorProcessor(Processor):
         self._statistics.add(result.lines)
 
     def _attitude(self, frame: Frame) -> Attitude | None:
-        """The vehicle's, or where /tf_static has the camera's mount that of the camera's own axes.
-
-        Mounts count with `base_frame`, the sensor's where /tf_static has it.
-        """
+        """The vehicle's, or by a mount on /tf_static the camera's; the sensor's without a base."""
         attitude, base = frame.attitude, self._parameters.base_frame
         if attitude is None or not (base and attitude.valid):
             return attitude

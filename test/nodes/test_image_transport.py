@@ -17,6 +17,7 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from support.graph import Graph
 
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.sensors import encode_imu
 from mvuav_ros.nodes.image_input import (
@@ -85,7 +86,9 @@ def test_no_attitude_is_lost_while_an_image_is_answered(graph: Graph) -> None:
     """Of a fast IMU more of them come in that time than a queue for images holds."""
     _, topic, publisher = imu_topic(graph)
     for number in range(60):
-        publisher.publish(encode_imu(1 + number, Attitude.from_roll_pitch(0.0, 0.0)))
+        publisher.publish(
+            encode_imu(Attitude.from_roll_pitch(0.0, 0.0), cdr_header(1 + number, 'imu'))
+        )
     known = topic._pairing._infos
 
     def all_are_known() -> bool:
@@ -104,7 +107,9 @@ def test_an_image_finds_what_came_while_the_one_before_was_answered(graph: Graph
     images = [ReceivedImage(Frame(each, '', black), each, math.nan, long_ago) for each in (1, 2)]
 
     def publish(stamp_ns: int, roll: float) -> None:
-        publisher.publish(encode_imu(stamp_ns, Attitude.from_roll_pitch(roll, 0.0)))
+        publisher.publish(
+            encode_imu(Attitude.from_roll_pitch(roll, 0.0), cdr_header(stamp_ns, 'imu'))
+        )
         wait_until_ready(topic.subscription, node)
 
     with topic.subscription.handle:

@@ -109,7 +109,9 @@ def test_of_a_node_in_several_namespaces_the_image_topics_own_counts(tmp_path: P
     assert of('right/image_raw') == {'threshold': 0.4, 'min_area': 2}
     assert of('/right/nose/image_raw') == {'threshold': 0.5, 'min_area': 2}
     for unclear in (None, '/image_raw', '/lefty/image_raw'):
-        with pytest.raises(ParameterError, match='/right/marker_tracker than for /left/marker_tr'):
+        with pytest.raises(
+            ParameterError, match='/left/marker_tracker and /right/marker_tracker and'
+        ):
             of(unclear)
     with path.open('a') as file:
         file.write('/marker_tracker: {ros__parameters: {threshold: 0.6}}\n')

@@ -155,7 +155,12 @@ def check(
         body = load_rig(file)
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
-    _say_shape(body)
+    plane = len(body.names) > MIN_MARKERS and dimensions(body) < 3
+    note = ', all in one plane: the tilt is ambiguous' if plane else ''
+    if len(body.names) == MIN_MARKERS:
+        note = ': names, but no pose, which takes four'
+    say(f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across{note}')
+    _say_order(body)
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
@@ -172,15 +177,7 @@ def check(
         raise typer.Exit(1)
 
 
-def _say_shape(body: MarkerRig) -> None:
-    from mvuav_ros.vision.reprojection import MIN_MARKERS
-    from mvuav_ros.vision.rig_examination import dimensions
-
-    plane = len(body.names) > MIN_MARKERS and dimensions(body) < 3
-    note = ', all in one plane: the tilt is ambiguous' if plane else ''
-    if len(body.names) == MIN_MARKERS:
-        note = ': names, but no pose, which takes four'
-    say(f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across{note}')
+def _say_order(body: MarkerRig) -> None:
     for direction, axis in (('left to right', 1), ('top to bottom', 2)):
         order = sorted(zip(-body.positions[:, axis], body.names, strict=True))
         say(f'from behind, {direction}: {", ".join(name for _, name in order)}')

@@ -227,7 +227,10 @@ class ReplayInput:
                 yield replace(item, camera=given)
             elif item.topic != beside:
                 if item.topic == source.topic:
-                    yield from _calibration(item, given, beside)
+                    with suppress(ImageError):  # one that is damaged has no header
+                        info = encode_camera_info(given, cdr_header(*CdrReader(item.data).header()))
+                        content = item.stamp_ns, info, None, RELIABLE_QOS
+                        yield RecordedMessage(beside, CAMERA_INFO, *content)
                 yield item
 
     def _images(self, keep: Collection[str] | None) -> Iterator[Item]:
@@ -242,15 +245,6 @@ class ReplayInput:
                         yield RecordedMessage(topic, kind, frame.stamp_ns, make(), None, qos)
             if index % self._selection.every == 0:
                 yield frame
-
-
-def _calibration(
-    image: RecordedMessage, camera: CameraModel, topic: str
-) -> Iterator[RecordedMessage]:
-    """The CameraInfo of an image's message; none of one that is damaged."""
-    with suppress(ImageError):
-        info = encode_camera_info(camera, cdr_header(*CdrReader(image.data).header()))
-        yield RecordedMessage(topic, CAMERA_INFO, image.stamp_ns, info, None, RELIABLE_QOS)
 
 
 Progress = Callable[[JobProgress], None]
