@@ -218,6 +218,26 @@ def test_the_horizon_of_an_attitude_has_the_mounts_of_tf_static(mount, attitude)
     assert np.isfinite(found['rho'][:, :2]).all()
 
 
+def test_a_camera_whose_frame_has_the_axes_of_a_body_is_doubted():
+    """Many drivers call the optical frame as robot descriptions do the camera's body."""
+
+    def said_of(frame, there, **given):
+        processor = tanker(base_frame='base_link', **given)
+        processor.static_transforms.add(static('base_link', frame, there))
+        assert 'vision_pose' in fly_tanker(processor, 'camera')[-1]
+        return processor.frames_problem
+
+    for tilt in (DOWN_20, (0.0, -20.0, 160.0)):
+        body = mounted(tilt)
+        body[:3, :3] = body[:3, :3] @ OPTICAL_FROM_BODY
+        assert 'camera looks up by /tf_static' in said_of('camera', body)
+        # That one says what it is.
+        assert said_of('up_optical_frame', body, camera_frame='up_optical_frame') == ''
+        assert said_of('camera', mounted(tilt)) == ''
+    for down in (60.0, 90.0):
+        assert said_of('camera', mounted((0.0, down, 0.0))) == ''
+
+
 def test_no_attitude_is_used_before_the_mount_is_known():
     processor = runway(base_frame='base_link')
     frame = RUNWAY[0]
