@@ -31,6 +31,7 @@ from mvuav_ros.recordings.rosbag2_folder import open_writer
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
 from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.files import ImageFolder
 from mvuav_ros.sources.opening import looks_like_bag, open_source
 from mvuav_ros.sources.source import EVERYTHING, Selection, SourceError
 from mvuav_ros.vision.camera import CameraModel
@@ -193,6 +194,8 @@ class ReplayInput:
             if image is not None and (said := self._camera.objection(image.width, image.height)):
                 self.close()
                 raise SourceError(f'{self.name}: {said}')
+        if isinstance(source, ImageFolder) and given.fps is None:
+            self.account.note('fps', f'no stamps: {source.rate:g} images/s are assumed (--fps)')
         source.start_s = given.selection.start_s
 
     @property
