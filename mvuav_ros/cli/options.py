@@ -172,7 +172,7 @@ class RunOptions:
         rectified = nodes if self.image_is_rectified else ()
         given = [*assignments, *(f'{node}:image_is_rectified:=true' for node in rectified)]
         return ReplaySettings(
-            parameters=resolve_parameters(nodes, self.params_file, given),
+            parameters=resolve_parameters(nodes, self.params_file, given, self.image_topic),
             image_topic=self.image_topic,
             imu_topic=self.imu_topic,
             fps=self.fps,

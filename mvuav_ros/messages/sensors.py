@@ -110,12 +110,12 @@ def decode_imu(message: bytes | memoryview) -> tuple[int, Attitude]:
     """
     reader = CdrReader(message)
     stamp_ns = _stamp_ns(reader)
-    reader.text('frame_id')
+    sensor = reader.text('frame_id').lstrip('/')
     x, y, z, w, *covariance = reader.numbers('37d')[:13]
     if covariance[0] == -1.0:
         return stamp_ns, UNKNOWN_ATTITUDE
     sigma = math.sqrt(max(0.0, covariance[0], covariance[4]))
-    return stamp_ns, Attitude(x, y, z, w, sigma)
+    return stamp_ns, Attitude(x, y, z, w, sigma, sensor=sensor)
 
 
 _NO_BINNING_OR_REGION = bytes(6 * 4 + 1)
@@ -146,14 +146,12 @@ def encode_camera_info(camera: CameraModel, header: bytes) -> bytes:
     return writer.message()
 
 
-def encode_imu(orientation: tuple[float, ...], sigma: float, header: bytes) -> bytes:
-    """An Imu in CDR: the body's orientation in a level world (x, y, z, w), and nothing else.
-
-    The standard deviation, rad, is that of each angle.
-    """
-    covariance = (sigma**2, *(0.0, 0.0, 0.0, sigma**2) * 2)
+def encode_imu(seen: Attitude, header: bytes) -> bytes:
+    """The inverse of `decode_imu`, with the header of its sensor: nothing but an orientation."""
+    covariance = (seen.sigma**2, *(0.0, 0.0, 0.0, seen.sigma**2) * 2)
     nothing = (0.0, 0.0, 0.0, *_UNKNOWN)
-    return stamped_doubles(header, *orientation, *covariance, *nothing, *nothing)
+    turn = seen.x, seen.y, seen.z, seen.w
+    return stamped_doubles(header, *turn, *covariance, *nothing, *nothing)
 
 
 InfoT = TypeVar('InfoT')
@@ -309,4 +307,4 @@ def _between(before: tuple[int, Attitude], after: tuple[int, Attitude], stamp_ns
     mixed = [a + share * (sign * b - a) for a, b in zip(first, second, strict=True)]
     length = math.hypot(*mixed)
     x, y, z, w = (value / length for value in mixed)
-    return Attitude(x, y, z, w, max(one.sigma, other.sigma))
+    return Attitude(x, y, z, w, max(one.sigma, other.sigma), sensor=other.sensor)

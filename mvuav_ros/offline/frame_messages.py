@@ -34,21 +34,14 @@ _LINES = PointLayout(LINE)
 
 
 def frame_messages(frame: Frame) -> Iterator[Message]:
-    """What is known of a frame: its calibration, attitude, image and truth.
-
-    The frame of the camera is that of the body as well.
-    """
-    header, attitude = cdr_header(frame.stamp_ns, frame.frame_id), frame.attitude
+    """What is known of a frame: its calibration, attitude, image and truth."""
+    header = cdr_header(frame.stamp_ns, frame.frame_id)
     if frame.camera is not None:
         info = partial(encode_camera_info, frame.camera, header)
         yield topic_beside(IMAGE_TOPIC, 'camera_info'), CAMERA_INFO, info
-    if attitude is not None:
-        turn = attitude.x, attitude.y, attitude.z, attitude.w
-        yield (
-            topic_beside(IMAGE_TOPIC, 'imu'),
-            IMU,
-            partial(encode_imu, turn, attitude.sigma, header),
-        )
+    if frame.attitude is not None:
+        sensor = cdr_header(frame.stamp_ns, frame.attitude.sensor)
+        yield topic_beside(IMAGE_TOPIC, 'imu'), IMU, partial(encode_imu, frame.attitude, sensor)
     yield IMAGE_TOPIC, IMAGE, partial(serialize_image, frame.image, header)
     if isinstance(frame.truth, TankerTruth):
         yield from _tanker_messages(frame.truth, header)

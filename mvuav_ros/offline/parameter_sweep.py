@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -142,11 +142,6 @@ def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> I
         else:
             words = ' '.join(str(one.error).split())
             yield RunResult(run, error=words or type(one.error).__name__)
-
-
-def in_order(results: Iterable[RunResult]) -> list[RunResult]:
-    """By the runs' numbers."""
-    return sorted(results, key=lambda result: result.run.number)
 
 
 _MARKS = 'osD^vP*X'

@@ -23,21 +23,34 @@ def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
     nodes, which are left out. ``node`` is one of this package, without slash.
 
     Raises:
-        ParameterError: the text is not a parameter file.
+        ParameterError: the text is not a parameter file, or has several such nodes that differ.
     """
-    return _values_of(node, _sections(text, name))
+    return _values_of(node, _sections(text, name), name)
 
 
-def _values_of(node: str, sections: Iterable[_Section]) -> dict[str, object]:
+def _values_of(
+    node: str, sections: Iterable[_Section], file: str, image_topic: str | None = None
+) -> dict[str, object]:
+    """The node's, in whichever namespace; of several that differ, that of the image topic's."""
     every = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
     others = every.difference(NODE_PARAMETERS[node].names())
-    values: dict[str, object] = {}
-    for key, section in sections:
-        if names_node(key, node):
-            given = dict(_leaves(section, '.'))
-            left_out = others if '*' in key.rsplit('/', 1)[-1] else ()
-            values.update({name: given[name] for name in given if name not in left_out})
-    return values
+    ours = [(f'/{key.strip("/")}', section) for key, section in sections if names_node(key, node)]
+    names = [*dict.fromkeys(key for key, _ in ours if '*' not in key)] or ['']
+    if image_topic:
+        topic = f'/{image_topic.lstrip("/")}'
+        inside = [name for name in names if topic.startswith(name.removesuffix(node))]
+        names = sorted(inside, key=len)[-1:] or names
+    found: list[dict[str, object]] = [{} for _ in names]
+    for name, values in zip(names, found, strict=True):
+        for key, section in ours:
+            if not name or fits(key, name):
+                given = dict(_leaves(section, '.'))
+                left_out = others if '*' in key.rsplit('/', 1)[-1] else ()
+                values.update({each: given[each] for each in given if each not in left_out})
+    if any(values != found[0] for values in found):
+        said = f'{" and ".join(names)} differ; choose one by --image-topic, or by another file'
+        raise ParameterError(file, said)
+    return found[0]
 
 
 def names_node(key: str, node: str) -> bool:
@@ -145,9 +158,15 @@ def node_names(text: str | None, otherwise: Iterable[str] = DETECTORS) -> list[s
 
 
 def resolve_parameters(
-    nodes: Iterable[str], path: Path | None = None, assignments: Iterable[str] = ()
+    nodes: Iterable[str],
+    path: Path | None = None,
+    assignments: Iterable[str] = (),
+    image_topic: str | None = None,
 ) -> NodeParameters:
     """The values that a ROS 2 parameter file, then ``node:name:=value``, give to nodes.
+
+    Where the file has a node in several namespaces, the one that the ``image_topic`` is in counts;
+    it is an error if that does not say which, and they differ.
 
     Raises:
         ParameterError: a parameter is unknown, its value not valid, its node not among ``nodes``,
@@ -158,7 +177,7 @@ def resolve_parameters(
     if path is not None:
         sections = [*_sections(_text(path), str(path))]
         _check_node_keys(path, [key for key, _ in sections])
-    given = {node: _values_of(node, sections) for node in nodes}
+    given = {node: _values_of(node, sections, str(path), image_topic) for node in nodes}
     for node, name, value in map(parse_assignment, assignments):
         if node not in given:
             raise ParameterError(f'{node}:{name}', f'{node} is not among {", ".join(nodes)}')

@@ -57,6 +57,9 @@ class PanelPage(NamedTuple):
     charts: Mapping[str, Chart]  # the curves, by a short name
 
 
+_UPWARDS = 0.8  # Cosine off the vehicle's z
+
+
 class Processor(ABC):
     """A node's work without its ROS connections; the same for live nodes and replay."""
 
@@ -158,6 +161,10 @@ class Processor(ABC):
         camera_frame = given.camera_frame or frame.frame_id.lstrip('/')
         found = self.static_transforms.find(camera_frame, given.base_frame)
         if found is not None:
+            # Many drivers call it "camera", as robot descriptions do a frame with z up.
+            if 'optical' not in camera_frame and found.rotation[2, 2] > _UPWARDS:
+                said = f'{camera_frame} looks up by /tf_static, where optical frames have z ahead'
+                self.frames_problem = f'{said}: set camera_frame, or camera_mount_rpy_deg'
             return replace(found, rotation=found.rotation @ OPTICAL_FROM_BODY)
         self.frames_problem = (
             f'no ~/vision_pose of {given.base_frame}: camera_mount_xyz and camera_mount_rpy_deg '

@@ -195,15 +195,18 @@ class RunwayDetectorProcessor(Processor):
         self._statistics.add(result.lines)
 
     def _attitude(self, frame: Frame) -> Attitude | None:
-        """The body's, or where /tf_static has the camera's mount that of the camera's own axes."""
-        attitude, is_wanted = frame.attitude, self._parameters.base_frame and not self._stated_mount
-        if attitude is None or not (is_wanted and attitude.valid):
+        """The vehicle's, or by a mount on /tf_static the camera's; the sensor's without a base."""
+        attitude, base = frame.attitude, self._parameters.base_frame
+        if attitude is None or not (base and attitude.valid):
             return attitude
-        mount = self._mount(frame)
-        if mount is None:
-            return UNKNOWN_ATTITUDE
         body = from_quaternion(attitude.x, attitude.y, attitude.z, attitude.w)
-        return Attitude(*quaternion(body @ mount.rotation), attitude.sigma)
+        if (sensor := self.static_transforms.find(attitude.sensor, base)) is not None:
+            body = body @ sensor.rotation.T
+        if not self._stated_mount:
+            if (mount := self._mount(frame)) is None:
+                return UNKNOWN_ATTITUDE
+            body = body @ mount.rotation
+        return Attitude(*quaternion(body), attitude.sigma)
 
     def _encode_integrity(self, result: RunwayResult | ApproachResult, header: bytes) -> bytes:
         """How wrong the newest guidance may be; computed only where somebody listens."""

@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack
-from itertools import islice
+from itertools import chain, count, islice
 from pathlib import Path
 from secrets import token_hex
 from typing import Any, ClassVar
@@ -331,10 +331,9 @@ class _Files:
         name = re.sub(r'[^\w.-]', '_', topic.strip('/'))[:_MAX_NAME] or 'root'
         inner = f'/{flight}' if self.table_type.one_flight and self._several else ''
         taken = {table.path for table in self.tables.values()}
-        path, number = self._folder / f'{name}{inner}.{self.table_type.ending}', 1
-        while path in taken:
-            number += 1
-            path = self._folder / f'{name}_{number}{inner}.{self.table_type.ending}'
+        ending = f'{inner}.{self.table_type.ending}'
+        names = chain((name,), (f'{name}_{number}' for number in count(2)))
+        path = next(p for n in names if (p := self._folder / f'{n}{ending}') not in taken)
         self._refuse(path)
         return path
 

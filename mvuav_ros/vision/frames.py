@@ -6,7 +6,7 @@ Bodies and the world: x forward, y left, z up. A camera's optical frame: x right
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -100,7 +100,8 @@ def from_unit_quaternion(x: float, y: float, z: float, w: float) -> Matrix:
 class Attitude:
     """Orientation of the body (x forward, y left, z up) in a level world with z up (REP 103).
 
-    It is a unit quaternion; ``sigma`` is the standard deviation of roll and of pitch, rad.
+    It is a unit quaternion; ``sigma`` is the standard deviation of roll and of pitch, rad. Where
+    ``sensor`` names a frame, it is that frame's orientation (REP 145), as the sensor is mounted.
 
     Examples:
         >>> from mvuav_ros.vision.frames import Attitude
@@ -113,6 +114,7 @@ class Attitude:
     z: float
     w: float
     sigma: float = 0.0  # where none is stated
+    sensor: str = field(default='', kw_only=True)
 
     @classmethod
     def from_roll_pitch(cls, roll: float, pitch: float) -> Attitude:

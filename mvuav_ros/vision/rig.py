@@ -115,7 +115,7 @@ class MarkerRig:
         middle = rotation.dot(self.middle) + translation
         return max(math.hypot(*translation.tolist()), math.hypot(*middle.tolist()))
 
-    @property
+    @cached_property
     def size(self) -> float:
         """The greatest distance of two lights, m."""
         return max(math.dist(a, b) for _, a in self.markers for _, b in self.markers)
@@ -205,7 +205,9 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
     dock = content.get('dock', np.mean([position for _, position in lights], axis=0))
     rig = MarkerRig(str(content.get('name', name)), lights, dock, content.get('boom', dock))
-    _refuse_same_place(rig)
+    for (one, first), (other, second) in combinations(rig.markers, 2):
+        if math.dist(first, second) <= SAME_PLACE * rig.size:
+            raise RigError(f'{one} and {other} are at the same position')
     if rig.size > LARGEST:
         raise RigError(f'{rig.size:.4g} m across cannot be: positions are in metres')
     if rig.reach == 0.0:
@@ -227,11 +229,3 @@ def rig_text(rig: MarkerRig, deviations: NDArray[np.float64]) -> str:
     pairs = zip(rig.names, deviations, strict=True)
     lines += [f'  {listed(name, deviation, 6)}' for name, deviation in pairs]
     return '\n'.join(lines) + '\n'
-
-
-def _refuse_same_place(rig: MarkerRig) -> None:
-    """Two markers in one place are one light."""
-    least = SAME_PLACE * rig.size
-    for (name, first), (other, second) in combinations(rig.markers, 2):
-        if math.dist(first, second) <= least:
-            raise RigError(f'{name} and {other} are at the same position')

@@ -1,6 +1,7 @@
 """The vehicle's pose and the tree of frames, against the arithmetic of those who take them."""
 
 import math
+from dataclasses import astuple
 from itertools import islice
 from types import SimpleNamespace as Some
 
@@ -176,26 +177,65 @@ def test_the_mount_comes_from_the_parameters_or_from_tf_static(source):
     assert processor.frames_problem == ''
 
 
-def test_the_horizon_of_an_attitude_has_the_mount_of_tf_static():
-    """It was taken for that of a camera that looks along the vehicle, 20 degrees off."""
+ON_ITS_SIDE = from_rpy(*np.radians((90.0, 0.0, 30.0)))
+"""base_link from the axes of a sensor."""
+BY_TF, BY_PARAMETERS = {}, {'camera_mount_rpy_deg': DOWN_20}
+"""Where the camera's mount comes from."""
 
-    def rows(processor):
+
+@pytest.mark.parametrize(
+    ('mount', 'attitude'),
+    [
+        (BY_TF, LEVEL),
+        (BY_TF, Attitude(*quaternion(ON_ITS_SIDE), sensor='imu_link')),
+        (BY_PARAMETERS, Attitude(*quaternion(ON_ITS_SIDE), sensor='imu_link')),
+        (BY_TF, Attitude(*astuple(LEVEL)[:4], sensor='base_link')),
+        (BY_TF, Attitude(*astuple(LEVEL)[:4], sensor='nowhere')),
+    ],
+)
+def test_the_horizon_of_an_attitude_has_the_mounts_of_tf_static(mount, attitude):
+    """It was that of a camera, and of a sensor, with the vehicle's axes."""
+
+    def rows(processor, attitude):
         said = []
         for frame in RUNWAY:
-            seen = Frame(frame.stamp_ns, CAMERA, frame.image, RUNWAY_CAMERA, LEVEL)
+            seen = Frame(frame.stamp_ns, CAMERA, frame.image, RUNWAY_CAMERA, attitude)
             outputs = dict(processor.process(seen))
             said.append(view_points(decode_message(ROWS, outputs['line_params']())).copy())
         assert processor.status == ''
         return np.stack(said)
 
-    expected = rows(runway(camera_mount_rpy_deg=DOWN_20))
-    processor = runway(base_frame='base_link')
+    expected = rows(runway(camera_mount_rpy_deg=DOWN_20), LEVEL)
+    processor = runway(base_frame='base_link', **mount)
     processor.static_transforms.add(static('base_link', CAMERA, mounted()))
-    found = rows(processor)
+    sensor = np.eye(4)
+    sensor[:3, :3] = ON_ITS_SIDE
+    processor.static_transforms.add(static('base_link', 'imu_link', sensor))
+    found = rows(processor, attitude)
     for name in ('x', 'y', 'rho', 'theta', 'confidence'):
         # The horizons differ by rounding, by which places are rounded to other pixels.
         np.testing.assert_allclose(found[name], expected[name], atol=0.2)
     assert np.isfinite(found['rho'][:, :2]).all()
+
+
+def test_a_camera_whose_frame_has_the_axes_of_a_body_is_doubted():
+    """Many drivers call the optical frame as robot descriptions do the camera's body."""
+
+    def said_of(frame, there, **given):
+        processor = tanker(base_frame='base_link', **given)
+        processor.static_transforms.add(static('base_link', frame, there))
+        assert 'vision_pose' in fly_tanker(processor, 'camera')[-1]
+        return processor.frames_problem
+
+    for tilt in (DOWN_20, (0.0, -20.0, 160.0)):
+        body = mounted(tilt)
+        body[:3, :3] = body[:3, :3] @ OPTICAL_FROM_BODY
+        assert 'camera looks up by /tf_static' in said_of('camera', body)
+        # That one says what it is.
+        assert said_of('up_optical_frame', body, camera_frame='up_optical_frame') == ''
+        assert said_of('camera', mounted(tilt)) == ''
+    for down in (60.0, 90.0):
+        assert said_of('camera', mounted((0.0, down, 0.0))) == ''
 
 
 def test_no_attitude_is_used_before_the_mount_is_known():

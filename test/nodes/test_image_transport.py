@@ -28,6 +28,7 @@ from mvuav_ros.nodes.image_input import (
     subscribe,
 )
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image as ImagePixels
 
 
@@ -85,7 +86,9 @@ def test_no_attitude_is_lost_while_an_image_is_answered(graph: Graph) -> None:
     """Of a fast IMU more of them come in that time than a queue for images holds."""
     _, topic, publisher = imu_topic(graph)
     for number in range(60):
-        publisher.publish(encode_imu((0.0, 0.0, 0.0, 1.0), 0.0, cdr_header(1 + number, 'imu')))
+        publisher.publish(
+            encode_imu(Attitude.from_roll_pitch(0.0, 0.0), cdr_header(1 + number, 'imu'))
+        )
     known = topic._pairing._infos
 
     def all_are_known() -> bool:
@@ -104,8 +107,9 @@ def test_an_image_finds_what_came_while_the_one_before_was_answered(graph: Graph
     images = [ReceivedImage(Frame(each, '', black), each, math.nan, long_ago) for each in (1, 2)]
 
     def publish(stamp_ns: int, roll: float) -> None:
-        attitude = math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2)
-        publisher.publish(encode_imu(attitude, 0.0, cdr_header(stamp_ns, 'imu')))
+        publisher.publish(
+            encode_imu(Attitude.from_roll_pitch(roll, 0.0), cdr_header(stamp_ns, 'imu'))
+        )
         wait_until_ready(topic.subscription, node)
 
     with topic.subscription.handle:

@@ -10,6 +10,7 @@ from support.places import ROOT
 
 from mvuav_ros import load_parameters
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.parameter_file import complete, node_names, resolve_parameters
 
 BAG = ROOT / 'bags' / 'tanker.mcap'
@@ -85,3 +86,43 @@ def test_a_file_of_a_whole_robot_is_taken(tmp_path: Path) -> None:
         ParameterError, match='no such node: /camera_driver; there are video_source'
     ):
         resolve_parameters(['marker_tracker'], path)
+
+
+def test_of_a_node_in_several_namespaces_the_image_topics_own_counts(tmp_path: Path) -> None:
+    """As the live node of that camera has it: the mount of another camera is silently wrong."""
+    path = tmp_path / 'cameras.yaml'
+    path.write_text(
+        '/**: {ros__parameters: {threshold: 0.3, min_area: 2}}\n'
+        '/left/marker_tracker: {ros__parameters: {camera_mount_xyz: [0.0, 0.5, 0.0]}}\n'
+        '/right/marker_tracker: {ros__parameters: {threshold: 0.4}}\n'
+        '/right/nose/marker_tracker: {ros__parameters: {threshold: 0.5}}\n'
+    )
+
+    def of(topic: str | None) -> dict[str, object]:
+        return resolve_parameters(['marker_tracker'], path, (), topic)['marker_tracker']
+
+    assert of('/left/image_raw') == {
+        'threshold': 0.3,
+        'min_area': 2,
+        'camera_mount_xyz': (0.0, 0.5, 0.0),
+    }
+    assert of('right/image_raw') == {'threshold': 0.4, 'min_area': 2}
+    assert of('/right/nose/image_raw') == {'threshold': 0.5, 'min_area': 2}
+    for unclear in (None, '/image_raw', '/lefty/image_raw'):
+        with pytest.raises(
+            ParameterError, match='/left/marker_tracker and /right/marker_tracker and'
+        ):
+            of(unclear)
+    with path.open('a') as file:
+        file.write('/marker_tracker: {ros__parameters: {threshold: 0.6}}\n')
+    assert of('/camera/image_raw')['threshold'] == 0.6
+    assert of('/right/image_raw')['threshold'] == 0.4
+    run = mvuav('replay', BAG, '-o', tmp_path / 'out.mcap', '--params-file', path)
+    assert '--image-topic' in run.error and not (tmp_path / 'out.mcap').exists()
+
+
+def test_nodes_of_one_name_that_agree_are_one(tmp_path: Path) -> None:
+    path = tmp_path / 'cameras.yaml'
+    section = '/marker_tracker: {ros__parameters: {threshold: 0.4}}\n'
+    path.write_text(f'/left{section}/right{section}{section}')
+    assert load_parameters(path, 'marker_tracker') == MarkerTrackerParameters(threshold=0.4)

@@ -121,6 +121,11 @@ MESSAGES = (
         '',
     ),
     (
+        '… looks up by /tf_static, where optical frames have z ahead: …',
+        "the images are in the frame of the camera's body: `camera_frame` names its optical one",
+        '',
+    ),
+    (
         'no ~/vision_pose of …: camera_mount_xyz …',
         '`base_frame` is set, and nobody tells where the camera is on it',
         '',

@@ -60,7 +60,8 @@ them. `config/default.yaml` holds every default, `config/thesis.yaml` the values
 ```
 
 A value outside of its range is an error, as is an unknown name or a misspelt node. A ROS node only warns of the last two.
-Sections of other nodes may stand in the file; one for all nodes (`/**`) may hold parameters of each of them.
+Sections of other nodes may stand in the file; one for all nodes (`/**`) may hold parameters of each of them. `mvuav` takes
+a node's section whatever its namespace; of several that differ, the one of the namespace that `--image-topic` is in.
 """
 _CALIBRATION = """\
 ## Calibration

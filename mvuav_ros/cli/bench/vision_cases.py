@@ -6,7 +6,7 @@ import importlib
 import importlib.util
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import cv2
@@ -207,24 +207,21 @@ def runway_cases() -> list[Case]:
     whole = RunwayDetectorParameters(start_row=0, end_row=0)
 
     def in_rows(name: str, baseline: Baseline, limit: float) -> Case:
-        ours = _detector(slice_frames, RunwayDetectorParameters())
-        return Case('runway 320x240 rows 50-130', ours, name, _in_turn(baseline, slices), limit)
+        ours = _in_turn(RunwayDetector().process, slice_frames, itertools.repeat(0))
+        theirs = _in_turn(baseline, slices, map(automatic_threshold, slices))
+        return Case('runway 320x240 rows 50-130', ours, name, theirs, limit)
 
     cases = [in_rows('OpenCV', _opencv, 1.5)]
     if importlib.util.find_spec('skimage') is not None:
         cases.append(in_rows('scikit-image', _scikit_image(), 0.2))
-    ours, theirs = _detector(whole_frames, whole), _in_turn(_opencv, wholes)
+    ours = _in_turn(RunwayDetector(whole).process, whole_frames, itertools.repeat(0))
+    theirs = _in_turn(_opencv, wholes, map(automatic_threshold, wholes))
     return [*cases, Case('runway 1280x720 whole frame', ours, 'OpenCV', theirs)]
 
 
-def _detector(frames: list[Frame], parameters: RunwayDetectorParameters) -> Action:
-    detector = RunwayDetector(parameters)
-    endless = itertools.cycle(frames)
-    return lambda: detector.process(next(endless), 0)
-
-
-def _in_turn(process: Baseline, slices: list[Frame]) -> Action:
-    endless = itertools.cycle([(gray, automatic_threshold(gray)) for gray in slices])
+def _in_turn(process: Callable[..., object], *given: Iterable[object]) -> Action:
+    """Processes the next of each, and the first ones again after the last."""
+    endless = itertools.cycle([*zip(*given, strict=False)])
     return lambda: process(*next(endless))
 
 
@@ -292,13 +289,12 @@ def _approach(width: int, height: int, rate: int) -> Case:
     flight = RunwayFlight(RunwaySettings(width=width, height=height, frames=_APPROACH_FRAMES))
     frames = [flight.frame(index).image.pixels for index in range(_APPROACH_FRAMES)]
     # There and back, so that nothing jumps.
-    endless = itertools.cycle([*frames, *reversed(frames)])
-    same = itertools.cycle([*frames, *reversed(frames)])
+    frames += reversed(frames)
     return Case(
         f'approach {width}x{height}',
-        lambda: detector.process(next(endless), 0),
+        _in_turn(detector.process, frames, itertools.repeat(0)),
         'OpenCV lines',
-        lambda: _opencv_lines(next(same)),
+        _in_turn(_opencv_lines, frames),
         limit_ms=1e3 / rate,
         note=f'at least {rate} frames/s',
     )
@@ -319,14 +315,9 @@ def simulation_cases() -> list[Case]:
         'docking, bgr8': TankerFlight(docking),
         'runway, bgr8': RunwayFlight(RunwaySettings(**size)),
     }
-    return [_simulation(name, flight) for name, flight in flights.items()]
-
-
-def _simulation(name: str, flight: Flight[Any]) -> Case:
-    indices = itertools.cycle(range(_SIMULATED_FRAMES))
-    return Case(
-        f'simulated 640x480 {name}',
-        lambda: flight.frame(next(indices)),
-        limit_ms=1e3 / _SIMULATED_RATE,
-        note=f'at least {_SIMULATED_RATE} frames/s',
-    )
+    limit: dict[str, Any] = {'limit_ms': 1e3 / _SIMULATED_RATE}
+    limit['note'] = f'at least {_SIMULATED_RATE} frames/s'
+    return [
+        Case(f'simulated 640x480 {name}', _in_turn(flight.frame, range(_SIMULATED_FRAMES)), **limit)
+        for name, flight in flights.items()
+    ]

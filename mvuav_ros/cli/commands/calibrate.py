@@ -160,6 +160,7 @@ def check(
     if len(body.names) == MIN_MARKERS:
         note = ': names, but no pose, which takes four'
     say(f'{body.name}: {len(body.names)} markers, {body.size:.4g} m across{note}')
+    _say_order(body)
     doubts = (*examine(body), *refused_names(body))
     for doubt in doubts:
         say(f'refused: {doubt}')
@@ -174,6 +175,12 @@ def check(
             _say_exchanges(body, camera, in_view[0])
     if doubts:
         raise typer.Exit(1)
+
+
+def _say_order(body: MarkerRig) -> None:
+    for direction, axis in (('left to right', 1), ('top to bottom', 2)):
+        order = sorted(zip(-body.positions[:, axis], body.names, strict=True))
+        say(f'from behind, {direction}: {", ".join(name for _, name in order)}')
 
 
 def _camera(camera_info: str | None, width: int, fov: float) -> CameraModel:
@@ -256,7 +263,7 @@ def calibrate_rig(
         measured = work.parse_distance(distance) if distance else None
     except ValueError as error:
         raise ParameterError('--distance', str(error)) from error
-    given = resolve_parameters(['marker_tracker'], params_file, param or [])
+    given = resolve_parameters(['marker_tracker'], params_file, param or [], topic)
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
     report = _report_folder(report, output, force, source, camera_info, rig, params_file)
     camera = load_calibration(camera_info) if camera_info else None

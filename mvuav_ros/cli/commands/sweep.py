@@ -49,13 +49,7 @@ def sweep(
     runs that are finished.
     """
     from mvuav_ros.offline import report_figures  # noqa: F401  What it lacks is said before the runs.
-    from mvuav_ros.offline.parameter_sweep import (
-        in_order,
-        parse_axis,
-        plan_runs,
-        sweep_report,
-        sweep_table,
-    )
+    from mvuav_ros.offline.parameter_sweep import parse_axis, plan_runs, sweep_report, sweep_table
     from mvuav_ros.offline.parameter_sweep import sweep as run_sweep
     from mvuav_ros.offline.report import csv_text, write_report
     from mvuav_ros.parameters.parameter_file import node_names
@@ -78,7 +72,7 @@ def sweep(
             interruption = ended
             if not finished:
                 raise
-    results = in_order(finished)
+    results = sorted(finished, key=lambda result: result.run.number)
     described = {
         'inputs': ', '.join(sources),
         'parameters swept': ', '.join(

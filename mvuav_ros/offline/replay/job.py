@@ -31,6 +31,7 @@ from mvuav_ros.recordings.rosbag2_folder import open_writer
 from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
 from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.files import ImageFolder
 from mvuav_ros.sources.opening import looks_like_bag, open_source
 from mvuav_ros.sources.source import EVERYTHING, Selection, SourceError
 from mvuav_ros.vision.camera import CameraModel
@@ -193,6 +194,8 @@ class ReplayInput:
             if image is not None and (said := self._camera.objection(image.width, image.height)):
                 self.close()
                 raise SourceError(f'{self.name}: {said}')
+        if isinstance(source, ImageFolder) and given.fps is None:
+            self.account.note('fps', f'no stamps: {source.rate:g} images/s are assumed (--fps)')
         source.start_s = given.selection.start_s
 
     @property
@@ -227,7 +230,10 @@ class ReplayInput:
                 yield replace(item, camera=given)
             elif item.topic != beside:
                 if item.topic == source.topic:
-                    yield from _calibration(item, given, beside)
+                    with suppress(ImageError):  # one that is damaged has no header
+                        info = encode_camera_info(given, cdr_header(*CdrReader(item.data).header()))
+                        content = item.stamp_ns, info, None, RELIABLE_QOS
+                        yield RecordedMessage(beside, CAMERA_INFO, *content)
                 yield item
 
     def _images(self, keep: Collection[str] | None) -> Iterator[Item]:
@@ -242,15 +248,6 @@ class ReplayInput:
                         yield RecordedMessage(topic, kind, frame.stamp_ns, make(), None, qos)
             if index % self._selection.every == 0:
                 yield frame
-
-
-def _calibration(
-    image: RecordedMessage, camera: CameraModel, topic: str
-) -> Iterator[RecordedMessage]:
-    """The CameraInfo of an image's message; none of one that is damaged."""
-    with suppress(ImageError):
-        info = encode_camera_info(camera, cdr_header(*CdrReader(image.data).header()))
-        yield RecordedMessage(topic, CAMERA_INFO, image.stamp_ns, info, None, RELIABLE_QOS)
 
 
 Progress = Callable[[JobProgress], None]

@@ -21,7 +21,6 @@ from mvuav_ros.cli.app import application
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import line_errors, metrics_of
 from mvuav_ros.offline.parameter_sweep import (
-    in_order,
     parse_axis,
     plan_runs,
     sweep,
@@ -45,6 +44,10 @@ def run(*arguments):
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result
+
+
+def _in_order(results):
+    return sorted(results, key=lambda result: result.run.number)
 
 
 def rows_of(path):
@@ -107,7 +110,7 @@ def numbers(results):
     return [
         # As text, since NaN is not equal to itself.
         (r.run.values, r.error, repr([m for m in r.metrics if 'time' not in m.group]))
-        for r in in_order(results)
+        for r in _in_order(results)
     ]
 
 
@@ -263,7 +266,7 @@ def test_the_trends_are_over_the_parameter_that_changes():
     threshold, given = map(
         parse_axis, ('marker_tracker:threshold:=0.5,0.6', 'marker_tracker:centroid:=binary')
     )
-    results = in_order(sweep(plan_runs([FLIGHT], [given, threshold], TRACKED)))
+    results = _in_order(sweep(plan_runs([FLIGHT], [given, threshold], TRACKED)))
     alone = [replace(r, run=replace(r.run, values=r.run.values[1:])) for r in results]
 
     def figures(results, axes):
@@ -395,7 +398,7 @@ def test_a_sweep_says_what_of_a_recording_is_missing(tmp_path):
     bag.write_bytes(bag.read_bytes()[:-2000])
     axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
     runs = plan_runs([str(bag)], [axis], TRACKED)
-    results = in_order(sweep(runs))
+    results = _in_order(sweep(runs))
     assert all(result.metrics and result.losses for result in results)
     lead = sweep_report(results, [axis], {}).lead
     assert sum('not all is in it' in line for line in lead) >= len(runs) == 2
@@ -438,7 +441,7 @@ def test_a_sweep_of_inputs_with_odd_names(tmp_path):
     names = 'a${$.mcap', '_b.mcap', os.fsdecode(b'\xff.mcap')
     sources = [str(shutil.copy(bag, tmp_path / name)) for name in names]
     axis = parse_axis('marker_tracker:threshold:=0.5,0.6')
-    results = in_order(sweep(plan_runs(sources, [axis], TRACKED)))
+    results = _in_order(sweep(plan_runs(sources, [axis], TRACKED)))
     page = write_report(sweep_report(results, [axis], {}), tmp_path / 'out')
     assert page.exists() and len(list((tmp_path / 'out').glob('*.png'))) > 3
 

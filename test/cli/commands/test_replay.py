@@ -207,6 +207,9 @@ def test_keep_inputs_of_images_are_images(tmp_path: Path, kind: str) -> None:
         assert (decoded.width, decoded.height, decoded.encoding) == (64, 48, 'bgr8')
         difference = decoded.data.reshape(48, 64, 3).astype(int) - frame
         assert np.abs(difference).max() <= (0 if kind == 'folder' else 12)
+    # Velocities depend on the rate: one that nobody gave is named.
+    run = mvuav('replay', source, '-o', out, *NODE, '--force')
+    assert ('note: no stamps: 30 images/s are assumed' in run.err) is (kind == 'folder')
 
 
 @pytest.mark.parametrize(

@@ -219,8 +219,9 @@ def test_a_damaged_calibration_or_attitude_is_refused_wherever_it_is_cut():
     camera = CameraModel(640, 480, (500.0, 0, 320, 0, 490, 240, 0, 0, 1), d=(0.1, 0, 0, 0, 0))
     header = cdr_header(1_500_000_000, 'nose')
     info = encode_camera_info(camera, header)
-    imu = encode_imu((0.0, 0.6, 0.0, 0.8), 0.1, header)
-    assert decode_imu(imu) == (1_500_000_000, Attitude(0.0, 0.6, 0.0, 0.8, pytest.approx(0.1)))
+    imu = encode_imu(Attitude(0.0, 0.6, 0.0, 0.8, 0.1), header)
+    seen = Attitude(0.0, 0.6, 0.0, 0.8, pytest.approx(0.1), sensor='nose')
+    assert decode_imu(imu) == (1_500_000_000, seen)
     for axis in (0, 4):
         uneven = bytearray(imu)
         struct.pack_into('<d', uneven, len(imu) - (33 - axis) * 8, 0.09)
@@ -241,7 +242,8 @@ def test_a_calibration_and_an_attitude_are_what_rclpy_takes_them_for():
     for frame_id in ('', 'nose', 'noses'):
         header = cdr_header(1_500_000_000, frame_id)
         info = deserialize_message(encode_camera_info(camera, header), CameraInfo)
-        imu = deserialize_message(encode_imu((0.0, 0.6, 0.0, 0.8), 0.1, header), Imu)
+        seen = Attitude(0.0, 0.6, 0.0, 0.8, 0.1)
+        imu = deserialize_message(encode_imu(seen, header), Imu)
         for message in (info, imu):
             assert message.header.frame_id == frame_id
             assert stamp_ns_of(message.header) == 1_500_000_000

@@ -19,6 +19,10 @@ def test_the_shipped_rig_passes():
     run = mvuav('rig', 'check', ROOT / 'config' / 'tanker_747.yaml', '--distance', '60')
     assert (run.status, run.err) == (0, '')
     assert run.out.startswith('tanker_747: 5 markers, 59.6 m across\n')
+    across = 'left_wing, left_stabilizer, rudder, right_stabilizer, right_wing'
+    assert f'\nfrom behind, left to right: {across}\n' in run.out
+    down = 'rudder, left_stabilizer, right_stabilizer, left_wing, right_wing'
+    assert f'\nfrom behind, top to bottom: {down}\n' in run.out
     assert 'px rms  right_stabilizer -> right_wing' in run.out
 
 
@@ -37,7 +41,7 @@ def test_a_calibration_is_the_camera_that_the_rig_is_seen_by(tmp_path):
     save_calibration(CameraModel(640, 480, (0.0,) * 9), tmp_path / 'nothing.yaml', 'c')
     run = mvuav('rig', 'check', rig, '--camera-info', tmp_path / 'nothing.yaml')
     assert 'nothing.yaml: camera_info is all zeros' in run.error
-    spans = {name: float(lines[3].split()[1]) for name, lines in said.items()}
+    spans = {name: float(lines[5].split()[1]) for name, lines in said.items()}
     assert spans['barrel'] < 0.99 * spans['straight']
 
 
@@ -72,7 +76,7 @@ def test_three_lights_have_no_table_of_a_pose_that_they_never_have(tmp_path):
     assert run.status == 0
     first, *rest = run.out.splitlines()
     assert first == 'three: 3 markers, 3.162 m across: names, but no pose, which takes four'
-    assert rest[1] == 'exchanged names with the smallest residuals, at 20 m'
+    assert rest[3] == 'exchanged names with the smallest residuals, at 20 m'
 
 
 def test_a_file_that_is_no_rig(tmp_path):
