@@ -75,7 +75,7 @@ class Registration:
         return cos * x + sin * y, -sin * x + cos * y
 
     def _has_moved(self, right: int, down: int) -> bool:
-        """Whether the whole picture is more like the last one after so many px, if they are many."""
+        """Whether the whole picture is more like the last one moved so far, where that is far."""
         if max(abs(right), abs(down)) < MOTION.reaches[-1]:
             return True
         (height, width), x, y = self.gray.shape, max(right, 0), max(down, 0)

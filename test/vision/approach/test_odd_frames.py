@@ -99,6 +99,20 @@ def test_what_was_followed_is_not_reported_of_a_frame_that_shows_nothing(flight,
     assert not found[-1].status
 
 
+def test_a_camera_may_sway(flight):
+    """By up to 11 px from frame to frame, as an aircraft without a gimbal does."""
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach'))
+    for index, (image, (still, _)) in enumerate(zip(flight, results(flight), strict=True)):
+        right, down = 25.0 * math.sin(0.4 * index), 10.0 * math.sin(0.55 * index)
+        matrix = np.array([[1.0, 0.0, right], [0.0, 1.0, down]])
+        swaying = cv2.warpAffine(image, matrix, (320, 240), borderMode=cv2.BORDER_REPLICATE)
+        result = detector.process(swaying, index)
+        assert result.confidence >= CONFIDENT
+        assert result.corners is not None and still.corners is not None
+        for (x, _), (at_x, _) in zip(result.corners[:2], still.corners[:2], strict=True):
+            assert x - right == pytest.approx(at_x, abs=6.0)
+
+
 def no_signal(image, _):
     """What a receiver shows while nothing comes."""
     blue = np.full_like(image, (180, 0, 0))

@@ -24,13 +24,24 @@ def moved(image, right, down):
     return cv2.warpAffine(image, matrix, (320, 240), borderMode=cv2.BORDER_REPLICATE)
 
 
-@pytest.mark.parametrize('shift', [(0.0, 0.0), (3.0, -2.0), (-1.5, 4.25)])
+@pytest.mark.parametrize('shift', [(0.0, 0.0), (3.0, -2.0), (-1.5, 4.25), (-17.0, 8.5)])
 def test_a_turn_of_the_camera_is_measured(texture, shift):
     registration = Registration()
     registration.take(texture)
     registration.take(moved(texture, *shift))
     found = registration.shift(STRIP, Derotation(320, 240, 1, 0.0))
     assert found == pytest.approx(shift, abs=0.2)
+
+
+def test_a_part_alone_may_move_less_far(texture):
+    """As where a picture is torn: what is around the strip has come from elsewhere."""
+    torn = texture.copy()
+    torn[70:170, 60:260] = moved(texture, 14.0, 0.0)[70:170, 60:260]
+    registration = Registration()
+    registration.take(texture)
+    registration.take(torn)
+    right, _ = registration.shift(STRIP, Derotation(320, 240, 1, 0.0))
+    assert abs(right) < 6.0
 
 
 def test_the_memory_of_an_image_may_be_used_for_the_next(texture):
