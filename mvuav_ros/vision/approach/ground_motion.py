@@ -62,22 +62,22 @@ class Registration:
             alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
             row, column = (int(place) for place in np.unravel_index(alike.argmax(), alike.shape))
             right, down = left + column - first, upper + row - top
-            # What is most alike at the end of the reach is more so beyond: a torn picture.
+            # What is most alike at the end of the reach is more so beyond.
             is_inside = 0 < row < alike.shape[0] - 1 and 0 < column < alike.shape[1] - 1
             is_known = is_inside and alike[row, column] > MOTION.min_correlation
-            if is_known and (reach == MOTION.reaches[-1] or self._has_moved(right, down)):
-                break
-        self.alike = float(np.fmax(self.alike, alike[row, column]))
-        if not is_known:
-            return 0.0, 0.0
-        x, y = right + vertex(alike[row], column), down + vertex(alike[:, column], row)
-        cos, sin = math.cos(level.slope), math.sin(level.slope)
-        return cos * x + sin * y, -sin * x + cos * y
+            is_near = reach == MOTION.reaches[0]
+            # Farther off there may be the like by chance, above all in a torn picture.
+            is_known = is_known and (is_near or self._has_moved(right, down))
+            if is_near or is_known:
+                self.alike = float(np.fmax(self.alike, alike[row, column]))
+            if is_known:
+                x, y = right + vertex(alike[row], column), down + vertex(alike[:, column], row)
+                cos, sin = math.cos(level.slope), math.sin(level.slope)
+                return cos * x + sin * y, -sin * x + cos * y
+        return 0.0, 0.0
 
     def _has_moved(self, right: int, down: int) -> bool:
-        """Whether the whole picture is more like the last one moved so far, where that is far."""
-        if max(abs(right), abs(down)) < MOTION.reaches[-1]:
-            return True
+        """Whether the whole picture is more like the last one moved by so many px."""
         (height, width), x, y = self.gray.shape, max(right, 0), max(down, 0)
         places = (self.gray, x, y), (self._last, x - right, y - down), (self._last, x, y)
         # Coarse, as it may have turned as well.
@@ -99,7 +99,7 @@ def _box(strip: Strip, level: Derotation, size: tuple[int, ...]) -> Any:
     middle = level.to_working(x + 0.25 * (left + right) * near, y + 0.5 * near)
     sides = np.clip([1.5 * (right - left) * near, 1.5 * near], MOTION.min_side, MOTION.max_side)
     box = np.trunc(np.multiply.outer((-0.5, 0.5), sides) + middle)
-    nearest = MOTION.reaches[-1]
+    nearest = MOTION.reaches[0]
     box = np.clip(box, nearest, np.array(size[1::-1]) - nearest)
     # Not if the middle is nowhere.
     return box.astype(int) if (np.diff(box, axis=0) >= MOTION.min_side // 2).all() else None
