@@ -54,27 +54,35 @@ class Registration:
         box = _box(strip, level, self._last.shape)
         if box is None:
             return 0.0, 0.0
-        (first, top), (end, bottom) = box
-        part = self._last[top:bottom, first:end]
-        for reach in MOTION.reaches:
-            left, upper = max(first - reach, 0), max(top - reach, 0)
-            around = self.gray[upper : bottom + reach, left : end + reach]
-            alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
-            row, column = (int(place) for place in np.unravel_index(alike.argmax(), alike.shape))
-            right, down = left + column - first, upper + row - top
-            # What is most alike at the end of the reach is more so beyond.
-            is_inside = 0 < row < alike.shape[0] - 1 and 0 < column < alike.shape[1] - 1
-            is_known = is_inside and alike[row, column] > MOTION.min_correlation
-            is_near = reach == MOTION.reaches[0]
+        near, far = MOTION.reaches
+        right, down, alike = self._match(box, near)
+        self.alike = float(np.fmax(self.alike, alike))
+        if math.isnan(right):
+            right, down, alike = self._match(box, far)
             # Farther off there may be the like by chance, above all in a torn picture.
-            is_known = is_known and (is_near or self._has_moved(right, down))
-            if is_near or is_known:
-                self.alike = float(np.fmax(self.alike, alike[row, column]))
-            if is_known:
-                x, y = right + vertex(alike[row], column), down + vertex(alike[:, column], row)
-                cos, sin = math.cos(level.slope), math.sin(level.slope)
-                return cos * x + sin * y, -sin * x + cos * y
-        return 0.0, 0.0
+            if math.isnan(right) or not self._has_moved(round(right), round(down)):
+                return 0.0, 0.0
+            self.alike = float(np.fmax(self.alike, alike))
+        cos, sin = math.cos(level.slope), math.sin(level.slope)
+        return cos * right + sin * down, -sin * right + cos * down
+
+    def _match(self, box: NDArray[np.int_], reach: int) -> tuple[float, float, float]:
+        """Px to the right and down to what is most alike, NaN if not like it; and its correlation.
+
+        The box is as of `_box`.
+        """
+        (first, top), (end, bottom) = box.tolist()
+        left, upper = max(first - reach, 0), max(top - reach, 0)
+        around = self.gray[upper : bottom + reach, left : end + reach]
+        alike = cv2.matchTemplate(around, self._last[top:bottom, first:end], cv2.TM_CCOEFF_NORMED)
+        row, column = (int(place) for place in np.unravel_index(alike.argmax(), alike.shape))
+        # What is most alike at the end of the reach is more so beyond.
+        is_inside = 0 < row < alike.shape[0] - 1 and 0 < column < alike.shape[1] - 1
+        if not (is_inside and alike[row, column] > MOTION.min_correlation):
+            return math.nan, math.nan, alike[row, column]
+        right = left + column - first + vertex(alike[row], column)
+        down = upper + row - top + vertex(alike[:, column], row)
+        return right, down, alike[row, column]
 
     def _has_moved(self, right: int, down: int) -> bool:
         """Whether the whole picture is more like the last one moved by so many px."""

@@ -77,9 +77,9 @@ class StripTracker(Generic[TrackT]):
         self.level = level
         shifts = [self.registration.shift(track.strip(), level) for track in self.tracks]
         self._unlike = self._unlike + 1 if self.registration.alike < MOTION.min_alike else 0
-        is_plain = self.registration.is_plain and self.tracks
         # Where it goes on it is another scene, or one that moves too fast.
-        if is_plain or 0 < self._unlike <= MOTION.max_unlike:
+        is_left_out = 0 < self._unlike <= MOTION.max_unlike
+        if is_left_out or (self.registration.is_plain and self.tracks):
             self.registration.leave_out()
             return False
         for track, shift in zip(self.tracks, shifts, strict=True):
