@@ -90,7 +90,7 @@ class IdentityTracker:
             self._is_redundant = self._count > (3 if self._lens.focal else 4)
             self._start_again()
         result = self._follow(frame, *self._body) if self._body else self._start(frame)
-        return result if result.named else result.remarked(frame.crowd)
+        return result if result.named else result.remarked(frame.blobs.crowd)
 
     def _start(self, frame: Frame, lamps: Collection[Light] = ()) -> MarkerResult:
         """Name all markers in a whole frame, in which some lights are known to be lamps."""

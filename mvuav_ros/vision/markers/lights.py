@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import compress
 from typing import Any, NamedTuple
 
@@ -95,14 +95,23 @@ class Blobs:
     pieces for as long as a dark pixel lies between them.
     """
 
-    def __init__(self, gray: Pixels, parameters: MarkerTrackerParameters) -> None:
+    def __init__(
+        self, gray: Pixels, parameters: MarkerTrackerParameters, mask: Mask | None = None
+    ) -> None:
+        """Find those of a grey image, by the mask of its bright pixels if that is there."""
         self._meter = CentroidMeter(gray, parameters.threshold, parameters.weighted)
-        mask = threshold(gray, parameters.threshold)
+        mask = threshold(gray, parameters.threshold) if mask is None else mask
         self._labels, self._where, stats = label(mask)
         fits = area_fits(stats[:, cv2.CC_STAT_AREA], parameters)
         self._numbers = 1 + np.flatnonzero(fits[1:])  # of the pieces within the limits
         # (n, 5), x, y, width, height and area (px), in the order of their first pixels, row by row.
         self.stats = stats[self._numbers].astype(np.intp)
+
+    @property
+    def crowd(self) -> str:
+        """What is wrong where they are more than are measured; else ''."""
+        count = len(self.stats)
+        return f'{count} clusters above the threshold' if count > MAX_BLOBS else ''
 
     def may_be_lights(self, least: float = 0.0) -> Integers:
         """The rows in `stats` of those, of an area (px) at least, that are compact enough.
@@ -233,9 +242,9 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
     if parameters.by_components:
         if problem := brightness_problem(mask):
             raise GroupingError(problem)
-        blobs = Blobs(gray, parameters)
-        if len(blobs.stats) > MAX_BLOBS:
-            raise GroupingError(f'{len(blobs.stats)} clusters above the threshold')
+        blobs = Blobs(gray, parameters, mask)
+        if blobs.crowd:
+            raise GroupingError(blobs.crowd)
         spots = sorted(blobs.measure())
         return np.array([spot[:3] for spot in spots], np.float64).reshape(-1, 3)
     groups = group_mask(mask, parameters.grouping_distance)
@@ -266,7 +275,11 @@ class Frame:
         self.meter = CentroidMeter(image, parameters.threshold, parameters.weighted)
         self.size = self.meter.size
         self._spots: dict[float, list[Detection]] = {}
-        self.crowd = ''  # what is wrong where it has more bright pieces than are measured
+
+    @cached_property
+    def blobs(self) -> Blobs:
+        """Its bright pieces, however often they are looked at."""
+        return Blobs(self.image.gray(), self.parameters)
 
     def spots(self, least: float) -> list[Detection]:
         """Those of its bright pieces that may be lights, of an area (px) at least, measured.
@@ -274,10 +287,7 @@ class Frame:
         However often they are asked for.
         """
         if least not in self._spots:
-            blobs = Blobs(self.image.gray(), self.parameters)
-            if len(blobs.stats) > MAX_BLOBS:
-                self.crowd = f'{len(blobs.stats)} clusters above the threshold'
-            self._spots[least] = blobs.measure(blobs.may_be_lights(least))
+            self._spots[least] = self.blobs.measure(self.blobs.may_be_lights(least))
         return self._spots[least]
 
 
