@@ -21,7 +21,7 @@ from mvuav_ros.vision.approach.attitude import (
     line_through,
     mount_matrix,
 )
-from mvuav_ros.vision.approach.evidence import BitDepth, as_grey, shrink_levels
+from mvuav_ros.vision.approach.evidence import GreyLevels, as_grey, shrink_levels
 from mvuav_ros.vision.approach.guidance import locate
 from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.sight import Sight
@@ -318,13 +318,13 @@ class Finder:
         self.tracker = RunwayTracker() if target == 'runway' else RoadTracker(TARGETS[target])
         self._horizon: HorizonFinder | None = None
         self._seen = 0  # frames in which the image has shown a horizon
-        self._depth = BitDepth()
+        self._levels = GreyLevels()
 
     def step(
         self, image: Pixels, known: HorizonLine | None, veto: str, camera: CameraModel | None
     ) -> Found:
         """Take in the next frame, of which the horizon may be known, or why it shows nothing."""
-        image = as_grey(self._depth.levels(image))
+        image = as_grey(self._levels.levels(image))
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
         sight = Sight.unknown(height)

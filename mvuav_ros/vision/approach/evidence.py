@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.tuning import SEARCH
+from mvuav_ros.vision.approach.tuning import LEVELS, SEARCH
 from mvuav_ros.vision.point_operations import Pixels
 
 WORKING_WIDTH = 320
@@ -82,18 +82,40 @@ MIRROR = np.array([-1, -1, -1, 1], np.int8)
 """Of a right edge steps have the other sign, paint has none."""
 
 
-class BitDepth:
-    """Of a camera's frames of 16 bits, of which those of 10 to 14 bits use the lower part."""
+class GreyLevels:
+    """Of a camera's frames: how many bits they have, and how much of the grey levels they use.
+
+    Those of 10 to 14 bits use the lower part of 16; in fog, or underexposed, hardly any is used.
+    """
 
     def __init__(self) -> None:
         self._bits = 8
+        self._ends: NDArray[np.float64] | None = None  # between which most of the pixels are
 
     def levels(self, image: Pixels) -> Pixels:
         """A frame in 256 grey levels, by the brightest pixel of this camera by now."""
-        if image.dtype == np.uint8 or image.size == 0:
+        if image.size == 0:
             return image
-        self._bits = max(self._bits, int(image.max()).bit_length())
-        return np.asarray(image >> (self._bits - 8), np.uint8)
+        if image.dtype != np.uint8:
+            self._bits = max(self._bits, int(image.max()).bit_length())
+            image = np.asarray(image >> (self._bits - 8), np.uint8)
+        return self._stretched(image)
+
+    def _stretched(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """With more contrast, where the last frames had little."""
+        step = max(1, image.shape[1] // LEVELS.columns)
+        # Of all channels: what has plain colours is in no fog.
+        ends = np.percentile(image[::step, ::step], LEVELS.shares)
+        if ends[1] - ends[0] < LEVELS.min_spread:
+            return image
+        last = ends if self._ends is None else self._ends
+        self._ends = last + LEVELS.memory * (ends - last)
+        low, high = self._ends
+        gain = min(LEVELS.usual_spread / (high - low), LEVELS.max_gain)
+        if gain <= 1.0:
+            return image
+        table = (np.arange(256) - low) * gain + LEVELS.darkest
+        return np.asarray(cv2.LUT(image, np.clip(table, 0, 255).astype(np.uint8)), np.uint8)
 
 
 def shrink_levels(image: Pixels) -> tuple[NDArray[Any], int]:
@@ -124,8 +146,6 @@ class EvidenceMap:
     sums: Table  # of the 1 or 3 opponent channels, grey levels
     evidence: NDArray[np.int8]  # (height, width, 4) in `UNIT`: steps to the right, and paint
     texture: NDArray[np.float32]  # (height, width) of brightness, grey levels
-    # (height, width) where something is laid over the view, if anywhere
-    hidden: NDArray[np.bool_] | None = None
 
     @property
     def height(self) -> int:
@@ -162,8 +182,6 @@ class EvidenceMap:
         index = row * np.int32(self.width) + column
         index *= inside
         values = self.evidence.reshape(-1, CHANNELS).view(np.int32).ravel().take(index)
-        if self.hidden is not None:
-            inside &= ~self.hidden.ravel().take(index)
         values *= inside
         evidence = values.view(np.int8).reshape((*column.shape, CHANNELS))
         evidence[1] *= MIRROR
@@ -210,7 +228,7 @@ def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = Non
     texture = cv2.blur(np.minimum(change, np.float32(20.0), out=change), (31, 9))
     if hidden is not None:
         evidence[hidden] = 0
-    return EvidenceMap(row_sums(channels), evidence, np.asarray(texture, np.float32), hidden)
+    return EvidenceMap(row_sums(channels), evidence, np.asarray(texture, np.float32))
 
 
 def _quantised(values: NDArray[np.float32]) -> NDArray[np.int8]:

@@ -120,6 +120,8 @@ class GroundMotion(NamedTuple):
     before: NDArray[np.uint8]  # the earlier image: of what stands still in the picture
     moved: NDArray[np.uint8]  # the same, moved as the ground was: of what lies on the ground
     plane: NDArray[np.float64]  # (3, 3) by which it was moved
+    ratios: NDArray[np.float32]
+    """(height, width) logarithms of how much worse motion explains a pixel than standing still."""
 
     def still_odds(self, strip: Strip, level: Derotation) -> float:
         """Log odds by which a strip's edges stand still in the picture, not on the ground.
@@ -132,8 +134,21 @@ class GroundMotion(NamedTuple):
         land, _ = self._ratios(np.array([x, y, left - aside, right + aside, *ends]), level)
         edges, away = self._ratios(strip, level)
         ratio = min(np.minimum(edges, (away / MOTION.map_sigma) ** 2).sum(), -land.sum())
+        ratio = max(ratio, self._near_ratio(strip, level))
         odds = MOTION.still_weight * (ratio - MOTION.still_doubt)
         return float(np.clip(odds, -MOTION.most_still_odds, MOTION.most_still_odds))
+
+    def _near_ratio(self, strip: Strip, level: Derotation) -> float:
+        """As of `_ratios`, of the near end, which lies across the way along a runway."""
+        x, y, left, right, _, near = strip.tolist()
+        columns = x + near * np.linspace(left, right, MOTION.near_places + 2)[1:-1]
+        rows = y + near + np.arange(-MOTION.near_reach, MOTION.near_reach + 1.0)[:, None]
+        across, down = np.broadcast_arrays(*level.to_working(columns, rows))
+        places = across.astype(np.float32), down.astype(np.float32)
+        found = cv2.remap(self.ratios, *places, cv2.INTER_NEAREST)
+        least, most = found.min(axis=0), found.max(axis=0)
+        # It is one edge, and counts as two.
+        return 2.0 * float(np.where(most > -least, most, least).mean())
 
     def _ratios(self, strip: Strip, level: Derotation) -> Any:
         """(2,) logarithms of how much worse motion explains each edge than standing still does.
@@ -170,7 +185,7 @@ class Overlaid:
         # (height, width), 255 where the picture is overlaid; None where nowhere.
         self.mask: NDArray[np.uint8] | None = None
         self.motion: GroundMotion | None = None  # up to the newest image, where it was measured
-        self._votes: NDArray[np.float32] | None = None
+        self._odds: NDArray[np.float32] | None = None
         self._first = np.zeros((0, 0), np.uint8)
         self._corners = np.zeros((0, 1, 2), np.float32)
         self._age, self._period = 0, MOTION.period
@@ -217,41 +232,53 @@ class Overlaid:
             # Too fast to be followed over more than a frame.
             self._period = 1
             return True
-        there = np.asarray(cv2.perspectiveTransform(old[:, None], plane))[:, 0]
-        expected = np.linalg.norm(there - old, axis=1)
-        should_move = expected > MOTION.min_moved
-        if not should_move.any():
-            return False
         self._period = min(self._period + 1, MOTION.period)
         replicate, size = cv2.BORDER_REPLICATE, gray.shape[::-1]
-        moved = cv2.warpPerspective(self._first, plane, size, borderMode=replicate)
-        self.motion = GroundMotion(gray, self._first, np.asarray(moved, np.uint8), plane)
-        self._vote(old[~moving & should_move], new[way > MOTION.min_moved], gray.shape)
+        there = cv2.warpPerspective(self._first, plane, size, borderMode=replicate)
+        moved = np.asarray(there, np.uint8)
+        ratios = _ratios_of_pixels(gray, self._first, moved, plane)
+        # Of digits that change on a picture that stands still there may be such a map, too.
+        if np.count_nonzero(ratios < -1.0) < MOTION.min_moved_share * ratios.size:
+            return False
+        self._remember(ratios)
+        self.motion = GroundMotion(gray, self._first, moved, plane, ratios)
         return True
 
-    def _vote(self, still: Any, moved: Any, size: tuple[int, ...]) -> None:
-        if self._votes is None:
-            self._votes = np.zeros([side // MOTION.cell + 1 for side in size], np.float32)
-        votes = self._votes
-        votes *= 1.0 - MOTION.forgotten
-        # Beside a letter that stands still there may be digits that change.
-        around = cv2.dilate(_counted(still, votes.shape), np.ones((3, 3), np.uint8))
-        votes += np.minimum(around, 1.0) - _counted(moved, votes.shape)
-        np.clip(votes, 0.0, MOTION.max_votes, out=votes)
-        cells = np.where(votes >= MOTION.min_votes, 255, 0).astype(np.uint8)
-        # Along a line that stands still there are no corners.
-        gap = np.ones((MOTION.joined, MOTION.joined), np.uint8)
-        cells = np.asarray(cv2.morphologyEx(cells, cv2.MORPH_CLOSE, gap), np.uint8)
+    def _remember(self, ratios: NDArray[np.float32]) -> None:
+        if self._odds is None:
+            self._odds = np.zeros_like(ratios)
+        self._odds *= 1.0 - MOTION.forgotten
+        self._odds += ratios
+        np.clip(self._odds, MOTION.least_still, MOTION.most_still, out=self._odds)
+        overlaid = np.where(self._odds > MOTION.min_overlaid, 255, 0).astype(np.uint8)
         self.mask = None
-        if cells.any():
-            mask = np.repeat(np.repeat(cells, MOTION.cell, axis=0), MOTION.cell, axis=1)
-            self.mask = np.ascontiguousarray(mask[: size[0], : size[1]])
+        if overlaid.any():
+            # It may be blurred, and its steps are seen from this far.
+            around = np.ones((2 * MOTION.beside_overlaid + 1,) * 2, np.uint8)
+            self.mask = np.asarray(cv2.dilate(overlaid, around), np.uint8)
 
 
-def _counted(places: Any, cells: tuple[int, ...]) -> NDArray[np.float32]:
-    """How many places (n, 2) lie in each of so many rows and columns of cells."""
-    counts = np.zeros(cells, np.float32)
-    column, row = (places / MOTION.cell).astype(np.intp).T
-    inside = (column >= 0) & (column < cells[1]) & (row >= 0) & (row < cells[0])
-    np.add.at(counts, (row[inside], column[inside]), 1.0)
-    return counts
+def _ratios_of_pixels(
+    now: NDArray[np.uint8], before: NDArray[np.uint8], moved: NDArray[np.uint8], plane: Any
+) -> NDArray[np.float32]:
+    """As `GroundMotion.ratios`; 0 where the ground hardly moved."""
+    # Where exactly the ground has moved to is not known.
+    near = np.ones((3, 3), np.uint8)
+    below = cv2.subtract(cv2.erode(moved, near), now)
+    above = cv2.subtract(now, cv2.dilate(moved, near))
+    still, on_ground = (
+        cv2.blur(error.astype(np.float32), (3, 3)) ** 2 + MOTION.pixel_noise**2
+        for error in (cv2.absdiff(now, before), cv2.max(below, above))
+    )
+    most = MOTION.most_still_odds
+    ratios = np.clip(np.log(on_ground / still), -most, most)
+    ratios[_moved_by(plane, now.shape) < MOTION.min_moved] = 0.0
+    return np.asarray(ratios, np.float32)
+
+
+def _moved_by(plane: NDArray[np.float64], size: tuple[int, ...]) -> Any:
+    """Px by which the ground at each pixel has moved."""
+    few = np.stack(np.meshgrid(*(np.arange(0.0, side, 8.0) for side in size[::-1])), axis=-1)
+    way = np.linalg.norm(cv2.perspectiveTransform(few, plane) - few, axis=2)
+    # Beyond the plane's horizon it is anything.
+    return cv2.resize(np.minimum(way, 100.0), size[::-1])

@@ -338,8 +338,8 @@ class LevelledImage:
             pixels = shrunk_by(pixels, 2)
         if self._overlaid is None:
             return gather_evidence(pixels)
-        hidden = self.level.turned(self._overlaid, (left, top, right, bottom)) > 0
-        return gather_evidence(pixels, hidden[:: 2**level, :: 2**level])
+        overlaid = self.level.turned(self._overlaid, (left, top, right, bottom))
+        return gather_evidence(pixels, shrunk_by(overlaid, 2**level) > 0)
 
     def part_around(self, strips: Strips, level: int | None = None) -> Part | None:
         """The part of a level of the pyramid around strips, if it is large enough.

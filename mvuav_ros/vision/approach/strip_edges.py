@@ -297,7 +297,7 @@ def _blur_doubt(
     It shows in how far they rise, (2, places) across the edges, over how steeply. The working image
     is so many times smaller than the frame.
     """
-    steepest = np.diff(along).max(axis=1) / (across[1] - across[0])
+    steepest = np.maximum(np.diff(along).max(axis=1), 1e-3) / (across[1] - across[0])
     blur = float(((along.max(axis=1) - land) / steepest).mean())
     far = EDGES.blur_share * max(0.0, blur - EDGES.usual_blur / factor)
     return far, far / 3.0

@@ -56,6 +56,20 @@ class HorizonTuning:
 
 
 @dataclass(frozen=True)
+class LevelsTuning:
+    """Of frames that use a part of the grey levels. Runs 3 and 5, in fog and underexposed."""
+
+    columns: int = 40  # at least, of those that are looked at
+    shares: tuple[float, float] = (2.0, 98.0)  # %, of the values that are below both ends
+    min_spread: float = 10.0  # grey levels between both ends: noise alone has 4 to 8
+    # likewise, to which less is stretched: whole pictures have 100 and more, magnified land 70
+    usual_spread: float = 75.0
+    max_gain: float = 6.0
+    darkest: float = 40.0  # grey levels of the lower end then
+    memory: float = 0.1  # share of a new frame in both ends
+
+
+@dataclass(frozen=True)
 class MotionTuning:
     """Of what moves between frames, and of what stands still. Run 5 and the tuned roads."""
 
@@ -70,7 +84,6 @@ class MotionTuning:
     min_alike: float = 0.1  # likewise, anything in common: noise has up to 0.07, fast turns 0.18
     min_contrast: float = 2.0  # grey levels, deviation of what shows anything: noise has 1 to 2
     max_unlike: int = 3  # images in a row that are left out, as of a camera or a link that fails
-    cell: int = 8  # px: sides of the cells in which it is remembered what stands still
     max_corners: int = 150  # corners compared
     corner_distance: float = 5.0  # px between corners
     flow_window: tuple[int, int] = (9, 9)  # px around a corner that are compared
@@ -82,16 +95,22 @@ class MotionTuning:
     min_moving: int = 10  # corners that moved, for a map to be known
     min_inliers: float = 0.6  # share of them that fit one map
     max_residual: float = 1.0  # px by which corners may miss the map
-    min_votes: float = 1.8  # votes, one of a comparison, from which a cell is overlaid
-    max_votes: float = 6.0  # votes kept
-    joined: int = 5  # cells: overlaid ones that are no farther apart are joined. A drawn runway
-    forgotten: float = 0.1  # share of the votes lost in a comparison: one wrong map hides nothing
+    # Of pixels that stand still: grey levels by which images of the same differ, log odds from
+    # which one is overlaid, px around it without evidence, and share of the pixels that a map must
+    # explain better than none. Runs 3 and 5 with reticles, tuned stills with digits that change
+    pixel_noise: float = 2.0
+    min_overlaid: float = 3.0
+    beside_overlaid: int = 2
+    min_moved_share: float = 0.05
+    forgotten: float = 0.1  # share of them lost in a comparison: one wrong map hides nothing
     # Of edges that stand still or move: samples by which the map may be wrong, grey levels by which
     # images of the same differ, widths from an edge to land that should move. Outlines drawn over
     # moving planes; runs 3 and 5
     spare: int = 3
     still_noise: float = 3.0
     beside: float = 0.5
+    near_places: int = 8  # along a near end
+    near_reach: int = 3  # px above and below it. A drawn runway that stands still
     map_sigma: float = 0.5  # px, of the map where edges are
     still_weight: float = 4.0  # log odds of standing still per logarithm of the ratio of squares
     still_doubt: float = 0.3  # that ratio, which wrong maps reach
@@ -395,6 +414,7 @@ class GuidanceTuning:
 DETECTOR = DetectorTuning()
 HORIZON = HorizonTuning()
 MOTION = MotionTuning()
+LEVELS = LevelsTuning()
 EDGES = EdgesTuning()
 LINES = LinesTuning()
 SHOULDERS = ShouldersTuning()

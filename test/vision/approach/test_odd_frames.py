@@ -68,6 +68,13 @@ def test_a_black_or_white_picture(level):
     assert 'has not changed' in status
 
 
+@pytest.mark.parametrize(('level', 'share'), [(150, 0.15), (190, 0.2), (0, 0.2)])
+def test_a_runway_in_fog_or_underexposed_is_found(flight, level, share):
+    """So little of the grey levels is used that most steps are smaller than noise usually is."""
+    faint = [np.rint(level + share * (image - float(level))).astype(np.uint8) for image in flight]
+    assert confident(faint)[0] > 0.9 * FRAMES
+
+
 def test_noise_hides_a_runway(flight):
     rng = np.random.default_rng(0)
     noisy = [np.clip(image + rng.normal(0, 60, image.shape), 0, 255) for image in flight]

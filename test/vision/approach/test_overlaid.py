@@ -60,6 +60,30 @@ def test_nothing_is_overlaid_where_everything_moves_or_nothing_does():
     assert seen([with_text(ground(0))] * 40) is None
 
 
+def test_digits_that_change_on_a_picture_that_stands_still_hide_nothing():
+    """Between their corners there may be a map as well, but it explains nothing."""
+
+    def still(index):
+        image = ground(0)
+        for row in range(4):
+            words = f'{731 * (index + row) % 10000:04d} {37 * index % 100:02d}'
+            place = (10 + 70 * row, 100 + 40 * row)
+            cv2.putText(image, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, 255, 2)
+        return image
+
+    assert seen(still(index) for index in range(60)) is None
+
+
+def test_a_reticle_around_a_runway_does_not_hide_it():
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach'))
+    confidences = []
+    for index in range(60):
+        image = drawn_strip(index, height=20, width=30, speed=1, ends=(400, 1500))
+        cv2.circle(image, (160, 124), 24, (255, 255, 255), 1, cv2.LINE_AA)
+        confidences.append(detector.process(image, index).confidence)
+    assert min(confidences[30:]) > 0.5
+
+
 def fixed_strip(image):
     """A runway with dashed sides and a threshold, as a display would lay it over the view."""
     pavement = np.array([(150, 80), (170, 80), (210, 150), (110, 150)])

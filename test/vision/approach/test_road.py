@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation, line_through, turn_edge
-from mvuav_ros.vision.approach.evidence import BitDepth, shrink_levels
+from mvuav_ros.vision.approach.evidence import GreyLevels, shrink_levels
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.road import TARGETS, RoadTrack, find_strips
 from mvuav_ros.vision.approach.search import LevelledImage
@@ -70,7 +70,7 @@ def test_an_edge_stays_on_the_ground_when_the_level_turns():
 def test_frames_of_every_format_become_256_grey_levels(channels, value, level):
     """Cameras of 10 to 14 bits use the lower part of 16."""
     dtype = np.uint8 if value < 256 else np.uint16
-    image = BitDepth().levels(np.full((480, 640, channels), value, dtype).squeeze())
+    image = GreyLevels().levels(np.full((480, 640, channels), value, dtype).squeeze())
     pixels, factor = shrink_levels(image)
     assert pixels.shape[:2] == (240, 320)
     assert factor == 2
@@ -78,7 +78,7 @@ def test_frames_of_every_format_become_256_grey_levels(channels, value, level):
 
 
 def test_a_dark_frame_is_not_raised_once_the_camera_is_known():
-    depth = BitDepth()
+    depth = GreyLevels()
     assert depth.levels(np.full((4, 4), 4000, np.uint16)).max() == 250
     assert depth.levels(np.full((4, 4), 300, np.uint16)).max() == 18
 
