@@ -124,6 +124,18 @@ def magnified(zoom: int) -> View:
     return view
 
 
+def faint(share: float, level: float) -> View:
+    """Show a share of all contrast about a grey level: in fog, or underexposed."""
+
+    def view(shot: Shot, index: int) -> Shot:
+        return shot._replace(image=np.rint(level + share * (shot.image - level)).astype(np.uint8))
+
+    return view
+
+
+FAINT = {'in fog': faint(0.2, 160.0), 'underexposed': faint(0.2, 0.0)}
+
+
 def _at_row(one: Point, other: Point, row: float) -> Point:
     share = (row - one[1]) / (other[1] - one[1])
     return one[0] + share * (other[0] - one[0]), row
@@ -262,11 +274,24 @@ def _ladder(image: Pixels, index: int) -> None:
         _text(image, str(first), side - 0.05, 0.47, 0.6, colour=green, box=True)
 
 
+def _reticle(image: Pixels, index: int) -> None:
+    """Wings, a circle and a dot in the middle, as flight controllers draw them."""
+    height, width = image.shape[:2]
+    middle = width // 2, height // 2
+    for ink, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+        for side in (-1, 1):
+            inner, outer = (middle[0] + round(side * far * width) for far in (0.035, 0.09))
+            cv2.line(image, (inner, middle[1]), (outer, middle[1]), ink, thick, cv2.LINE_AA)
+        cv2.circle(image, middle, round(0.035 * width), ink, thick, cv2.LINE_AA)
+        cv2.circle(image, middle, thick, ink, -1, cv2.LINE_AA)
+
+
 TEXTS: dict[str, Callable[[Pixels, int], None]] = {
     'OSD': _flight_controller,
     'status lines': _status_lines,
     'boxes': _boxes,
     'ladder': _ladder,
+    'reticle': _reticle,
 }
 
 

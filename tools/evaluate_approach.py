@@ -42,6 +42,7 @@ from approach_mechanisms import WITHOUT, switch_off
 from approach_rows import HEADER, Frame, Row, Timed, judged
 from approach_variants import PLAIN, VARIANTS, Variant
 from approach_views import (
+    FAINT,
     TEXTS,
     Shot,
     View,
@@ -151,6 +152,8 @@ def run_jobs(footage: Path, options: argparse.Namespace) -> Iterator[Job]:
                     name = f'{run[-4:]} {kind}, {zoom} times'
                     yield job('over the runway', name, rows, view=magnified(zoom))
                 if horizon == (run == 'approach_run3' and gray):
+                    for light, view in FAINT.items():
+                        yield job('low contrast', f'{run[-4:]} {kind} {light}', view=view)
                     for style in TEXTS:
                         name = f'{run[-4:]} {kind} {style}'
                         yield job('text', name, view=with_text(style))
