@@ -520,7 +520,7 @@ def test_a_garbled_frame_now_and_then_does_not_keep_such_a_body_from_beginning(e
     tracker.set_camera(CAMERA)
     random = np.random.default_rng(every)
     first = None
-    for step in range(60):
+    for step in range(45):
         body = tanker_before(CAMERA, (-30.0 + step, 15.0, 150.0 - step), 5.0 + step)
         garbled = step % every == every - 1
         places = random.uniform((40, 40), (600, 440), (9, 2)) if garbled else np.delete(body, 2, 0)
