@@ -215,7 +215,7 @@ class Attempts:
     # Whether a body was followed that was none: one that is not what its rig says must be seen
     # alike in enough frames from then on.
     was_wrong: bool = False
-    agreed: int = 0  # frames in a row that named the body alike
+    agreed: int = 0  # frames that named the body alike, less attempts that failed since the first
     last: Mapping[int, Light] = field(default_factory=dict)  # its markers in the last one
     failed: int = 0  # attempts
     rest: int = 0  # frames until the next attempt
@@ -234,7 +234,10 @@ class Attempts:
 
     def fail(self) -> None:
         """No way of naming the lights stood out."""
-        self.agreed, self.last, self.rest = 0, {}, RESTED
+        # One frame of garbage does not undo many that agree.
+        self.agreed, self.rest = max(self.agreed - 1, 0), RESTED
+        if self.agreed == 0:
+            self.last = {}
         self.failed += 1
 
     def confirmed(self, named: Named, is_calibrated: bool) -> bool:

@@ -75,10 +75,15 @@ def area_fits(area: Any, parameters: MarkerTrackerParameters) -> Any:
     return (parameters.min_area <= area) & (area <= most)
 
 
+def max_bright(mask: Mask) -> float:
+    """Px of a frame that lights may have at most."""
+    return max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME)
+
+
 def brightness_problem(mask: Mask) -> str:
     """What is wrong with a mask whose bright pixels are too many to be all of lights; else ''."""
     bright = cv2.countNonZero(mask)
-    if bright <= max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
+    if bright <= max_bright(mask):
         return ''
     return f'{100 * bright / mask.size:.0f} % of the frame is above the threshold'
 
@@ -240,12 +245,12 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
     gray = image.gray()
     mask = threshold(gray, parameters.threshold)
     if parameters.by_components:
-        if problem := brightness_problem(mask):
-            raise GroupingError(problem)
         blobs = Blobs(gray, parameters, mask)
         if blobs.crowd:
             raise GroupingError(blobs.crowd)
-        spots = sorted(blobs.measure())
+        spots = sorted(blobs.measure(np.flatnonzero(blobs.stats[:, 4] <= max_bright(mask))))
+        if not spots and (problem := brightness_problem(mask)):
+            raise GroupingError(problem)
         return np.array([spot[:3] for spot in spots], np.float64).reshape(-1, 3)
     groups = group_mask(mask, parameters.grouping_distance)
     lights: Array = groups[area_fits(groups[:, 2], parameters)]

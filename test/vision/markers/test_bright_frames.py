@@ -55,3 +55,21 @@ def test_where_nothing_is_found_the_status_says_how_much_is_bright(rows, percent
     frame[:rows] = 255
     status = MarkerTracker(PARAMETERS).process(Image(frame, 'mono8'), 0).status
     assert f'{percent} % of the frame is above the threshold' in status
+
+
+def test_any_lights_are_followed_beside_bright_ground():
+    """It is no light, and those on the dark part of the frame have their numbers."""
+    tracker = MarkerTracker(MarkerTrackerParameters(mode='track_any'))
+    first = np.array([(100, 60), (250, 90), (400, 70), (520, 110)])
+    for step in range(20):
+        places = first + step * np.array([2, 1])
+        frame = np.zeros((480, 640), np.uint8)
+        frame[240:] = 255
+        for place in places.tolist():
+            cv2.circle(frame, place, 4, 255, -1)
+        result = tracker.process(Image(frame, 'mono8'), step * 33_000_000)
+        assert result.ids == (1, 2, 3, 4)
+        seen = [(marker.x, marker.y) for marker in result.markers]
+        assert np.sort(seen, axis=0) == pytest.approx(np.sort(places, axis=0))
+    status = tracker.process(Image(np.full((480, 640), 255, np.uint8), 'mono8'), 10**9).status
+    assert '100 % of the frame is above the threshold' in status

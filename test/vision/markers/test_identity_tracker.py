@@ -513,6 +513,27 @@ def test_a_body_with_a_dark_light_begins_with_the_others(dark, first):
             assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=0.3)
 
 
+@pytest.mark.parametrize('every', [4, 7, 10])
+def test_a_garbled_frame_now_and_then_does_not_keep_such_a_body_from_beginning(every):
+    """As of a link that fails: it shows other lights, and undoes no more than one that agrees."""
+    tracker = MarkerTracker()
+    tracker.set_camera(CAMERA)
+    random = np.random.default_rng(every)
+    first = None
+    for step in range(45):
+        body = tanker_before(CAMERA, (-30.0 + step, 15.0, 150.0 - step), 5.0 + step)
+        garbled = step % every == every - 1
+        places = random.uniform((40, 40), (600, 440), (9, 2)) if garbled else np.delete(body, 2, 0)
+        result = tracker.process(Image(draw(places), 'mono8'), step * 33_000_000)
+        if garbled:
+            continue
+        first = step if first is None and result.named else first
+        for marker in result.named:
+            assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=0.3)
+    assert first is not None
+    assert first < 40
+
+
 @pytest.mark.parametrize('dark', [(0, 1), (2, 4), (1, 3)])
 def test_three_lights_and_a_stranger_are_no_body_with_a_dark_light(dark):
     tracker = MarkerTracker()
