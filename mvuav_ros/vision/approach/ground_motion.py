@@ -134,7 +134,9 @@ class GroundMotion(NamedTuple):
         land, _ = self._ratios(np.array([x, y, left - aside, right + aside, *ends]), level)
         edges, away = self._ratios(strip, level)
         ratio = min(np.minimum(edges, (away / MOTION.map_sigma) ** 2).sum(), -land.sum())
-        ratio = max(ratio, self._near_ratio(strip, level))
+        near_end = self._near_ratio(strip, level)
+        # Where that is out of sight, or moves, the edges say enough.
+        ratio = near_end if near_end > max(ratio, 0.0) else ratio
         odds = MOTION.still_weight * (ratio - MOTION.still_doubt)
         return float(np.clip(odds, -MOTION.most_still_odds, MOTION.most_still_odds))
 

@@ -62,7 +62,7 @@ class LevelsTuning:
     columns: int = 40  # at least, of those that are looked at
     shares: tuple[float, float] = (2.0, 98.0)  # %, of the values that are below both ends
     min_spread: float = 10.0  # grey levels between both ends: noise alone has 4 to 8
-    # likewise, to which less is stretched: whole pictures have 100 and more, magnified land 60 to 80
+    # likewise, to which less is stretched: whole pictures have 100 and more, magnified land 60
     usual_spread: float = 70.0
     max_gain: float = 6.0
     darkest: float = 40.0  # grey levels of the lower end then
