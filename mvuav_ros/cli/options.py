@@ -77,7 +77,8 @@ ImageTopic = Annotated[Optional[str], typer.Option(help='Image topic of a bag th
 CameraInfo = Annotated[
     Optional[str],
     typer.Option(
-        help="The camera's calibration for all images: the YAML file of camera_calibration.",
+        help="The camera's calibration for all images: a file of camera_calibration, OpenCV or "
+        'Kalibr.',
         metavar='FILE',
     ),
 ]
