@@ -123,6 +123,10 @@ class RunOptions:
         Optional[str],
         typer.Option(help='Attitude topic of a bag; default: imu beside the images, else /imu.'),
     ] = None
+    camera_info_topic: Annotated[
+        Optional[str],
+        typer.Option(help='Calibration topic of a bag; default: camera_info beside the images.'),
+    ] = None
     fps: Annotated[
         Optional[float],
         typer.Option(
@@ -176,6 +180,7 @@ class RunOptions:
             parameters=resolve_parameters(nodes, self.params_file, given, self.image_topic),
             image_topic=self.image_topic,
             imu_topic=self.imu_topic,
+            camera_info_topic=self.camera_info_topic,
             fps=self.fps,
             selection=Selection(self.start, self.duration, self.every),
             gamma=self.gamma,

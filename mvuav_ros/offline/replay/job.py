@@ -75,6 +75,7 @@ class ReplaySettings:
     parameters: Mapping[str, Mapping[str, Any]]  # of each node to run, by its name
     image_topic: str | None = None  # of bags that have several
     imu_topic: str | None = None  # of bags that have it neither beside the images nor at /imu
+    camera_info_topic: str | None = None  # of bags that do not have it beside the images
     fps: float | None = None  # frame rate of images without stamps, Hz
     selection: Selection = EVERYTHING  # the part of the recording
     keep_inputs: bool = False  # whether the input's messages go along
@@ -182,8 +183,14 @@ class ReplayInput:
             SourceError: there is no such thing, nothing in it can be read, or the calibration is
                 not one of its images.
         """
-        topics: dict[str, Any] = {'topic': given.image_topic, 'imu_topic': given.imu_topic}
-        source = open_source(text, **topics, rate=given.fps, cameras=False)
+        source = open_source(
+            text,
+            topic=given.image_topic,
+            imu_topic=given.imu_topic,
+            camera_info_topic=given.camera_info_topic,
+            rate=given.fps,
+            cameras=False,
+        )
         self._source, self._selection, self._camera = source, given.selection, given.camera
         self.name, self.account, self.close = source.name, source.account, source.close
         if self._camera is not None:
@@ -219,10 +226,21 @@ class ReplayInput:
             return
         camera = any(processor.uses_camera_info for processor in processors)
         attitude = any(processor.awaits_attitude for processor in processors)
-        if attitude and source.imu_topic is None and (there := ', '.join(source.imu_topics)):
-            self.account.note('imu', f'no attitude is used; --imu-topic names its topic: {there}')
-        beside = topic_beside(source.topic, 'camera_info')
         camera = camera and given is None
+        for is_used, what, option, topic, there in (
+            (
+                camera,
+                'calibration',
+                '--camera-info-topic',
+                source.camera_topic,
+                source.camera_topics,
+            ),
+            (attitude, 'attitude', '--imu-topic', source.imu_topic, source.imu_topics),
+        ):
+            if is_used and topic is None and there:
+                said = f'no {what} is used; {option} names its topic: {", ".join(there)}'
+                self.account.note(option, said)
+        beside = topic_beside(source.topic, 'camera_info')
         for item in source.items(self._selection, others=keep, camera=camera, attitude=attitude):
             if given is None or isinstance(item, BadFrame):
                 yield item
