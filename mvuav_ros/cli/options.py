@@ -82,6 +82,10 @@ CameraInfo = Annotated[
         metavar='FILE',
     ),
 ]
+CameraInfoTopic = Annotated[
+    Optional[str],
+    typer.Option(help='Calibration topic of a bag; default: camera_info beside the images.'),
+]
 Dask = Annotated[
     Optional[str],
     typer.Option(help='Run on a Dask cluster; the address of its scheduler.', metavar='tcp://…'),
@@ -123,10 +127,7 @@ class RunOptions:
         Optional[str],
         typer.Option(help='Attitude topic of a bag; default: imu beside the images, else /imu.'),
     ] = None
-    camera_info_topic: Annotated[
-        Optional[str],
-        typer.Option(help='Calibration topic of a bag; default: camera_info beside the images.'),
-    ] = None
+    camera_info_topic: CameraInfoTopic = None
     fps: Annotated[
         Optional[float],
         typer.Option(

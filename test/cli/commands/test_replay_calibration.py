@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, Imu
-from support.commands import mvuav, mvuav_process, read
+from support.commands import mvuav, mvuav_process, read, renamed
 
 from mvuav_ros import track
 from mvuav_ros.messages.cdr import cdr_header
@@ -107,11 +107,7 @@ def test_a_calibration_of_another_namespace_is_named_and_taken(tmp_path):
     """Without a word there were no poses, and only that there was no calibration was said."""
     flown, bag, out = (tmp_path / f'{name}.mcap' for name in ('flown', 'bag', 'out'))
     assert mvuav('replay', 'sim:tanker?frames=12', '-o', flown, *NODE, '--keep-inputs').status == 0
-    elsewhere = {'/image_raw': '/cam/image_raw', '/camera_info': '/camera/camera_info'}
-    with RecordingWriter(bag) as writer:
-        for m in read(flown):
-            if m.topic in elsewhere:
-                writer.write(elsewhere[m.topic], m.type, m.stamp_ns, m.data)
+    renamed(flown, bag, {'/image_raw': '/cam/image_raw', '/camera_info': '/camera/camera_info'})
     hint = 'no calibration is used; --camera-info-topic names its topic: /camera/camera_info'
     silent = mvuav('replay', bag, '-o', out, *NODE)
     assert silent.status == 0 and hint in silent.err and np.isnan(distances(out)).all()
