@@ -50,10 +50,9 @@ def load_calibration(path: str | Path) -> CameraModel:
     try:
         content = {**_OF_ONE_CAMERA, **_content(file.read_text('utf-8-sig'))}
         d = _data(content, 'distortion_coefficients')
-        # OpenCV's sample names no other model.
-        lens = EQUIDISTANT if int(content.get('fisheye_model', 0)) else 'plumb_bob'
-        if lens == 'plumb_bob' and np.size(d) > 5:
-            lens = 'rational_polynomial'
+        # Of OpenCV, which names no model.
+        lens = 'plumb_bob' if np.size(d) <= 5 else 'rational_polynomial'
+        lens = EQUIDISTANT if int(content.get('fisheye_model', 0)) else lens
         return CameraModel(
             width=int(content['image_width']),
             height=int(content['image_height']),
