@@ -77,9 +77,14 @@ ImageTopic = Annotated[Optional[str], typer.Option(help='Image topic of a bag th
 CameraInfo = Annotated[
     Optional[str],
     typer.Option(
-        help="The camera's calibration for all images: the YAML file of camera_calibration.",
+        help="The camera's calibration for all images: a file of camera_calibration, OpenCV or "
+        'Kalibr.',
         metavar='FILE',
     ),
+]
+CameraInfoTopic = Annotated[
+    Optional[str],
+    typer.Option(help='Calibration topic of a bag; default: camera_info beside the images.'),
 ]
 Dask = Annotated[
     Optional[str],
@@ -122,6 +127,7 @@ class RunOptions:
         Optional[str],
         typer.Option(help='Attitude topic of a bag; default: imu beside the images, else /imu.'),
     ] = None
+    camera_info_topic: CameraInfoTopic = None
     fps: Annotated[
         Optional[float],
         typer.Option(
@@ -175,6 +181,7 @@ class RunOptions:
             parameters=resolve_parameters(nodes, self.params_file, given, self.image_topic),
             image_topic=self.image_topic,
             imu_topic=self.imu_topic,
+            camera_info_topic=self.camera_info_topic,
             fps=self.fps,
             selection=Selection(self.start, self.duration, self.every),
             gamma=self.gamma,

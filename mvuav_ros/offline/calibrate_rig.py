@@ -137,7 +137,8 @@ def name_lights(
                 source.account.leave_out(frame.stamp_ns, frame.status)
                 continue
             if frame.camera is None:
-                raise SourceError(f'{source.name} has no calibration of its own: --camera-info')
+                said = 'has no calibration beside its images: --camera-info, or --camera-info-topic'
+                raise SourceError(f'{source.name} {said}')
             size = frame.image.width, frame.image.height
             frame.camera.check(*size)
             used, count = used or frame.camera, count + 1

@@ -66,8 +66,8 @@ class VideoSourceParameters(ManagedParameters):
     )
     camera_info_url: str = at_start(
         '',
-        'Calibration file (YAML of camera_calibration), as a path, a file:// or a package:// URL; '
-        'empty: uncalibrated.',
+        'Calibration file (of camera_calibration, OpenCV or Kalibr), as a path, a file:// or a '
+        'package:// URL; empty: uncalibrated.',
     )
     stamp: str = parameter(
         'source',

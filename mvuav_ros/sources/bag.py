@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator, Iterable, Iterator
+from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -129,13 +129,15 @@ class BagImages(FrameSource):
         path: Path,
         topic: str | None = None,
         imu_topic: str | None = None,
+        camera_info_topic: str | None = None,
         *,
         or_first: bool = False,
     ) -> None:
         """Open a bag; ``topic`` is as in `choose_image_topic`, and ``or_first`` too.
 
         ``imu_topic`` names that of the attitude; if None, ``imu`` beside the images has it, else
-        ``/imu``, and so it is with ``or_first`` where there is none of that name.
+        ``/imu``, and so it is with ``or_first`` where there is none of that name. Likewise
+        ``camera_info_topic`` that of the calibration; if None, ``camera_info`` beside the images.
 
         Raises:
             RecordingError: it is not a bag, or a topic cannot be chosen.
@@ -156,23 +158,31 @@ class BagImages(FrameSource):
         self.topics = tuple(topic.name for topic in self._recording.topics)
         self._filled = [each for each in self._recording.topics if each.message_count != 0]
         self.image_topics = tuple({t.name: 0 for t in self._filled if is_image_type(t.type)})
-        # None where there is none, as of the body's attitude.
-        self.camera_topic = self._named(CAMERA_INFO, topic_beside(self.topic, 'camera_info'))
-        self.imu_topics = tuple(each.name for each in self._filled if each.type == IMU)
-        wanted = f'/{str(imu_topic).lstrip("/")}' if imu_topic else None
-        places = [wanted, topic_beside(self.topic, 'imu'), '/imu']
-        self.imu_topic = next((name for name in places if name in self.imu_topics), None)
+        self.camera_topics, self.imu_topics = self._of(CAMERA_INFO), self._of(IMU)
         self._message_count = chosen.message_count
         # Of the images read by the newest pass; an estimate until it ends.
         self.count: int | None = chosen.message_count
         self.name = f'bag {words(path.name)} {words(self.topic)}'
-        if wanted not in (None, self.imu_topic) and not or_first:
-            self.close()
-            there = _listed(self.imu_topics) or 'none'
-            raise RecordingError(f'{self.name} has no imu topic {imu_topic}; there is {there}')
+        camera, imu = (topic_beside(self.topic, name) for name in ('camera_info', 'imu'))
+        # None where there is none.
+        self.camera_topic = self._choose(self.camera_topics, camera_info_topic, or_first, camera)
+        self.imu_topic = self._choose(self.imu_topics, imu_topic, or_first, imu, '/imu')
 
-    def _named(self, kind: str, name: str) -> str | None:
-        return name if (name, kind) in {(t.name, t.type) for t in self._filled} else None
+    def _of(self, kind: str) -> tuple[str, ...]:
+        """The topics of messages of a kind that have any."""
+        return tuple(each.name for each in self._filled if each.type == kind)
+
+    def _choose(
+        self, there: Sequence[str], wanted: str | None, or_first: bool, *usual: str
+    ) -> str | None:
+        """The topic of the name that is wanted, or else the first usual one."""
+        names = [f'/{str(wanted).lstrip("/")}'] if wanted else []
+        found = next((name for name in (*names, *usual) if name in there), None)
+        if names and found != names[0] and not or_first:
+            self.close()
+            said, listed = usual[0].rsplit('/', 1)[-1], _listed(there) or 'none'
+            raise RecordingError(f'{self.name} has no {said} topic {wanted}; there is {listed}')
+        return found
 
     @cached_property
     def origin_ns(self) -> int:
@@ -216,7 +226,8 @@ class BagImages(FrameSource):
             SourceError: as of `Selection.begin_within`.
         """
         synchronized = self.camera_topic if camera else None, self.imu_topic if attitude else None
-        paired = SynchronizedTopics(self.topic, *synchronized, self._named(TF, TF_STATIC_TOPIC))
+        static = TF_STATIC_TOPIC if TF_STATIC_TOPIC in self._of(TF) else None
+        paired = SynchronizedTopics(self.topic, *synchronized, static)
         recording = self._recording
         is_part = selection.is_part
         origin_ns = self.origin_ns if is_part else 0

@@ -98,6 +98,11 @@ class VideoFile(FrameSource):
         self._given_rate = rate
         with self._open() as container:
             stream = container.streams.video[0]
+            aspect = stream.sample_aspect_ratio or 1
+            if aspect != 1:  # as of analogue cameras
+                said = f'its pixels are {aspect.numerator}:{aspect.denominator}, not square: roll '
+                said += 'and other angles in the image are wrong; convert it, for example with '
+                self.account.note('aspect', f'{said}ffmpeg -i FILE -vf scale=iw*sar:ih,setsar=1')
             size = stream.codec_context.width * stream.codec_context.height
             if size > MAX_PIXELS:
                 raise SourceError(f'{path}: frames of {size} pixels are too large')

@@ -32,6 +32,7 @@ def open_source(
     *,
     topic: str | None = None,
     imu_topic: str | None = None,
+    camera_info_topic: str | None = None,
     rate: float | None = None,
     cameras: bool = True,
     camera: VideoSourceParameters | None = None,
@@ -43,6 +44,7 @@ def open_source(
             of one of them, or a synthetic flight (``sim:tanker``, ``sim:runway``).
         topic: the image topic of a bag.
         imu_topic: its attitude topic; None: ``imu`` beside the images, else ``/imu``.
+        camera_info_topic: its calibration's topic; None: ``camera_info`` beside the images.
         rate: frames per second of images without stamps, Hz.
         cameras: whether a camera will do.
         camera: what a camera is asked for.
@@ -69,11 +71,11 @@ def open_source(
         return SimulatedFlight(text, planned_flight(text, {} if rate is None else {'fps': rate}))
     if cameras and (text.isdecimal() or text.startswith('/dev/')):
         return Camera(int(text) if text.isdecimal() else text, camera)
-    return _stored(text, (topic, imu_topic), rate)
+    return _stored(text, (topic, imu_topic, camera_info_topic), rate)
 
 
-_Topics = tuple[str | None, str | None]
-"""Of a bag's images and attitude."""
+_Topics = tuple[str | None, str | None, str | None]
+"""Of a bag's images, attitude and calibration."""
 
 
 def _stored(text: str, topics: _Topics, rate: float | None) -> FrameSource:

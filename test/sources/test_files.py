@@ -150,6 +150,24 @@ def test_a_grey_video_of_more_bits_keeps_them(tmp_path: Path, kind: str, bits: i
     np.testing.assert_array_equal(shown, ramp)
 
 
+@pytest.mark.parametrize('aspect', [Fraction(16, 15), Fraction(1), None])
+def test_pixels_that_are_not_square_are_said_to_be_so(
+    tmp_path: Path, aspect: Fraction | None
+) -> None:
+    """As of analogue cameras: a roll of 45 degrees is 43 in the image."""
+    video = tmp_path / 'capture.mp4'
+    with av.open(str(video), 'w') as container:
+        stream = container.add_stream('mpeg4', rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, 'yuv420p'
+        if aspect is not None:
+            stream.codec_context.sample_aspect_ratio = aspect
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(image(0), format='bgr24')))
+        container.mux(stream.encode(None))
+    notes = VideoFile(video).account.warnings
+    assert ['not square' in note for note in notes] == [True] * (aspect == Fraction(16, 15))
+    assert notes == [] or 'its pixels are 16:15' in notes[0]
+
+
 def test_a_video_under_another_name(tmp_path: Path) -> None:
     made = write_video(tmp_path / 'a.mp4', TIMES_MS)
     for name in ('video', 'video.dat', 'video.bag'):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -180,6 +181,21 @@ def test_the_attitude_of_another_topic_is_taken_where_it_is_named(tmp_path: Path
     ):
         open_source(bag, imu_topic='/imu/data')
     assert BagImages(bag, imu_topic='/imu/data', or_first=True).imu_topic == '/imu'
+
+
+def test_the_calibration_of_another_topic_is_taken_where_it_is_named(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag.mcap'
+    with RecordingWriter(bag) as writer:
+        writer.write('/camera/camera_info', CAMERA_INFO, START_NS, b'')
+        writer.write('/nose/image_raw', IMAGE, START_NS, cdr(image(1)))
+    with closing(BagImages(bag)) as source:
+        assert (source.camera_topic, source.camera_topics) == (None, ('/camera/camera_info',))
+    with closing(open_source(bag, camera_info_topic='camera/camera_info')) as source:
+        assert source.camera_topic == '/camera/camera_info'
+    with pytest.raises(
+        RecordingError, match='no camera_info topic /nose; there is /camera/camera_info'
+    ):
+        open_source(bag, camera_info_topic='/nose')
 
 
 def test_images_without_a_stamp_count_from_their_recording(tmp_path: Path) -> None:

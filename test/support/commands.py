@@ -115,6 +115,15 @@ def read(path: Path) -> list[RecordedMessage]:
     return messages
 
 
+def renamed(path: Path, copy: Path, topics: dict[str, str]) -> None:
+    """Copy the messages of some topics under other names."""
+    with RecordingWriter(copy) as writer:
+        for message in read(path):
+            if message.topic in topics:
+                to = topics[message.topic]
+                writer.write(to, message.type, message.stamp_ns, message.data)
+
+
 def counts(path: Path) -> Counter[str]:
     return Counter(message.topic for message in read(path))
 

@@ -66,8 +66,8 @@ a node's section whatever its namespace; of several that differ, the one of the 
 _CALIBRATION = """\
 ## Calibration
 
-The YAML file that camera_calibration saves (`camera_info_url` of
-`video_source`, `--camera-info` of `mvuav replay`, `load_calibration`):
+For `camera_info_url` of `video_source`, `--camera-info` of `mvuav` and `load_calibration`. `mvuav calibrate` and
+camera_calibration save this YAML file:
 
 | key | content |
 |---|---|
@@ -77,6 +77,13 @@ The YAML file that camera_calibration saves (`camera_info_url` of
 | `distortion_coefficients` | `data`: k1, k2, p1, p2, k3 …; `equidistant`: k1 to k4 |
 | `rectification_matrix` | `data`: 9 numbers |
 | `projection_matrix` | `data`: 12 numbers |
+
+Files of two other tools are read as they are:
+
+* OpenCV's calibration sample (YAML, XML or JSON of `cv2.FileStorage`): the same keys without the last two, and
+  `fisheye_model: 1` where the coefficients are those of `cv2.fisheye`. What a program of your own saves needs
+  `image_width` and `image_height`, too.
+* Kalibr's `camchain.yaml` of one camera, `pinhole-radtan` or `pinhole-equi`. Of a file of several copy the section of yours.
 """
 _MANIFEST = """\
 ## Output folder of a replay

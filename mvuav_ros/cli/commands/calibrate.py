@@ -13,6 +13,7 @@ import typer
 
 from mvuav_ros.cli.options import (
     CameraInfo,
+    CameraInfoTopic,
     Force,
     ImageTopic,
     Param,
@@ -224,6 +225,7 @@ def calibrate_rig(
     source: Annotated[str, typer.Argument(help='A recorded flight: bag, video or images.')],
     rig: Annotated[Path, typer.Option(help='The rig as far as it is known, within a few percent.')],
     camera_info: CameraInfo = None,
+    camera_info_topic: CameraInfoTopic = None,
     distance: Annotated[
         Optional[str],
         typer.Option(
@@ -267,7 +269,8 @@ def calibrate_rig(
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
     report = _report_folder(report, output, force, source, camera_info, rig, params_file)
     camera = load_calibration(camera_info) if camera_info else None
-    with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
+    opened = open_source(source, topic=topic, camera_info_topic=camera_info_topic)
+    with closing(opened) as flight, frame_progress() as progress:
         task = progress.add_task('frames', total=flight.count)
 
         def show(frames: int) -> None:

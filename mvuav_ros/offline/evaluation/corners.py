@@ -232,6 +232,8 @@ def _read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, list[f
             if missing:
                 raise CornersError(f'{path}: no column {", ".join(missing)}')
             for row in reader:
+                if None in row:  # which is where DictReader puts them
+                    raise ValueError('more values than columns: a point, not a comma, is decimal')
                 yield row[columns[0]], [_number(row[name] or '') for name in columns[1:]]
         except UnicodeDecodeError:
             raise CornersError(f'{path}: its text is not UTF-8') from None

@@ -75,6 +75,7 @@ class ReplaySettings:
     parameters: Mapping[str, Mapping[str, Any]]  # of each node to run, by its name
     image_topic: str | None = None  # of bags that have several
     imu_topic: str | None = None  # of bags that have it neither beside the images nor at /imu
+    camera_info_topic: str | None = None  # of bags that do not have it beside the images
     fps: float | None = None  # frame rate of images without stamps, Hz
     selection: Selection = EVERYTHING  # the part of the recording
     keep_inputs: bool = False  # whether the input's messages go along
@@ -182,7 +183,8 @@ class ReplayInput:
             SourceError: there is no such thing, nothing in it can be read, or the calibration is
                 not one of its images.
         """
-        topics: dict[str, Any] = {'topic': given.image_topic, 'imu_topic': given.imu_topic}
+        beside = {'imu_topic': given.imu_topic, 'camera_info_topic': given.camera_info_topic}
+        topics: dict[str, Any] = {'topic': given.image_topic, **beside}
         source = open_source(text, **topics, rate=given.fps, cameras=False)
         self._source, self._selection, self._camera = source, given.selection, given.camera
         self.name, self.account, self.close = source.name, source.account, source.close
@@ -217,12 +219,13 @@ class ReplayInput:
         if not isinstance(source, BagImages):
             yield from self._images(keep)
             return
-        camera = any(processor.uses_camera_info for processor in processors)
+        camera = given is None and any(processor.uses_camera_info for processor in processors)
         attitude = any(processor.awaits_attitude for processor in processors)
-        if attitude and source.imu_topic is None and (there := ', '.join(source.imu_topics)):
-            self.account.note('imu', f'no attitude is used; --imu-topic names its topic: {there}')
+        if camera:
+            self._hint('calibration', 'camera-info', source.camera_topic, source.camera_topics)
+        if attitude:
+            self._hint('attitude', 'imu', source.imu_topic, source.imu_topics)
         beside = topic_beside(source.topic, 'camera_info')
-        camera = camera and given is None
         for item in source.items(self._selection, others=keep, camera=camera, attitude=attitude):
             if given is None or isinstance(item, BadFrame):
                 yield item
@@ -235,6 +238,12 @@ class ReplayInput:
                         content = item.stamp_ns, info, None, RELIABLE_QOS
                         yield RecordedMessage(beside, CAMERA_INFO, *content)
                 yield item
+
+    def _hint(self, what: str, option: str, used: str | None, there: Sequence[str]) -> None:
+        """Name the topics that could be used, where none is."""
+        if used is None and there:
+            said = f'no {what} is used; --{option}-topic names its topic: {", ".join(there)}'
+            self.account.note(option, said)
 
     def _images(self, keep: Collection[str] | None) -> Iterator[Item]:
         """Those of no bag, which have no messages: a frame's are made of it."""

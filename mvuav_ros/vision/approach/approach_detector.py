@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import NoneType
@@ -30,6 +29,7 @@ from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tuning import DETECTOR, GUIDANCE, MOTION, SEARCH
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frame_clock import FrameClock
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
@@ -86,7 +86,7 @@ class ApproachDetector:
     def reset(self) -> None:
         """Forget earlier frames; the calibration stays."""
         self._size: tuple[int, int] | None = None
-        self._last_stamp_ns: int | None = None
+        self._clock = FrameClock()
         self._finder = Finder(self._parameters.target)
         self._had_attitude = False
         self._shown: FollowedStrip | None = None
@@ -105,7 +105,8 @@ class ApproachDetector:
         Args:
             image: an `Image`, or (height, width) or (height, width, 3), blue first, uint8 or
                 uint16; any size, also none. It is neither changed nor copied.
-            stamp_ns: its time, whole ns; not before the last frame's (see `reset`).
+            stamp_ns: its time, whole ns; not before the last frame's (see `reset`). The status says
+                if it is less than 1 µs after it, as numbers of frames, s and ms are.
             attitude: of the body at that time, or where the horizon is on the frame, if known.
 
         Raises:
@@ -118,18 +119,15 @@ class ApproachDetector:
             kind = type(attitude).__name__
             raise TypeError(f'attitude must be an Attitude or a HorizonLine, not {kind}')
         height, width = image.shape[:2]
-        stamp_ns = operator.index(stamp_ns)
         if self._size != (height, width):
             self.reset()
             self._size = (height, width)
-        if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
-            raise ValueError(f'stamp {stamp_ns} ns is before {self._last_stamp_ns} ns: see reset')
-        self._last_stamp_ns = stamp_ns
+        stamp_ns = self._clock.take(stamp_ns)
         empty = ApproachResult(
             stamp_ns, width, height, (), guidance=self._guidance(None), status='', image=image
         )
         if min(height, width) < DETECTOR.min_side:
-            status = f'the frame is too small ({width} x {height})'
+            status = self._clock.remarked(f'the frame is too small ({width} x {height})')
             return replace(empty, lines=self._rows({}, None), status=status)
         horizon, self.attitude_problem = self._horizon_of(attitude)
         veto = _UPSIDE_DOWN if _UPSIDE_DOWN in self.attitude_problem else ''
@@ -141,7 +139,8 @@ class ApproachDetector:
         empty = replace(empty, horizon=_across(found), confidence=found.confidence)
         status = self._doubt(found)
         if found.track is None or status:
-            return replace(empty, lines=self._rows({}, None), status=status)
+            lines = self._rows({}, None)
+            return replace(empty, lines=lines, status=self._clock.remarked(status))
         return self._with_shape(empty, found.track, found)
 
     def _horizon_of(
@@ -201,6 +200,7 @@ class ApproachDetector:
         }
         sees_far, sees_near = track.ends_in_view(level)
         seen = track.points is not None and not track.predicted
+        unseen = '' if seen else f'{self._parameters.target} not seen: predicted'
         # Only a runway ends within sight.
         if self._parameters.target == 'runway':
             if sees_far:
@@ -213,7 +213,7 @@ class ApproachDetector:
             vanishing_point=level.to_frame(x, y),
             corners=(near_left, near_right, far_right, far_left),
             guidance=self._guidance(found, sees_near=sees_near),
-            status='' if seen else f'{self._parameters.target} not seen: predicted',
+            status=self._clock.remarked(unseen),
         )
 
     def _rows(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import operator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frame_clock import FrameClock
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
 from mvuav_ros.vision.markers.lights import brightness_problem
@@ -120,8 +120,7 @@ class MarkerTracker:
         self._tracker = self._make_tracker()
         # For the brightest channel of coloured lights, until either has found anything.
         self._brighter: Tracker | None = None
-        self._first_stamp_ns: int | None = None
-        self._last_stamp_ns: int | None = None
+        self._clock = FrameClock()
 
     def _make_tracker(self) -> Tracker:
         if self.parameters.mode == 'track_any':
@@ -141,7 +140,8 @@ class MarkerTracker:
         Args:
             image: the frame: an `Image`, or (height, width) grey or (height, width, 3) colour,
                 blue first, uint8 or uint16.
-            stamp_ns: its time, whole ns.
+            stamp_ns: its time, whole ns. The status says if it is less than 1 µs after the last
+                frame's, as numbers of frames, s and ms are.
 
         Raises:
             TypeError: in ``track`` and ``track_any``, the stamp is no whole number.
@@ -150,7 +150,9 @@ class MarkerTracker:
         """
         image = as_image(image)
         time = 0.0 if self.parameters.mode in WITHOUT_MEMORY else self._time_of(stamp_ns)
-        return self._explained(image, self._result(image, time))
+        result = self._explained(image, self._result(image, time))
+        status = self._clock.remarked(result.status)
+        return result if status == result.status else replace(result, status=status)
 
     def _result(self, image: Image, time: float) -> MarkerResult:
         if self.parameters.channel != AUTO:
@@ -205,19 +207,14 @@ class MarkerTracker:
 
     def _time_of(self, stamp_ns: int) -> float:
         """Seconds since the first frame."""
-        # A float would be seconds; unsigned ones of NumPy wrap around.
-        stamp_ns = operator.index(stamp_ns)
-        gap_ns = 1 if self._last_stamp_ns is None else stamp_ns - self._last_stamp_ns
-        if gap_ns <= 0:
-            raise ValueError(f'stamp {stamp_ns} ns is not later than {self._last_stamp_ns} ns')
-        if gap_ns > _LONGEST_GAP_NS:
+        stamp_ns = self._clock.take(stamp_ns)
+        if self._clock.gap_ns == 0:
+            raise ValueError(f'stamp {stamp_ns} ns is not later than the last one')
+        if (self._clock.gap_ns or 0) > _LONGEST_GAP_NS:
             # Nothing that was known holds, and seconds since then would be too coarse.
             self.reset()
-        self._last_stamp_ns = stamp_ns
-        if self._first_stamp_ns is None:
-            self._first_stamp_ns = stamp_ns
-        # Since the first frame, because seconds since 1970 leave a float 0.2 µs of resolution.
-        return (stamp_ns - self._first_stamp_ns) * 1e-9
+            self._clock.take(stamp_ns)
+        return self._clock.elapsed
 
 
 def rig_of(parameters: MarkerTrackerParameters) -> MarkerRig:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import operator
-
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.frame_clock import FrameClock
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels, select_channel
 from mvuav_ros.vision.runway.correction import CorrectedLine, RhoThetaCorrection
@@ -41,7 +40,7 @@ class RunwayDetector:
             ParameterError: the mode is ``approach``, which `ApproachDetector` runs.
         """
         self._parameters = _of_thesis(parameters)
-        self._last_stamp_ns: int | None = None
+        self._clock = FrameClock()
         self._correction = RhoThetaCorrection(self._parameters)
         self._hough: HoughVideo | None = None
         self._grid_key: tuple[int, int, float, float] | None = None
@@ -68,7 +67,7 @@ class RunwayDetector:
         """Forget the lines of earlier frames."""
         self._correction.reset()
         self._frame_size = None
-        self._last_stamp_ns = None
+        self._clock = FrameClock()
 
     def process(self, image: Image | Pixels, stamp_ns: int) -> RunwayResult:
         """Find the lines of the next frame.
@@ -79,7 +78,8 @@ class RunwayDetector:
         Args:
             image: an `Image`, or (height, width) uint8 or uint16, or (height, width, 3) uint8 or
                 uint16, blue first; any size, also none. It is neither changed nor copied.
-            stamp_ns: its time, whole ns; not before the last frame's (see `reset`).
+            stamp_ns: its time, whole ns; not before the last frame's (see `reset`). The status says
+                if it is less than 1 µs after it, as numbers of frames, s and ms are.
 
         Raises:
             ImageError: the image has another shape or type.
@@ -88,13 +88,10 @@ class RunwayDetector:
         """
         image = as_pixels(image)
         height, width = image.shape[:2]
-        stamp_ns = operator.index(stamp_ns)
         if image.size and self._frame_size != (height, width):
             self.reset()
             self._frame_size = (height, width)
-        if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
-            raise ValueError(f'stamp {stamp_ns} ns is before {self._last_stamp_ns} ns: see reset')
-        self._last_stamp_ns = stamp_ns
+        stamp_ns = self._clock.take(stamp_ns)
         first, last, status = self._rows(height, width)
         workings = RunwayWorkings(image)
         if first < last:
@@ -104,6 +101,7 @@ class RunwayDetector:
         rows = self._correction.correct(measured)
         votes = [float(peak.votes) for peak in workings.peaks]
         lines = tuple(_line(row, measured, votes, width, height) for row in rows)
+        status = self._clock.remarked(status)
         return RunwayResult(stamp_ns, width, height, (first, last), lines, status, workings)
 
     def _rows(self, height: int, width: int) -> tuple[int, int, str]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, Imu
-from support.commands import mvuav, mvuav_process, read
+from support.commands import mvuav, mvuav_process, read, renamed
 
 from mvuav_ros import track
 from mvuav_ros.messages.cdr import cdr_header
@@ -101,6 +101,20 @@ def test_a_given_calibration_goes_along_with_the_inputs(video, calibration, tmp_
     assert mvuav('replay', kept, '-o', again, *given).status == 0
     infos = [decode_message(CAMERA_INFO, m.data) for m in read(again) if m.type == CAMERA_INFO]
     assert [info.k[0] for info in infos] == [300.0] * 12
+
+
+def test_a_calibration_of_another_namespace_is_named_and_taken(tmp_path):
+    """Without a word there were no poses, and only that there was no calibration was said."""
+    flown, bag, out = (tmp_path / f'{name}.mcap' for name in ('flown', 'bag', 'out'))
+    assert mvuav('replay', 'sim:tanker?frames=12', '-o', flown, *NODE, '--keep-inputs').status == 0
+    renamed(flown, bag, {'/image_raw': '/cam/image_raw', '/camera_info': '/camera/camera_info'})
+    hint = 'no calibration is used; --camera-info-topic names its topic: /camera/camera_info'
+    silent = mvuav('replay', bag, '-o', out, *NODE)
+    assert silent.status == 0 and hint in silent.err and np.isnan(distances(out)).all()
+    given = ('--camera-info-topic', 'camera/camera_info', '--force')
+    assert hint not in mvuav('replay', bag, '-o', out, *NODE, *given).err
+    np.testing.assert_array_equal(distances(out), distances(flown))
+    assert np.isfinite(distances(out)).any()
 
 
 def test_the_calibration_of_a_simulated_flight_goes_along(tmp_path):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from support.commands import mvuav
+from support.commands import mvuav, renamed
 from support.places import ROOT
 
 from mvuav_ros.simulation.pinhole import pinhole_camera
@@ -179,6 +179,15 @@ def test_inputs_are_never_replaced_by_a_rig(flights, tmp_path):
         run = mvuav(*command, '--camera-info', camera, '--force')
         assert run.error == f'mvuav: {output} is the input itself; give another output'
     assert (flight.read_bytes(), camera.read_bytes(), rough.read_bytes()) == before
+
+
+def test_the_calibration_may_be_of_another_namespace(flights, tmp_path):
+    elsewhere = {'/image_raw': '/cam/image_raw', '/camera_info': '/camera/camera_info'}
+    renamed(flights / 'still.mcap', tmp_path / 'bag.mcap', elsewhere)
+    given = flights, tmp_path / 'rig.yaml', tmp_path / 'bag.mcap'
+    assert 'beside its images: --camera-info, or --camera-info-topic' in calibrate(*given).error
+    named = calibrate(*given, **{'camera-info-topic': '/camera/camera_info'})
+    assert named.error.split(': ')[-1] == calibrate(*given[:2], 'still.mcap').error.split(': ')[-1]
 
 
 @pytest.mark.parametrize('distance', ['0', '-2', 'nan', 'inf'])

@@ -132,6 +132,7 @@ def test_the_horizon_of_each_frame_is_read(tmp_path):
         (HEADER + '\n', 'no rows'),
         (HEADER + '\na.jpg,1,2,3,4,5,six,7,8\n', 'line 2'),
         (HEADER + '\na.jpg,1,2\n', 'line 2'),
+        (HEADER + '\na.jpg,1,5,2,0,3,5,4,0,5,5,6,0,7,5,8,0\n', 'line 2: more values than columns'),
         (HEADER + '\na.jpg,1,2,3,4,5,nan,7,8\n', 'line 2: nan is no number'),
         (HEADER + '\nä.jpg,1,2,3,4,5,6,7,8\n', 'not UTF-8'),
         (HEADER + '\n' + 'a' * 200_000, 'field larger than'),

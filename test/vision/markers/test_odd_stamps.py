@@ -78,3 +78,28 @@ def test_stamps_are_whole_numbers_of_any_type(
     detector.process(frame, 7)
     with pytest.raises(ValueError, match='stamp 5 ns is'):
         detector.process(frame, np.uint64(5))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('kind', [MarkerTracker, RunwayDetector, ApproachDetector])
+@pytest.mark.parametrize('step', [1, 40, 999])
+def test_numbers_of_frames_and_milliseconds_are_no_nanoseconds(
+    kind: type[MarkerTracker | RunwayDetector | ApproachDetector], step: int
+) -> None:
+    """A velocity of them would be a million times too high."""
+    frame, detector = draw(tanker_at()), kind()
+    said = f'{step} ns after the frame before: is the stamp in ns?'
+    first, second, third = (detector.process(frame, n).status for n in (0, step, step + 1000))
+    assert said not in first and second.endswith(said) and 'is the stamp' not in third
+
+
+@pytest.mark.parametrize('kind', [MarkerTracker, RunwayDetector, ApproachDetector])
+def test_a_stamp_may_come_again_where_nothing_has_a_velocity(
+    kind: type[MarkerTracker | RunwayDetector | ApproachDetector],
+) -> None:
+    frame, detector = draw(tanker_at()), kind()
+    detector.process(frame, 40)
+    if isinstance(detector, MarkerTracker):
+        with pytest.raises(ValueError, match='40 ns is not later'):
+            detector.process(frame, 40)
+    else:
+        assert 'is the stamp' not in detector.process(frame, 40).status
