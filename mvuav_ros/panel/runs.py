@@ -207,13 +207,14 @@ class RunStore:
         return folder
 
     def finish(self, run: Run) -> None:
-        """Write what makes a run complete."""
+        """Write what makes a run complete: all of it, or nothing."""
         # JSON has no NaN.
         known = [m.value if math.isfinite(m.value) else None for m in run.metrics]
         metrics = [{**m._asdict(), 'value': v} for m, v in zip(run.metrics, known, strict=True)]
         content = {**vars(run), 'metrics': metrics}
-        path = self.folder / checked_name(run.name) / _SUMMARY
-        path.write_text(json.dumps(content, indent=1, ensure_ascii=False))
+        new = self.folder / checked_name(run.name) / f'{_SUMMARY}.new'
+        new.write_text(json.dumps(content, indent=1, ensure_ascii=False))
+        new.replace(new.with_suffix(''))
 
     def delete(self, name: str) -> None:
         """Remove a run."""

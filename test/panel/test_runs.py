@@ -10,6 +10,7 @@ import shutil
 import threading
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 
 import pytest
 from support.graph import ROOT
@@ -191,6 +192,24 @@ def test_damaged_runs_are_left_out_and_deleted_ones_gone(made, tmp_path):
     assert store.rejected.keys() == bad and all(store.rejected.values())
     store.delete('first')
     assert store.all() == [] and not (store.folder / 'first').exists()
+
+
+def test_a_run_is_complete_as_a_whole_or_not_at_all(made, tmp_path, monkeypatch):
+    store, written = RunStore(tmp_path), Path.write_text
+
+    def cut_short(path, text, **how):
+        written(path, text[: len(text) // 2], **how)
+        # What another page sees meanwhile, or the next one where the process ends here.
+        assert store.all() == [] and store.rejected == {}
+        raise OSError('no space left on device')
+
+    store.new_folder('first')
+    with monkeypatch.context() as patched, pytest.raises(OSError, match='no space'):
+        patched.setattr(Path, 'write_text', cut_short)
+        store.finish(made[1])
+    assert store.all() == [] and store.rejected == {}
+    store.finish(made[1])
+    assert store.all() == [made[1]] and len([*(store.folder / 'first').iterdir()]) == 1
 
 
 def test_trends_over_names_and_over_a_parameter_that_differs(made):
