@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import CameraInfo, Imu
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.poses import TF_STATIC_TOPIC, TF_TOPIC, TF_TYPE
+from mvuav_ros.messages.sensors import topic_beside
 from mvuav_ros.nodes.diagnostics import (
     WINDOW,
     DetectorStatus,
@@ -196,20 +197,28 @@ class VisionNode(ManagedNode):
             topic = camera_info_topic(self)
             infos = self.get_publishers_info_by_topic(topic)
             kinds = {info.qos_profile.durability for info in infos}
-            why = f'no camera_info has come on {topic}' if kinds else f'nothing publishes {topic}'
+            images = published_topics(self, Image, CompressedImage)
+            others = {topic_beside(name, 'camera_info') for name, _ in images}
+            why = f'nothing publishes {topic}{self._elsewhere("camera_info", CameraInfo, others)}'
+            why = f'no camera_info has come on {topic}' if kinds else why
             if kinds == {DurabilityPolicy.TRANSIENT_LOCAL}:
                 why += f'; as it is latched, set qos_overrides.{topic}.subscription.durability to '
                 why += 'transient_local, and .reliability to reliable'
             notes.append(f'no pose: {why}')
         topic = self.resolve_topic_name('imu')
         if self._processor.awaits_attitude and self.count_publishers(topic) == 0:
-            there = ', '.join(name for name, _ in published_topics(self, Imu))
-            said = f'no attitude: nothing publishes {topic}; there is {there}: remap imu'
-            notes += [said] if there else []
+            elsewhere = self._elsewhere('imu', Imu)
+            notes += [f'no attitude: nothing publishes {topic}{elsewhere}'] if elsewhere else []
         for name, conditions in self._live.current.without_effect().items():
             when = '; or '.join(map(condition_text, conditions))
             notes.append(f'{name} has no effect: it counts with {when}')
         return notes
+
+    def _elsewhere(self, name: str, kind: type, of_others: Collection[str] = ()) -> str:
+        """Where what is expected on a topic may be, in words; empty where it is nowhere."""
+        there = (each for each, _ in published_topics(self, kind) if each not in of_others)
+        names = ', '.join(there)
+        return f'; there is {names}: remap {name}' if names else ''
 
     def _publish_periodic(self) -> None:
         if self._input is not None and self._results is not None:

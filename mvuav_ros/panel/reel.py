@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,8 +33,7 @@ _WARM_UP = 30
 class Wanted:
     """A frame of a recording from ``start_s`` on, for a kind of node with each set of values.
 
-    ``topic`` is that of the images, ``imu_topic`` that of the attitude, both as `BagImages` takes
-    them with ``or_first``.
+    ``topics`` are those of images, calibration and attitude, see `BagImages` with ``or_first``.
     """
 
     source: str
@@ -42,8 +41,7 @@ class Wanted:
     kind: str
     index: int
     values: tuple[Mapping[str, Value], ...]
-    topic: str = ''
-    imu_topic: str = ''
+    topics: tuple[str, str, str] = ('', '', '')
 
 
 class Result(NamedTuple):
@@ -59,8 +57,8 @@ class Shown:
     """A frame that was asked for: its place, the stretch's frames, and when it was recorded.
 
     ``seconds`` count from the recording's first message, as ``start_s`` of what is wanted does.
-    ``topic`` is that of its image, one of ``topics``; ``imu_topic`` that of its attitude or empty,
-    and ``imu_topics`` those that the node could use. ``lost`` says what could not be read.
+    ``topics`` are those of images, calibration and attitude: the one in use, or empty, and those
+    that the node could use. ``lost`` says what could not be read.
     """
 
     index: int
@@ -68,10 +66,7 @@ class Shown:
     seconds: float
     is_whole: bool
     results: tuple[Result, ...]
-    topic: str
-    topics: tuple[str, ...]
-    imu_topic: str
-    imu_topics: tuple[str, ...]
+    topics: tuple[tuple[str, tuple[str, ...]], ...]
     lost: str
 
 
@@ -129,7 +124,7 @@ class Reel:
         """Process a frame."""
         images = self._images
         is_same = (wanted.source, wanted.start_s) == self._opened
-        if images is None or not is_same or _has_others(images, wanted):
+        if images is None or not is_same or _has_others(images, wanted.topics):
             images = self._open(wanted)
         index = min(max(wanted.index, 0), len(self._items) - 1)
         results = [
@@ -139,15 +134,14 @@ class Reel:
         item = self._items[index]
         stamp_ns = item.recorded.stamp_ns if isinstance(item, EncodedFrame) else item.stamp_ns
         seconds = 1e-9 * (stamp_ns - self._zero_ns)
-        attitudes = images.imu_topics if PROCESSORS[wanted.kind].uses_attitude else ()
-        topics = images.topic, images.image_topics, images.imu_topic or '', attitudes
-        given = *topics, '; '.join(images.account.errors)
+        topics = _offered(images)[: 3 if PROCESSORS[wanted.kind].uses_attitude else 2]
+        given = topics, '; '.join(images.account.errors)
         return Shown(index, len(self._items), seconds, self._is_whole, tuple(results), *given)
 
     def _open(self, wanted: Wanted) -> BagImages:
         self._opened, self._items, self._lanes = ('', 0.0), [], {}
-        source, start_s, topics = wanted.source, wanted.start_s, (wanted.topic, wanted.imu_topic)
-        images, size = BagImages(Path(source), *topics, or_first=True), 0
+        source, start_s, (topic, camera, imu) = wanted.source, wanted.start_s, wanted.topics
+        images, size = BagImages(Path(source), topic, imu, camera, or_first=True), 0
         try:
             origin_ns = images.origin_ns
             for item in images.items(Selection(start_s), camera=True, attitude=True):
@@ -207,10 +201,17 @@ class _Lane:
         return Result(jpeg, self._figures.said(), '; '.join(results.reasons))
 
 
-def _has_others(images: BagImages, wanted: Wanted) -> bool:
+def _offered(images: BagImages) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """The topics of images, calibration and attitude, see `Shown`."""
+    used = images.topic, images.camera_topic or '', images.imu_topic or ''
+    there = images.image_topics, images.camera_topics, images.imu_topics
+    return tuple(zip(used, there, strict=True))
+
+
+def _has_others(images: BagImages, wanted: Sequence[str]) -> bool:
     """Whether a recording has wanted topics in place of those that it is read by."""
-    others = {*images.image_topics, *images.imu_topics} - {images.topic, images.imu_topic}
-    return not others.isdisjoint((wanted.topic, wanted.imu_topic))
+    pairs = zip(wanted, _offered(images), strict=True)
+    return any(topic != used and topic in there for topic, (used, there) in pairs)
 
 
 def _size(item: EncodedFrame | Frame | BadFrame) -> int:

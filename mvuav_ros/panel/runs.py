@@ -33,7 +33,8 @@ REPORT = 'report'
 _SUMMARY = 'run.json'
 _MAX_BAGS, _MAX_METRICS = 500, 200
 _MAX_SUMMARY = 1_000_000
-_WORDS = ('source', 'settings', 'image_topic', 'imu_topic', 'lost', 'version')
+_TOPICS = ('image_topic', 'imu_topic', 'camera_info_topic')
+_WORDS = ('source', 'settings', *_TOPICS, 'lost', 'version')
 """Fields of a run that are text."""
 _MAX_TIME = 253_402_300_799.0
 """s since the epoch: the end of the year 9999."""
@@ -46,8 +47,8 @@ class Run:
     """A kind of node with some parameters over a recording, and what came of it.
 
     ``settings`` names the parameters' set, where they are one's; a run without a name is not kept.
-    ``image_topic`` is empty where the recording has images of one topic only, ``imu_topic`` where
-    no attitude was used.
+    ``image_topic`` is empty where the recording has images of one topic only, ``camera_info_topic``
+    and ``imu_topic`` where no calibration or no attitude was used.
     It was made in s since the epoch; ``answered`` of the frames have a result, and the metrics are
     those of ``mvuav sweep``. ``lost`` says what could not be read of the recording.
     """
@@ -58,6 +59,7 @@ class Run:
     parameters: dict[str, Value]
     settings: str = ''
     image_topic: str = ''
+    camera_info_topic: str = ''
     imu_topic: str = ''
     lost: str = ''
     version: str = mvuav_ros.__version__
@@ -146,9 +148,11 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     os.nice(_NICENESS)
     run, folder = task
     output = folder / RESULTS
-    images = BagImages(Path(run.source), run.image_topic, run.imu_topic, or_first=True)
+    wanted = (getattr(run, each) for each in _TOPICS)
+    images = BagImages(Path(run.source), *wanted, or_first=True)
     images.close()
-    settings = ReplaySettings({run.kind: run.parameters}, images.topic, images.imu_topic)
+    topics = images.topic, images.imu_topic, images.camera_topic
+    settings = ReplaySettings({run.kind: run.parameters}, *topics)
     outcome = attempt(ReplayJob(run.source, str(output), settings), report, stop)
     if outcome.failure or outcome.interrupted:
         raise RecordingError(outcome.failure or 'interrupted')
@@ -162,6 +166,7 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     return replace(
         run,
         image_topic=images.topic if len(images.image_topics) > 1 else '',
+        camera_info_topic=images.camera_topic or '',
         imu_topic=images.imu_topic or '',
         lost='; '.join(outcome.errors),
         made=time.time(),

@@ -148,6 +148,9 @@ class BagImages(FrameSource):
         except RecordingError:
             self._recording.close()
             raise
+        if or_first and topic and chosen.name.lstrip('/') != topic.lstrip('/'):
+            # It is one of images that are not there.
+            camera_info_topic = None
         self.account = self._recording.account
         for each in self._recording.skipped:
             encoding = words(each.encoding) or 'without encoding'

@@ -102,6 +102,13 @@ def test_a_running_node_names_each(mistakes):
 
     dark = image_message(np.zeros((480, 640), np.uint8), 0)
     mistakes.sends(publisher, dark, 'nothing publishes /camera_info')
+    # That of another camera is not named.
+    topics = {'/tail/image': Image, '/tail/camera_info': CameraInfo, '/nose/info': CameraInfo}
+    others = [probe.create_publisher(kind, topic, 10) for topic, kind in topics.items()]
+    words = 'nothing publishes /camera_info; there is /nose/info: remap camera_info'
+    mistakes.sends(publisher, dark, words)
+    for each in others:
+        probe.destroy_publisher(each)
     mistakes.sends(publisher, dark, '0 of 5 markers')
     bright = image_message(np.full((480, 640), 255, np.uint8), 0)
     mistakes.sends(publisher, bright, '% of the frame is above the threshold')

@@ -34,6 +34,7 @@ from mvuav_ros.panel.runs import (
     varied,
 )
 from mvuav_ros.panel.sanitized import NameRefusedError
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -102,12 +103,39 @@ def test_a_run_has_the_attitude_of_the_topic_that_is_chosen(tmp_path):
     assert found[0] != found[1]
     reel = Reel()
     shown = [
-        reel(Wanted(str(bag), 0.0, KIND, 9, (values,), '', topic), lambda _: None, Stop())
+        reel(Wanted(str(bag), 0.0, KIND, 9, (values,), ('', '', topic)), lambda _: None, Stop())
         for topic in ('/elsewhere', own)
     ]
-    assert [each.imu_topic for each in shown] == ['', own]
-    assert shown[0].imu_topics == shown[1].imu_topics == (own,)
+    assert [each.topics[2] for each in shown] == [('', (own,)), (own, (own,))]
     assert shown[0].results[0].jpeg != shown[1].results[0].jpeg
+
+
+def test_a_run_has_the_calibration_of_the_topic_that_the_node_listens_to(tmp_path):
+    """As `mvuav replay --camera-info-topic`; beside the images alone it was never used."""
+    bag, own, kind = tmp_path / 'flight.mcap', '/rig/left_info', 'marker_tracker'
+    with open_recording(ROOT / 'bags' / 'tanker.mcap') as recording, RecordingWriter(bag) as writer:
+        for message in islice(recording.messages({'/image_raw', '/camera_info'}), 40):
+            topic = message.topic.replace('/camera_info', own)
+            writer.write(topic, message.type, message.stamp_ns, message.data)
+    store, values = RunStore(tmp_path / 'runs'), MarkerTrackerParameters().as_dict()
+    given = {own: own, '/elsewhere': ''}
+    for topic in given:
+        run = Run(store.free_name(), kind, str(bag), values, camera_info_topic=topic)
+        runner = Runner(store, lambda: None)
+        assert asyncio.run(runner.replay(run, store.new_folder(run.name)))
+    assert [run.camera_info_topic for run in store.all()] == [*given.values()]
+    found = [
+        len([*recording.messages({f'/{kind}/vision_pose'})])
+        for recording in (open_recording(store.folder / r.name / RESULTS) for r in store.all())
+    ]
+    assert found[0] > 10 and found[1] == 0
+    reel = Reel()
+    for images, named, used in (('', own, own), ('', '/elsewhere', ''), ('/other', own, '')):
+        wanted = Wanted(str(bag), 0.0, kind, 9, (values,), (images, named, ''))
+        shown = reel(wanted, lambda _: None, Stop())
+        assert shown.topics == (('/image_raw', ('/image_raw',)), (used, (own,)))
+        assert ('no pose' in shown.results[0].said['trust'][1]) == (not used)
+        reel = Reel()
 
 
 def test_a_run_that_fails_says_why_and_is_not_listed(made, tmp_path):

@@ -196,6 +196,11 @@ def test_the_calibration_of_another_topic_is_taken_where_it_is_named(tmp_path: P
         RecordingError, match='no camera_info topic /nose; there is /camera/camera_info'
     ):
         open_source(bag, camera_info_topic='/nose')
+    # Where the images that are wanted are missing, it is not that of the others.
+    there = 'camera/camera_info'
+    for images, expected in (('nose/image_raw', f'/{there}'), ('/tail/image_raw', None)):
+        with closing(BagImages(bag, images, None, there, or_first=True)) as source:
+            assert source.camera_topic == expected
 
 
 def test_images_without_a_stamp_count_from_their_recording(tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ MESSAGES = (
     ),
     (
         'no pose: nothing publishes …/camera_info',
-        'said beside `running`: calibrate the camera, or set `pose` to false',
+        'said beside `running`: calibrate the camera, remap `camera_info`, or set `pose` to false',
         '',
     ),
     (

@@ -11,6 +11,7 @@ from nicegui import background_tasks, ui
 
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
+from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.reel import ReelFailedError, ReelProcess, Result, Shown, Wanted, settable
@@ -25,7 +26,7 @@ _LIVE = 'live values'
 class Frames:
     """The frame on the screen follows the sliders; ``recording`` gives the one chosen, if any.
 
-    ``images`` and ``attitude`` are the topics by which it is read.
+    Its `topics` are those by which it is read.
     """
 
     def __init__(self, page: Page, recording: Callable[[], Path | None]) -> None:
@@ -41,9 +42,8 @@ class Frames:
                 self._slider = el.slider('Frame', self._go).props('max=0').classes('grow')
                 self._words = el.text('', 'small soft number').props('role=status')
             with el.box('line wrap'):
-                self.images, self.attitude = (
-                    _Topics(label, self.show) for label in ('Images', 'Attitude')
-                )
+                self._images = _Topics('Images', self._show_other_images)
+                self._belonging = [_Topics(each, self.show) for each in ('Calibration', 'Attitude')]
                 self._from = ui.number('From [s]', value=0.0, min=0.0, on_change=self._begin)
                 self._from.props('outlined dense debounce=500').style('width: 110px')
                 self._set = el.choice({'': 'nothing'}, 'Compare with', '', on_change=self.show)
@@ -57,7 +57,7 @@ class Frames:
 
     def follow_node(self) -> None:
         """After another node was selected: its sets, and the images that it listens to."""
-        self.images.wanted = self.attitude.wanted = ''
+        self._forget_topics()
         self.reload_sets()
 
     def reload_sets(self) -> None:
@@ -76,10 +76,27 @@ class Frames:
 
     def rewind(self) -> None:
         """After another recording was chosen."""
-        self.images.forget()
-        self.attitude.forget()
+        self._forget_topics()
         self._from.value = 0.0
         self._begin()
+
+    def topics(self, node: LiveNode) -> tuple[str, str, str]:
+        """Of images, calibration and attitude, see `BagImages`: those in use, else the node's."""
+        calibration, attitude = (each.used for each in self._belonging)
+        images = self._images.used or node.image_topic
+        if images == node.image_topic:
+            calibration = calibration or node.camera_info_topic
+        return images, calibration, attitude or node.found.imu_topic
+
+    def _forget_topics(self) -> None:
+        for each in (self._images, *self._belonging):
+            each.forget()
+
+    def _show_other_images(self) -> None:
+        """What belonged to those before is not theirs."""
+        for each in self._belonging:
+            each.forget()
+        self.show()
 
     def _begin(self) -> None:
         """Go to the first frame of a stretch; until it is opened nothing stands under its name."""
@@ -140,11 +157,7 @@ class Frames:
                 name, reason = '', str(error)
         values = tuple(settable(node.kind, each) for each in sets)
         stretch = str(path), max(self._from.value or 0.0, 0.0), node.kind, self._index
-        topics = (
-            self.images.wanted or node.image_topic,
-            self.attitude.wanted or node.found.imu_topic,
-        )
-        wanted = Wanted(*stretch, values, *topics)
+        wanted = Wanted(*stretch, values, self.topics(node))
         if self._count == 1:
             self._words.set_text('opening …')
         shown, failure = None, ''
@@ -152,8 +165,10 @@ class Frames:
             shown = await self._process.show(wanted)
         except ReelFailedError as error:
             failure = sanitized.words(error)
-        if self._words.is_deleted or (node, path) != (self._page.node, self._recording()):
-            # Of what was chosen before; another is due.
+        there = self._page.node, self._recording()
+        if self._words.is_deleted or (node, path) != there or self.topics(node) != wanted.topics:
+            # Of what was chosen before.
+            self._due = True
             return
         if shown is None:
             self._set_playing(False)
@@ -175,8 +190,8 @@ class Frames:
     def _fill(self, shown: Shown, name: str) -> None:
         self._count = shown.count
         self._index = min(self._index, shown.count - 1)
-        self.images.fill(shown.topic, shown.topics)
-        self.attitude.fill(shown.imu_topic, shown.imu_topics)
+        for menu, topics in zip((self._images, *self._belonging), shown.topics, strict=False):
+            menu.fill(*topics)
         el.set_props(self._slider, max=shown.count - 1, data_index=str(shown.index))
         part = '' if shown.is_whole else ' (a part)'
         self._words.set_text(
@@ -190,7 +205,7 @@ class Frames:
 class _Topics:
     """A menu of a recording's topics of one kind, on the page where there is something to choose.
 
-    ``shown`` is the one in use, ``wanted`` the one that the user chose; empty if there is none.
+    ``used`` is the one in use, or the one that the user chose; empty if there is none.
     """
 
     def __init__(self, label: str, on_choose: Callable[[], None]) -> None:
@@ -200,20 +215,20 @@ class _Topics:
         self.forget()
 
     def forget(self) -> None:
-        """Before another recording is opened."""
-        self.wanted = self.shown = ''
+        """Before another recording is opened, or one is read for another node."""
+        self.used = ''
         self._menu.set_visibility(False)
 
-    def fill(self, shown: str, topics: Sequence[str]) -> None:
+    def fill(self, used: str, topics: Sequence[str]) -> None:
         """What a recording has, and which of it is in use."""
-        if (self.shown, [*self._menu.options]) != (shown, [*topics]):
-            self.shown = shown
-            self._menu.set_options({t: sanitized.words(t) for t in topics}, value=shown or None)
-        self._menu.set_visibility(not {*topics} <= {shown})
+        self.used = used
+        if (self._menu.value or '', [*self._menu.options]) != (used, [*topics]):
+            self._menu.set_options({t: sanitized.words(t) for t in topics}, value=used or None)
+        self._menu.set_visibility(not {*topics} <= {used})
 
     def _choose(self, event: Any) -> None:
-        if event.value not in (None, self.shown):
-            self.wanted = event.value
+        if event.value not in (None, self.used):
+            self.used = event.value
             self._on_choose()
 
 

@@ -288,14 +288,16 @@ class Runs:
             except (NameRefusedError, OSError):
                 services.runs.delete(name)
                 raise
+            image_topic, camera_info_topic, imu_topic = self.frames.topics(node)
             run = Run(
                 name=folder.name if keep else '',
                 kind=node.kind,
                 source=str(self._bags[self._bag.value]),
                 parameters=settable(node.kind, node.own_values),
                 settings=self._page.set_in_use(node),
-                image_topic=self.frames.images.shown or node.image_topic,
-                imu_topic=self.frames.attitude.shown or node.found.imu_topic,
+                image_topic=image_topic,
+                camera_info_topic=camera_info_topic,
+                imu_topic=imu_topic,
             )
             if await self._runner.replay(run, folder) and keep:
                 self._page.kept['ticks'] = [*self._page.kept['ticks'], run.name]

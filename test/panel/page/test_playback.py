@@ -21,11 +21,13 @@ def test_nothing_of_one_recording_stands_under_the_name_of_another():
     node = SimpleNamespace(
         kind='marker_tracker', controls=['threshold'], own_values={}, image_topic=''
     )
-    node.found, topics = SimpleNamespace(imu_topic=''), MagicMock(wanted='')
+    node.found, node.camera_info_topic = SimpleNamespace(imu_topic=''), ''
+    topics = MagicMock(used='')
     frames._page, frames._recording = SimpleNamespace(node=node), lambda: chosen[0]
     frames._set, frames._from = SimpleNamespace(value=''), SimpleNamespace(value=0.0)
     frames._words, frames._differing = MagicMock(is_deleted=False), MagicMock()
-    frames._lanes, frames._visible, frames.images, frames.attitude = [lane], False, topics, topics
+    frames._lanes, frames._visible = [lane], False
+    frames._images, frames._belonging = topics, [topics, topics]
     frames._index, frames._count = 80, 180
     frames._fill = lambda shown, name: filled.append(shown.source)
 
@@ -49,7 +51,7 @@ def test_topics_are_offered_where_there_is_something_to_choose(monkeypatch):
     menu, chosen = MagicMock(options={}), []
     menu.set_options = lambda options, value: setattr(menu, 'options', options)
     monkeypatch.setattr(elements, 'choice', lambda *_, **__: menu)
-    topics = _Topics('Attitude', lambda: chosen.append(topics.wanted))
+    topics = _Topics('Attitude', lambda: chosen.append(topics.used))
 
     def is_offered(shown, there):
         topics.fill(shown, there)
@@ -65,7 +67,23 @@ def test_topics_are_offered_where_there_is_something_to_choose(monkeypatch):
     topics._choose(SimpleNamespace(value=own))
     assert chosen == [own]
     topics.forget()
-    assert topics.wanted == topics.shown == ''
+    assert topics.used == ''
+
+
+def test_the_calibration_that_a_node_listens_to_goes_with_its_images_alone():
+    node = SimpleNamespace(image_topic='/left/image_raw', camera_info_topic='/rig/left_info')
+    node.found = SimpleNamespace(imu_topic='/mavros/imu/data')
+    frames = Frames.__new__(Frames)
+    frames._page, frames.show = SimpleNamespace(node=node), MagicMock()
+    frames._images, *frames._belonging = (MagicMock(used='') for _ in range(3))
+    assert frames.topics(node) == ('/left/image_raw', '/rig/left_info', '/mavros/imu/data')
+    frames._images.used, frames._belonging[0].used = '/left/image_raw', '/rig/info'
+    assert frames.topics(node) == ('/left/image_raw', '/rig/info', '/mavros/imu/data')
+    # The choice of other images forgets it.
+    frames._images.used, frames._belonging[0].used = '/right/image_raw', ''
+    assert frames.topics(node) == ('/right/image_raw', '', '/mavros/imu/data')
+    frames._show_other_images()
+    assert all(each.forget.called for each in frames._belonging) and frames.show.called
 
 
 def test_each_node_keeps_the_recording_that_was_chosen_for_it():
