@@ -29,7 +29,9 @@ _ARGUMENTS = {
         'false',
         'The nodes in one process, without copies from source to detectors (docs/transport.md)',
     ),
-    'image_topic': ('image_raw', 'Topic of the images; camera_info is expected beside it'),
+    'image_topic': ('image_raw', 'Topic of the images'),
+    'camera_info_topic': ('', 'Topic of their calibration; empty: camera_info beside them'),
+    'imu_topic': ('imu', "Topic of the attitude, such as an autopilot's /mavros/imu/data"),
     'transport': ('raw', 'Image transport of the detectors (parameter image_transport)'),
     'frame_id': ('', "Parameter frame_id of video_source; empty: the source's own"),
     'camera_info_url': ('', 'Parameter camera_info_url of video_source: a calibration file'),
@@ -136,7 +138,7 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
             name=None if executable == 'vision_process' else executable,
             namespace=given['namespace'],
             parameters=[str(params_file), settings],
-            remappings=_remappings(given['image_topic']),
+            remappings=_remappings(given),
             respawn='respawn' in switches,
             respawn_delay=1.0,
             output='screen',
@@ -158,9 +160,10 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
     return [*source, *(node(NODES[name], seeing) for name in names)]
 
 
-def _remappings(image_topic: str) -> list[tuple[str, str]]:
-    """camera_info stays beside the images, as image_transport has it."""
-    if image_topic == 'image_raw':
-        return []
-    namespace, slash, _ = image_topic.rpartition('/')
-    return [('image_raw', image_topic), ('camera_info', f'{namespace}{slash}camera_info')]
+def _remappings(given: Mapping[str, str]) -> list[tuple[str, str]]:
+    """camera_info stays beside the images, as image_transport has it, unless it is said where."""
+    images = given['image_topic']
+    beside = f'{images.rpartition("/")[0]}/camera_info' if '/' in images else 'camera_info'
+    topics = {'image_raw': images, 'camera_info': given['camera_info_topic'] or beside}
+    topics['imu'] = given['imu_topic']
+    return [(name, topic) for name, topic in topics.items() if topic != name]

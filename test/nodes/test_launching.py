@@ -128,6 +128,17 @@ def test_detectors_alone_for_another_image_topic(launch, source):
     }
 
 
+def test_calibration_and_attitude_from_topics_of_their_own(launch):
+    topics = {'camera_info_topic': '/nose/info', 'imu_topic': '/mavros/imu/data'}
+    own = [('camera_info', '/nose/info'), ('imu', '/mavros/imu/data')]
+    for node in launch('both.launch.py', source='none', **topics):
+        assert node.remappings == own
+    (node,) = launch('runway.launch.py', source='none', image_topic='/image', **topics)
+    assert node.remappings == [('image_raw', '/image'), *own]
+    (node,) = launch('runway.launch.py', source='none', image_topic='/image')
+    assert node.remappings == [('image_raw', '/image'), ('camera_info', '/camera_info')]
+
+
 def test_arguments_that_are_not_given_leave_the_parameter_file_its_values(launch):
     """A file with another source, or compressed images, was overruled without a word."""
     source, tracker = launch('markers.launch.py')
