@@ -269,18 +269,28 @@ class SeriesFeed:
         self._marks: list[tuple[float, str]] = []
         self._due: dict[str, float] = {}
         self._new = False
-        self._subscriptions = ExitStack()
-        topics = {
-            topic: (kind, f'{node.name}/{topic}') for topic, kind in TOPICS[node.kind].items()
-        }
-        if node.image_topic:
-            topics['camera_info'] = CameraInfo, node.camera_info_topic
+        self._subscriptions, self._camera = ExitStack(), ExitStack()
+        self._subscriptions.callback(self._camera.close)
+        self.close = self._subscriptions.close
+        for topic, kind in TOPICS[node.kind].items():
+            self._listen(self._subscriptions, topic, kind, f'{node.name}/{topic}')
+        self._camera_topic = ''
+        self._follow_camera()
+
+    def _listen(self, until: ExitStack, topic: str, kind: type, name: str) -> None:
         # Best effort connects to every publisher and never slows one down.
         qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-        for topic, (kind, name) in topics.items():
-            arrived = partial(self._arrived, topic)
-            self._subscriptions.callback(ros.subscribe(kind, name, arrived, qos))
-        self.close = self._subscriptions.close
+        arrived = partial(self._arrived, topic)
+        until.callback(self._ros.subscribe(kind, name, arrived, qos))
+
+    def _follow_camera(self) -> None:
+        """Of a node that has just begun it is not known yet; one that begins anew has another."""
+        name = self._node.camera_info_topic
+        if name != self._camera_topic:
+            self._camera.close()
+            self._camera_topic = name
+            if name:
+                self._listen(self._camera, 'camera_info', CameraInfo, name)
 
     def take(self) -> str:
         """What was received since the last time; empty where nothing was.
@@ -290,6 +300,7 @@ class SeriesFeed:
         """
         if not self._new:
             return ''
+        self._follow_camera()
         said = {'series': self.name, 'points': self._points, 'marks': self._marks}
         self._points, self._marks, self._new = [], [], False
         return json.dumps({**said, **self._figures.said()})

@@ -292,19 +292,23 @@ def test_a_pose_in_alert_is_doubtful_in_every_mode_that_has_one(mode):
     assert figures.said()['trust'] == (DOUBTFUL, '5 of 5 lights, protection level alert: along')
 
 
-def feed_of(values, news):
+def feed_of(values, news, camera_info_topic='/camera_info'):
     """The results of a node without ROS, and who takes its messages, by topic."""
     subscribed = {}
+
+    def subscribe(kind, topic, take, qos):
+        subscribed[topic] = take
+        return lambda: subscribed.pop(topic)
+
     ros = SimpleNamespace(
-        subscribe=lambda kind, topic, take, qos: subscribed.update({topic: take}),
+        subscribe=subscribe,
         call_in_loop=lambda function, *arguments: function(*arguments),
     )
     node = SimpleNamespace(
         name='/tracker',
         kind='marker_tracker',
         values=values,
-        image_topic='/image_raw',
-        camera_info_topic='/camera_info',
+        camera_info_topic=camera_info_topic,
     )
     return SeriesFeed(ros, node, lambda: news.append(1)), subscribed
 
@@ -316,6 +320,36 @@ def test_the_calibration_of_a_camera_is_no_result_of_the_node():
     assert feed.take() == '' and not news
     subscribed['/tracker/pose'](pose_message((1.5, -2.0, 80.0), AHEAD))
     assert json.loads(feed.take())['pose'] and news
+
+
+def test_the_calibration_is_that_of_the_topic_that_the_node_listens_to_now():
+    """Of frames handed over in its process the topic is known from its diagnostics, later."""
+    feed, subscribed = feed_of(TRACK, [], camera_info_topic='')
+    assert not any('camera_info' in topic for topic in subscribed)
+
+    def view(width):
+        feed._due.clear()
+        for topic, take in list(subscribed.items()):
+            if topic.endswith('info'):
+                take(
+                    CameraInfo(
+                        width=width, height=width, k=[100.0, 0.0, 0.0, 0.0, 100.0] + [0.0] * 4
+                    )
+                )
+        subscribed['/tracker/pose'](pose_message((1.5, -2.0, 80.0), AHEAD))
+        return json.loads(feed.take())['view']
+
+    assert view(100) is None
+    feed._node.camera_info_topic = '/camera_info'
+    view(100)
+    assert view(100) == [0.5, 0.5]
+    # The node was started anew, with another camera.
+    feed._node.camera_info_topic = '/nose/info'
+    view(100)
+    assert '/camera_info' not in subscribed
+    assert view(300) == [1.5, 1.5]
+    feed.close()
+    assert not subscribed
 
 
 @pytest.mark.parametrize(('rate', 'points'), [(30.0, 60), (120.0, 120)])
