@@ -93,7 +93,7 @@ class Runner:
         try:
             run = await self._measured(run, folder)
             if run.name:
-                self._store.finish(run)
+                self._store.finish(run, folder)
                 keep = True
             self.last = run
             lost = f'; {run.lost}' if run.lost else ''
@@ -188,7 +188,7 @@ class RunStore:
     def all(self) -> list[Run]:
         """Every complete run, the oldest first."""
         runs, self.rejected = [], {}
-        for path in sorted(self.folder.glob(f'*/{_SUMMARY}')):
+        for path in sorted(self.folder.glob(f'[!.]*/{_SUMMARY}')):
             try:
                 runs.append(_read(path))
             except Exception as error:
@@ -203,23 +203,24 @@ class RunStore:
         return next(name for name in names if not (self.folder / name).exists())
 
     def new_folder(self, name: str) -> Path:
-        """Make the folder of a run to come; a name that a run has is refused as well."""
-        folder = self.folder / checked_name(name)
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            raise NameRefusedError(f'there is a run {name} already') from None
+        """Make the folder of a run to come, until `finish`; a name that a run has is refused."""
+        name = checked_name(name)
+        if (self.folder / name).exists():
+            raise NameRefusedError(f'there is a run {name} already')
+        folder = self.folder / f'.{name}'
+        # Of one that was killed.
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
         return folder
 
-    def finish(self, run: Run) -> None:
-        """Write what makes a run complete: all of it, or nothing."""
+    def finish(self, run: Run, folder: Path) -> None:
+        """Have a run take its name: all of it is there, or nothing."""
         # JSON has no NaN.
         known = [m.value if math.isfinite(m.value) else None for m in run.metrics]
         metrics = [{**m._asdict(), 'value': v} for m, v in zip(run.metrics, known, strict=True)]
         content = {**vars(run), 'metrics': metrics}
-        new = self.folder / checked_name(run.name) / f'{_SUMMARY}.new'
-        new.write_text(json.dumps(content, indent=1, ensure_ascii=False))
-        new.replace(new.with_suffix(''))
+        (folder / _SUMMARY).write_text(json.dumps(content, indent=1, ensure_ascii=False))
+        folder.rename(self.folder / checked_name(run.name))
 
     def delete(self, name: str) -> None:
         """Remove a run."""

@@ -222,22 +222,28 @@ def test_damaged_runs_are_left_out_and_deleted_ones_gone(made, tmp_path):
     assert store.all() == [] and not (store.folder / 'first').exists()
 
 
-def test_a_run_is_complete_as_a_whole_or_not_at_all(made, tmp_path, monkeypatch):
+def test_a_run_is_there_as_a_whole_or_not_at_all(made, tmp_path, monkeypatch):
+    """One that was killed kept its name, and could be neither made again nor deleted."""
     store, written = RunStore(tmp_path), Path.write_text
 
     def cut_short(path, text, **how):
         written(path, text[: len(text) // 2], **how)
-        # What another page sees meanwhile, or the next one where the process ends here.
+        # What another page sees meanwhile.
         assert store.all() == [] and store.rejected == {}
         raise OSError('no space left on device')
 
-    store.new_folder('first')
+    folder = store.new_folder('first')
+    (folder / RESULTS).touch()
     with monkeypatch.context() as patched, pytest.raises(OSError, match='no space'):
         patched.setattr(Path, 'write_text', cut_short)
-        store.finish(made[1])
+        store.finish(made[1], folder)
+    # Another panel, after this one was killed.
+    store = RunStore(tmp_path)
     assert store.all() == [] and store.rejected == {}
-    store.finish(made[1])
-    assert store.all() == [made[1]] and len([*(store.folder / 'first').iterdir()]) == 1
+    folder = store.new_folder('first')
+    assert not [*folder.iterdir()]
+    store.finish(made[1], folder)
+    assert store.all() == [made[1]] and [path.name for path in tmp_path.iterdir()] == ['first']
 
 
 def test_trends_over_names_and_over_a_parameter_that_differs(made):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import tempfile
 import time
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from mvuav_ros.panel.page.playback import Frames
 from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.reel import settable
 from mvuav_ros.panel.runs import Run, find_bags, run_table, varied
-from mvuav_ros.panel.sanitized import NameRefusedError
+from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.processing.registry import PROCESSORS
 
 _FIRST = ('flag counts', 'markers by state')
@@ -286,11 +287,11 @@ class Runs:
                 if as_set:
                     save_set(self._page, node, name)
             except (NameRefusedError, OSError):
-                services.runs.delete(name)
+                shutil.rmtree(folder)
                 raise
             image_topic, camera_info_topic, imu_topic = self.frames.topics(node)
             run = Run(
-                name=folder.name if keep else '',
+                name=checked_name(name) if keep else '',
                 kind=node.kind,
                 source=str(self._bags[self._bag.value]),
                 parameters=settable(node.kind, node.own_values),

@@ -116,7 +116,7 @@ def test_a_run_that_is_refused_leaves_the_set_of_its_name_alone(tmp_path, monkey
     monkeypatch.setattr(run_list, 'save_set', save_set)
     monkeypatch.setattr(elements, 'notify', lambda words, bad: said.append(words))
     store = RunStore(tmp_path)
-    store.new_folder('night')
+    (tmp_path / 'night').mkdir()
     runs = Runs.__new__(Runs)
     runs._page = SimpleNamespace(
         node=SimpleNamespace(controls=['threshold']), services=SimpleNamespace(runs=store)
