@@ -180,7 +180,7 @@ def test_problems_are_those_of_the_last_seconds():
         last = said()
     assert last == 'running'
     statistics.stamps.frames_left_out = 3
-    assert said().startswith('gaps in the stamps: 3 images are missing')
+    assert said().startswith('gaps in the stamps: 3 images missing')
     # Those that were lost on their way are no fault of the camera.
     events.lost += 3
     events.missing += 3

@@ -42,8 +42,8 @@ class Frames:
                 self._slider = el.slider('Frame', self._go).props('max=0').classes('grow')
                 self._words = el.text('', 'small soft number').props('role=status')
             with el.box('line wrap'):
-                self._images = _Topics('Images', self._show_other_images)
-                self._belonging = [_Topics(each, self.show) for each in ('Calibration', 'Attitude')]
+                self._menus = [_Topics('Images', self._show_other_images)]
+                self._menus += [_Topics(each, self.show) for each in ('Calibration', 'Attitude')]
                 self._from = ui.number('From [s]', value=0.0, min=0.0, on_change=self._begin)
                 self._from.props('outlined dense debounce=500').style('width: 110px')
                 self._set = el.choice({'': 'nothing'}, 'Compare with', '', on_change=self.show)
@@ -82,20 +82,18 @@ class Frames:
 
     def topics(self, node: LiveNode) -> tuple[str, str, str]:
         """Of images, calibration and attitude, see `BagImages`: those in use, else the node's."""
-        calibration, attitude = (each.used for each in self._belonging)
-        images = self._images.used or node.image_topic
-        if images == node.image_topic:
-            calibration = calibration or node.camera_info_topic
+        images, calibration, attitude = (menu.used for menu in self._menus)
+        if images in ('', node.image_topic):
+            images, calibration = node.image_topic, calibration or node.camera_info_topic
         return images, calibration, attitude or node.found.imu_topic
 
-    def _forget_topics(self) -> None:
-        for each in (self._images, *self._belonging):
-            each.forget()
+    def _forget_topics(self, first: int = 0) -> None:
+        for menu in self._menus[first:]:
+            menu.forget()
 
     def _show_other_images(self) -> None:
-        """What belonged to those before is not theirs."""
-        for each in self._belonging:
-            each.forget()
+        # What belonged to those before is not theirs.
+        self._forget_topics(1)
         self.show()
 
     def _begin(self) -> None:
@@ -190,7 +188,7 @@ class Frames:
     def _fill(self, shown: Shown, name: str) -> None:
         self._count = shown.count
         self._index = min(self._index, shown.count - 1)
-        for menu, topics in zip((self._images, *self._belonging), shown.topics, strict=False):
+        for menu, topics in zip(self._menus, shown.topics, strict=False):
             menu.fill(*topics)
         el.set_props(self._slider, max=shown.count - 1, data_index=str(shown.index))
         part = '' if shown.is_whole else ' (a part)'

@@ -27,7 +27,7 @@ def test_nothing_of_one_recording_stands_under_the_name_of_another():
     frames._set, frames._from = SimpleNamespace(value=''), SimpleNamespace(value=0.0)
     frames._words, frames._differing = MagicMock(is_deleted=False), MagicMock()
     frames._lanes, frames._visible = [lane], False
-    frames._images, frames._belonging = topics, [topics, topics]
+    frames._menus = [topics] * 3
     frames._index, frames._count = 80, 180
     frames._fill = lambda shown, name: filled.append(shown.source)
 
@@ -75,15 +75,16 @@ def test_the_calibration_that_a_node_listens_to_goes_with_its_images_alone():
     node.found = SimpleNamespace(imu_topic='/mavros/imu/data')
     frames = Frames.__new__(Frames)
     frames._page, frames.show = SimpleNamespace(node=node), MagicMock()
-    frames._images, *frames._belonging = (MagicMock(used='') for _ in range(3))
+    images, calibration, attitude = frames._menus = [MagicMock(used='') for _ in range(3)]
     assert frames.topics(node) == ('/left/image_raw', '/rig/left_info', '/mavros/imu/data')
-    frames._images.used, frames._belonging[0].used = '/left/image_raw', '/rig/info'
+    images.used, calibration.used = '/left/image_raw', '/rig/info'
     assert frames.topics(node) == ('/left/image_raw', '/rig/info', '/mavros/imu/data')
     # The choice of other images forgets it.
-    frames._images.used, frames._belonging[0].used = '/right/image_raw', ''
+    images.used, calibration.used = '/right/image_raw', ''
     assert frames.topics(node) == ('/right/image_raw', '', '/mavros/imu/data')
     frames._show_other_images()
-    assert all(each.forget.called for each in frames._belonging) and frames.show.called
+    assert calibration.forget.called and attitude.forget.called and frames.show.called
+    assert not images.forget.called
 
 
 def test_each_node_keeps_the_recording_that_was_chosen_for_it():
