@@ -235,11 +235,10 @@ class DetectorStatus:
             said = f'{counted(skipped, "image")} skipped; {SLOW_REMEDY}'
             problems.append(f'too slow for the camera: {said}')
         elif recent['left_out'] and not recent['lost']:
-            missing = (
-                f'{counted(recent["left_out"], "image")} missing, although no message was lost'
+            problems.append(
+                f'gaps in the stamps: {counted(recent["left_out"], "image")} missing, although no '
+                'message was lost; the camera, its driver or the recording dropped them'
             )
-            why = 'the camera, its driver or the recording dropped them'
-            problems.append(f'gaps in the stamps: {missing}; {why}')
         # After a crash the graph has the old publisher for a while, beside the one that follows it.
         if recent['alternations'] > 1 and (count := len(images.publishers)) > 1:
             problems.append(f'{count} publishers on {images.topic}: their images are mixed')
