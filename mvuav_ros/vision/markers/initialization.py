@@ -221,7 +221,7 @@ class Attempts:
     rest: int = 0  # frames until the next attempt
     _lights: int = 0
     _came: bool = False  # whether there were others in the frame before
-    _is_flicker: bool = False  # the same, of the first frame of those in a row
+    _is_flicker: bool = False  # the same, of the first frame of those that agree
     _first_residual: float = 0.0
     _is_odd: bool = False  # whether one of the lights may well have been another one meanwhile
 
@@ -241,7 +241,7 @@ class Attempts:
         self.failed += 1
 
     def confirmed(self, named: Named, is_calibrated: bool) -> bool:
-        """Whether enough frames in a row have named the body alike."""
+        """Whether enough frames have named the body alike."""
         is_odd = self._is_odd or (self.was_wrong and not named.fits)
         # Any lens will do: what comes and goes may well look like a body for one frame.
         is_chance = self._is_flicker and not is_calibrated
