@@ -240,7 +240,8 @@ class Overlaid:
         moved = np.asarray(there, np.uint8)
         ratios = _ratios_of_pixels(gray, self._first, moved, plane)
         # Of digits that change on a picture that stands still there may be such a map, too.
-        if np.count_nonzero(ratios < -1.0) < MOTION.min_moved_share * ratios.size:
+        moves = ratios < -MOTION.plain_ratio
+        if np.count_nonzero(moves) < MOTION.min_moved_share * moves.size:
             return False
         self._remember(ratios)
         self.motion = GroundMotion(gray, self._first, moved, plane, ratios)
@@ -279,7 +280,7 @@ def _ratios_of_pixels(
 
 
 def _moved_by(plane: NDArray[np.float64], size: tuple[int, ...]) -> Any:
-    """Px by which the ground at each pixel has moved."""
+    """Px by which the ground at each pixel has moved, interpolated."""
     few = np.stack(np.meshgrid(*(np.arange(0.0, side, 8.0) for side in size[::-1])), axis=-1)
     way = np.linalg.norm(cv2.perspectiveTransform(few, plane) - few, axis=2)
     # Beyond the plane's horizon it is anything.

@@ -97,11 +97,13 @@ class MotionTuning:
     max_residual: float = 1.0  # px by which corners may miss the map
     # Of pixels that stand still: grey levels by which images of the same differ, log odds from
     # which one is overlaid, px around it without evidence, and share of the pixels that a map must
-    # explain better than none. Runs 3 and 5 with reticles, tuned stills with digits that change
+    # explain plainly better than none does, by a logarithm of the ratio of squares. Runs 3 and 5
+    # with reticles, tuned stills with digits that change
     pixel_noise: float = 2.0
     min_overlaid: float = 3.0
     beside_overlaid: int = 2
     min_moved_share: float = 0.05
+    plain_ratio: float = 1.0
     forgotten: float = 0.1  # share of them lost in a comparison: one wrong map hides nothing
     # Of edges that stand still or move: samples by which the map may be wrong, grey levels by which
     # images of the same differ, widths from an edge to land that should move. Outlines drawn over
