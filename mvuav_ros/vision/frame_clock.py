@@ -37,9 +37,13 @@ class FrameClock:
         first_ns, last_ns = self._span_ns or (0, 0)
         return (last_ns - first_ns) * 1e-9
 
-    def remarked(self, status: str) -> str:
-        """A frame's status, with a remark if its stamp can hardly be in ns."""
+    @property
+    def remark(self) -> str:
+        """That the newest stamp can hardly be in ns; empty where it may be."""
         if not 0 < (self.gap_ns or 0) < _SHORTEST_NS:
-            return status
-        remark = f'{self.gap_ns} ns after the frame before: is the stamp in ns?'
-        return f'{status}; {remark}' if status else remark
+            return ''
+        return f'{self.gap_ns} ns after the frame before: is the stamp in ns?'
+
+    def remarked(self, status: str) -> str:
+        """A frame's status with that remark behind it."""
+        return '; '.join(filter(None, (status, self.remark)))

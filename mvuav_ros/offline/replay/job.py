@@ -183,9 +183,14 @@ class ReplayInput:
             SourceError: there is no such thing, nothing in it can be read, or the calibration is
                 not one of its images.
         """
-        beside = {'imu_topic': given.imu_topic, 'camera_info_topic': given.camera_info_topic}
-        topics: dict[str, Any] = {'topic': given.image_topic, **beside}
-        source = open_source(text, **topics, rate=given.fps, cameras=False)
+        source = open_source(
+            text,
+            topic=given.image_topic,
+            imu_topic=given.imu_topic,
+            camera_info_topic=given.camera_info_topic,
+            rate=given.fps,
+            cameras=False,
+        )
         self._source, self._selection, self._camera = source, given.selection, given.camera
         self.name, self.account, self.close = source.name, source.account, source.close
         if self._camera is not None:

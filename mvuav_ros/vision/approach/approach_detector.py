@@ -118,16 +118,22 @@ class ApproachDetector:
         if not isinstance(attitude, (Attitude, HorizonLine, NoneType)):
             kind = type(attitude).__name__
             raise TypeError(f'attitude must be an Attitude or a HorizonLine, not {kind}')
-        height, width = image.shape[:2]
-        if self._size != (height, width):
+        size = image.shape[0], image.shape[1]
+        if self._size != size:
             self.reset()
-            self._size = (height, width)
-        stamp_ns = self._clock.take(stamp_ns)
+            self._size = size
+        result = self._find(image, self._clock.take(stamp_ns), attitude)
+        return replace(result, status=self._clock.remarked(result.status))
+
+    def _find(
+        self, image: Pixels, stamp_ns: int, attitude: Attitude | HorizonLine | None
+    ) -> ApproachResult:
+        height, width = image.shape[:2]
         empty = ApproachResult(
             stamp_ns, width, height, (), guidance=self._guidance(None), status='', image=image
         )
         if min(height, width) < DETECTOR.min_side:
-            status = self._clock.remarked(f'the frame is too small ({width} x {height})')
+            status = f'the frame is too small ({width} x {height})'
             return replace(empty, lines=self._rows({}, None), status=status)
         horizon, self.attitude_problem = self._horizon_of(attitude)
         veto = _UPSIDE_DOWN if _UPSIDE_DOWN in self.attitude_problem else ''
@@ -139,8 +145,7 @@ class ApproachDetector:
         empty = replace(empty, horizon=_across(found), confidence=found.confidence)
         status = self._doubt(found)
         if found.track is None or status:
-            lines = self._rows({}, None)
-            return replace(empty, lines=lines, status=self._clock.remarked(status))
+            return replace(empty, lines=self._rows({}, None), status=status)
         return self._with_shape(empty, found.track, found)
 
     def _horizon_of(
@@ -200,7 +205,6 @@ class ApproachDetector:
         }
         sees_far, sees_near = track.ends_in_view(level)
         seen = track.points is not None and not track.predicted
-        unseen = '' if seen else f'{self._parameters.target} not seen: predicted'
         # Only a runway ends within sight.
         if self._parameters.target == 'runway':
             if sees_far:
@@ -213,7 +217,7 @@ class ApproachDetector:
             vanishing_point=level.to_frame(x, y),
             corners=(near_left, near_right, far_right, far_left),
             guidance=self._guidance(found, sees_near=sees_near),
-            status=self._clock.remarked(unseen),
+            status='' if seen else f'{self._parameters.target} not seen: predicted',
         )
 
     def _rows(

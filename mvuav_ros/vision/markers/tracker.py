@@ -150,9 +150,7 @@ class MarkerTracker:
         """
         image = as_image(image)
         time = 0.0 if self.parameters.mode in WITHOUT_MEMORY else self._time_of(stamp_ns)
-        result = self._explained(image, self._result(image, time))
-        status = self._clock.remarked(result.status)
-        return result if status == result.status else replace(result, status=status)
+        return self._explained(image, self._result(image, time)).remarked(self._clock.remark)
 
     def _result(self, image: Image, time: float) -> MarkerResult:
         if self.parameters.channel != AUTO:
