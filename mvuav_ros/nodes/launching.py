@@ -17,6 +17,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from mvuav_ros.detectors import DETECTORS
+from mvuav_ros.messages.sensors import topic_beside
 from mvuav_ros.parameters.common_parameters import TRANSPORTS
 
 NODES = {detector.word: name for name, detector in DETECTORS.items()}
@@ -163,7 +164,7 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
 def _remappings(given: Mapping[str, str]) -> list[tuple[str, str]]:
     """camera_info stays beside the images, as image_transport has it, unless it is said where."""
     images = given['image_topic']
-    beside = f'{images.rpartition("/")[0]}/camera_info' if '/' in images else 'camera_info'
+    beside = topic_beside(images, 'camera_info') if '/' in images else 'camera_info'
     topics = {'image_raw': images, 'camera_info': given['camera_info_topic'] or beside}
     topics['imu'] = given['imu_topic']
     return [(name, topic) for name, topic in topics.items() if topic != name]

@@ -197,10 +197,13 @@ class VisionNode(ManagedNode):
             topic = camera_info_topic(self)
             infos = self.get_publishers_info_by_topic(topic)
             kinds = {info.qos_profile.durability for info in infos}
-            images = published_topics(self, Image, CompressedImage)
-            others = {topic_beside(name, 'camera_info') for name, _ in images}
-            why = f'nothing publishes {topic}{self._elsewhere("camera_info", CameraInfo, others)}'
-            why = f'no camera_info has come on {topic}' if kinds else why
+            if kinds:
+                why = f'no camera_info has come on {topic}'
+            else:
+                images = published_topics(self, Image, CompressedImage)
+                others = {topic_beside(name, 'camera_info') for name, _ in images}
+                elsewhere = self._elsewhere('camera_info', CameraInfo, others)
+                why = f'nothing publishes {topic}{elsewhere}'
             if kinds == {DurabilityPolicy.TRANSIENT_LOCAL}:
                 why += f'; as it is latched, set qos_overrides.{topic}.subscription.durability to '
                 why += 'transient_local, and .reliability to reliable'
