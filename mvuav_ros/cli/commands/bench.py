@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Optional
 
 import typer
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mvuav_ros.cli.bench.live import LiveResult
 
 SUITES = ('markers', 'runway', 'approach', 'simulation', 'replay')
+_ALL = ', '.join(SUITES)
 LIVE = 'live'
 """The suite of processes on real DDS, which takes minutes and is run only when named."""
 LIVE_SECONDS = 5.0
@@ -29,30 +30,25 @@ _NUMBERS = {*_HEADINGS, *_LIVE_HEADINGS} - {'node', 'image', 'case', 'beside', '
 
 
 def bench(
-    suite: Annotated[
-        Optional[list[str]],
-        typer.Argument(
-            help=f'Suites to run: {", ".join(SUITES)}; default: all of these. live: the nodes as '
-            'processes on real DDS, compared with a subscriber that only receives the images.'
-        ),
-    ] = None,
-    seconds: Annotated[float, typer.Option(help='Time for each case, s.', min=0.01)] = 1.0,
+    suite: Optional[list[str]] = typer.Argument(
+        None,
+        help=f'Suites to run: {_ALL}; default: all of these. live: the nodes as processes on real '
+        'DDS, compared with a subscriber that only receives the images.',
+    ),
+    seconds: float = typer.Option(1.0, help='Time for each case, s.', min=0.01),
     as_json: Json = None,
-    check: Annotated[
-        bool, typer.Option('--check', help='Exit with status 1 if a limit is exceeded.')
-    ] = False,
-    full: Annotated[
-        bool, typer.Option('--full', help='With live: every size, encoding, transport and rate.')
-    ] = False,
+    check: bool = typer.Option(False, '--check', help='Exit with status 1 if a limit is exceeded.'),
+    full: bool = typer.Option(
+        False, '--full', help='With live: every size, encoding, transport and rate.'
+    ),
 ) -> None:
     """Measure medians in one process, each case in turn with its baseline; or live nodes."""
     from mvuav_ros.cli.bench import replay_cases, vision_cases
     from mvuav_ros.cli.bench.case import measure
     from mvuav_ros.cli.bench.live import live_cases, measure_live
 
-    known = (*SUITES, LIVE)
-    if unknown := [name for name in suite or () if name not in known]:
-        raise typer.BadParameter(f'{", ".join(unknown)}; there are {", ".join(known)}')
+    if unknown := [name for name in suite or () if name not in (*SUITES, LIVE)]:
+        raise typer.BadParameter(f'{", ".join(unknown)}; there are {_ALL}, {LIVE}')
     names = suite or SUITES
     makers = {
         'markers': vision_cases.marker_cases,

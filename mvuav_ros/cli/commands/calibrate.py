@@ -42,34 +42,28 @@ LensModel = StrEnum('LensModel', ['auto', 'plumb_bob', 'rational_polynomial', 'e
 
 
 def calibrate(
-    source: Annotated[
-        str, typer.Argument(help="A video, folder or '*.png', bag, or camera (0, /dev/video0).")
-    ],
-    board: Annotated[
-        str, typer.Option(help='Inner corners of the board, columns x rows, as in 9x6.')
-    ],
-    square: Annotated[float, typer.Option(help='Side of a square, m.')],
-    charuco: Annotated[
-        Optional[str],
-        typer.Option(help='The board is a ChArUco board with this dictionary: DICT_5X5_100.'),
-    ] = None,
-    marker: Annotated[
-        float, typer.Option(help="Side of a ChArUco board's markers over that of its squares.")
-    ] = 0.75,
-    model: Annotated[
-        LensModel,
-        typer.Option(help='Of the lens. auto: the simplest that does best on views kept back.'),
-    ] = LensModel.auto,
-    output: Annotated[Path, typer.Option('--output', '-o', help='Calibration file.')] = Path(
-        'camera.yaml'
+    source: str = typer.Argument(
+        ..., help="A video, folder or '*.png', bag, or camera (0, /dev/video0)."
     ),
+    board: str = typer.Option(..., help='Inner corners of the board, columns x rows, as in 9x6.'),
+    square: float = typer.Option(..., help='Side of a square, m.'),
+    charuco: Optional[str] = typer.Option(
+        None, help='The board is a ChArUco board with this dictionary: DICT_5X5_100.'
+    ),
+    marker: float = typer.Option(
+        0.75, help="Side of a ChArUco board's markers over that of its squares."
+    ),
+    model: LensModel = typer.Option(
+        LensModel.auto, help='Of the lens. auto: the simplest that does best on views kept back.'
+    ),
+    output: Path = typer.Option(Path('camera.yaml'), '--output', '-o', help='Calibration file.'),
     report: ReportFolder = None,
-    name: Annotated[str, typer.Option(help='Name of the camera in the file.')] = 'camera',
+    name: str = typer.Option('camera', help='Name of the camera in the file.'),
     topic: ImageTopic = None,
-    views: Annotated[int, typer.Option(help='Different views that are used at most.', min=5)] = 120,
-    seconds: Annotated[
-        float, typer.Option(help='Time after which a camera is left, if views are missing, s.')
-    ] = 120.0,
+    views: int = typer.Option(120, help='Different views that are used at most.', min=5),
+    seconds: float = typer.Option(
+        120.0, help='Time after which a camera is left, if views are missing, s.'
+    ),
     force: Force = False,
 ) -> None:
     """Calibrate a camera from a recording of a checkerboard or a ChArUco board.
@@ -121,23 +115,18 @@ _LISTED = 6
 
 @rig.command()
 def check(
-    file: Annotated[Path, typer.Argument(help='A rig file like config/tanker_747.yaml.')],
-    distance: Annotated[
-        Optional[list[float]], typer.Option(help='Distance from the camera, m; may be repeated.')
-    ] = None,
+    file: Path = typer.Argument(..., help='A rig file like config/tanker_747.yaml.'),
+    distance: Optional[list[float]] = typer.Option(
+        None, help='Distance from the camera, m; may be repeated.'
+    ),
     camera_info: CameraInfo = None,
-    width: Annotated[
-        int, typer.Option(help='Width without a calibration, px; the height is 3/4 of it.', min=16)
-    ] = 640,
-    fov: Annotated[
-        float,
-        typer.Option(
-            help='Horizontal field of view without a calibration, degrees.', min=1.0, max=150.0
-        ),
-    ] = 60.0,
-    noise: Annotated[
-        float, typer.Option(help="Noise of a marker's position, px (1 sigma).", min=0.0)
-    ] = 0.1,
+    width: int = typer.Option(
+        640, help='Width without a calibration, px; the height is 3/4 of it.', min=16
+    ),
+    fov: float = typer.Option(
+        60.0, help='Horizontal field of view without a calibration, degrees.', min=1.0, max=150.0
+    ),
+    noise: float = typer.Option(0.1, help="Noise of a marker's position, px (1 sigma).", min=0.0),
 ) -> None:
     """Check a rig for ambiguities, and predict the errors of its pose.
 
@@ -222,19 +211,16 @@ def _say_exchanges(body: MarkerRig, camera: CameraModel, distance: float) -> Non
 
 @rig.command('calibrate')
 def calibrate_rig(
-    source: Annotated[str, typer.Argument(help='A recorded flight: bag, video or images.')],
-    rig: Annotated[Path, typer.Option(help='The rig as far as it is known, within a few percent.')],
+    source: str = typer.Argument(..., help='A recorded flight: bag, video or images.'),
+    rig: Path = typer.Option(..., help='The rig as far as it is known, within a few percent.'),
     camera_info: CameraInfo = None,
     camera_info_topic: CameraInfoTopic = None,
-    distance: Annotated[
-        Optional[str],
-        typer.Option(
-            help='A measured distance of two lights, m; without, the scale is that of the rough '
-            'rig.',
-            metavar='left:right=0.82',
-        ),
-    ] = None,
-    output: Annotated[Path, typer.Option('--output', '-o', help='Rig file.')] = Path('rig.yaml'),
+    distance: Optional[str] = typer.Option(
+        None,
+        help='A measured distance of two lights, m; without, the scale is that of the rough rig.',
+        metavar='left:right=0.82',
+    ),
+    output: Path = typer.Option(Path('rig.yaml'), '--output', '-o', help='Rig file.'),
     report: ReportFolder = None,
     topic: ImageTopic = None,
     params_file: ParamsFile = None,

@@ -6,7 +6,7 @@ import os
 import signal
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Optional
 
 import typer
 
@@ -23,13 +23,11 @@ _PREFIX = 'tuning_panel: '
 
 
 def demo(
-    output: Annotated[Path, typer.Option('--output', '-o', help='Folder for the results.')] = Path(
-        'out'
+    output: Path = typer.Option(Path('out'), '--output', '-o', help='Folder for the results.'),
+    bags: Optional[Path] = typer.Option(None, help='Folder of the sample bags.'),
+    panel: bool = typer.Option(
+        False, '--panel', help='Loop the bags and open the tuning panel, until Ctrl-C.'
     ),
-    bags: Annotated[Optional[Path], typer.Option(help='Folder of the sample bags.')] = None,
-    panel: Annotated[
-        bool, typer.Option('--panel', help='Loop the bags and open the tuning panel, until Ctrl-C.')
-    ] = False,
 ) -> None:
     """Play the sample bags through real nodes in separate processes; takes half a minute.
 

@@ -33,34 +33,28 @@ if TYPE_CHECKING:
 
 
 def corners(
-    labels: Annotated[
-        Path, typer.Argument(metavar='CSV', help='The labels; the images are in the same folder.')
-    ],
+    labels: Path = typer.Argument(
+        ..., metavar='CSV', help='The labels; the images are in the same folder.'
+    ),
     params_file: ParamsFile = None,
     param: Param = None,
-    horizon: Annotated[
-        Optional[Path],
-        typer.Option(
-            help='CSV file with the horizon of each frame, instead of an attitude: columns file, '
-            'row_at_centre (px) and slope_deg (right end down positive).'
-        ),
-    ] = None,
-    gray: Annotated[bool, typer.Option('--gray', help='Convert the images to grey first.')] = False,
-    tolerance: Annotated[float, typer.Option(help='Horizontal error allowed, px.', min=0)] = 3.0,
-    tolerance_share: Annotated[
-        float,
-        typer.Option(help='The same as a share of the near width; the larger one holds.', min=0),
-    ] = 0.05,
+    horizon: Optional[Path] = typer.Option(
+        None,
+        help='CSV file with the horizon of each frame, instead of an attitude: columns file, '
+        'row_at_centre (px) and slope_deg (right end down positive).',
+    ),
+    gray: bool = typer.Option(False, '--gray', help='Convert the images to grey first.'),
+    tolerance: float = typer.Option(3.0, help='Horizontal error allowed, px.', min=0),
+    tolerance_share: float = typer.Option(
+        0.05, help='The same as a share of the near width; the larger one holds.', min=0
+    ),
     as_json: Json = None,
-    images: Annotated[
-        Optional[Path], typer.Option(help='Folder for overlays: best, median, worst, each failure.')
-    ] = None,
-    minimum: Annotated[
-        float,
-        typer.Option(
-            help='Exit with status 1 if both edges are found in fewer frames (share).', min=0
-        ),
-    ] = 0.0,
+    images: Optional[Path] = typer.Option(
+        None, help='Folder for overlays: best, median, worst, each failure.'
+    ),
+    minimum: float = typer.Option(
+        0.0, help='Exit with status 1 if both edges are found in fewer frames (share).', min=0
+    ),
 ) -> None:
     """Say in how many frames both runway edges were found, and in how many they are wrong.
 
@@ -149,13 +143,11 @@ evaluate.command()(corners)
 @evaluate.command()
 def thesis(
     output: Output = Path('out/thesis'),
-    seed: Annotated[
-        int, typer.Option(help='Seed of the synthetic flights.', min=0, max=2**31 - 1)
-    ] = 2006,
-    jobs: Annotated[int, typer.Option(help='Number of flights in parallel.', min=1)] = 2,
-    quick: Annotated[
-        bool, typer.Option('--quick', help='Fewer flights: rough numbers in about a minute.')
-    ] = False,
+    seed: int = typer.Option(2006, help='Seed of the synthetic flights.', min=0, max=2**31 - 1),
+    jobs: int = typer.Option(2, help='Number of flights in parallel.', min=1),
+    quick: bool = typer.Option(
+        False, '--quick', help='Fewer flights: rough numbers in about a minute.'
+    ),
     force: Force = False,
 ) -> None:
     """Make the tables and figures of the thesis's chapter 5 again, on synthetic flights.
@@ -179,15 +171,12 @@ def thesis(
 @evaluate.command()
 def integrity(
     output: Output = Path('out/integrity'),
-    frames: Annotated[
-        int,
-        typer.Option(help='With faults at the stated priors; a tenth as many more often.', min=1),
-    ] = 1_000_000,
-    factor: Annotated[
-        float, typer.Option(help='How much more often, in the second run.', min=1.0)
-    ] = 1000.0,
-    seed: Annotated[int, typer.Option(help='Of the first flight.', min=0)] = 0,
-    jobs: Annotated[int, typer.Option(help='Number of flights in parallel.', min=1)] = 2,
+    frames: int = typer.Option(
+        1_000_000, help='With faults at the stated priors; a tenth as many more often.', min=1
+    ),
+    factor: float = typer.Option(1000.0, help='How much more often, in the second run.', min=1.0),
+    seed: int = typer.Option(0, help='Of the first flight.', min=0),
+    jobs: int = typer.Option(2, help='Number of flights in parallel.', min=1),
     force: Force = False,
 ) -> None:
     """Hold the pose's protection levels against the truth of flights with injected faults.
@@ -219,20 +208,15 @@ def integrity(
 @evaluate.command()
 @describes_run
 def bag(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar='INPUT', help="A bag with truth, or a flight such as 'sim:tanker?motion=roll'."
-        ),
-    ],
+    source: str = typer.Argument(
+        ..., metavar='INPUT', help="A bag with truth, or a flight such as 'sim:tanker?motion=roll'."
+    ),
     output: Output = Path('out/evaluation'),
-    replayed: Annotated[
-        bool,
-        typer.Option(
-            '--replay',
-            help='Run the nodes even if the bag holds their results; what says how implies it.',
-        ),
-    ] = False,
+    replayed: bool = typer.Option(
+        False,
+        '--replay',
+        help='Run the nodes even if the bag holds their results; what says how implies it.',
+    ),
     param: Param = None,
     force: Force = False,
     **described: Any,

@@ -5,10 +5,9 @@ from __future__ import annotations
 from array import array
 from collections import Counter
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -24,79 +23,65 @@ if TYPE_CHECKING:
 _MAX_ROWS = 200
 
 
-@dataclass
-class FrameSummary:
-    """What a video file or a folder of images holds.
-
-    ``duration_s`` is from the first to the last stamp, ``rate_hz`` the median interval's inverse.
-    """
-
-    path: str
-    frames: int = 0
-    rate_hz: float | None = None
-    duration_s: float = 0.0
-    formats: list[str] = field(default_factory=list)
-    unusable: int = 0
-    errors: list[str] = field(default_factory=list)
-
-
 def info(
-    source: Annotated[
-        str,
-        typer.Argument(metavar='INPUT', help='A bag, a video file, or a folder or glob of images.'),
-    ],
+    source: str = typer.Argument(
+        ..., metavar='INPUT', help='A bag, a video file, or a folder or glob of images.'
+    ),
 ) -> object:
     """Say what is inside INPUT: topics, types, counts, rates, sizes, encodings and damage."""
     from mvuav_ros.recordings.summary import summarise
     from mvuav_ros.sources.opening import looks_like_bag, open_source
 
-    summary: RecordingSummary | FrameSummary
     with local_copy(source) as path:
-        if path.exists() and looks_like_bag(path):
-            with frame_progress() as bar:
-                task = bar.add_task(visible(path.name), total=None)
-                summary = summarise(
-                    path, lambda done, total: bar.update(task, completed=done, total=total)
-                )
-        else:
+        if not (path.exists() and looks_like_bag(path)):
             name = str(path) if is_url(source) else source
-            summary = _summarise_images(source, open_source(name, cameras=False))
+            return _summarise_images(source, open_source(name, cameras=False))
+        with frame_progress() as bar:
+            task = bar.add_task(visible(path.name), total=None)
+            summary = summarise(
+                path, lambda done, total: bar.update(task, completed=done, total=total)
+            )
     summary.path = source
-    if isinstance(summary, FrameSummary):
-        rate = f'{summary.rate_hz:.2f} Hz' if summary.rate_hz else 'no rate'
-        formats = ', '.join(summary.formats) or 'nothing that decodes'
-        said = f'{summary.frames} frames, {rate}, {summary.duration_s:.2f} s, {formats}'
-        say(f'{source}: {said}')
-    else:
-        _print_recording(summary)
+    _print_recording(summary)
     return summary
 
 
-def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
+def _summarise_images(text: str, frames: FrameSource) -> dict[str, Any]:
+    """Say what a video file or a folder of images holds.
+
+    ``duration_s`` is from the first to the last stamp, ``rate_hz`` the median interval's inverse.
+    """
     import numpy as np
 
     from mvuav_ros.messages.images import BadFrame
 
-    summary = FrameSummary(text, rate_hz=frames.rate)
     formats: Counter[str] = Counter()
-    stamps = array('q')
+    stamps, rate, duration, unusable = array('q'), frames.rate, 0.0, 0
     for frame in frames.frames():
-        summary.frames += 1
         stamps.append(frame.stamp_ns)
         if isinstance(frame, BadFrame):
-            summary.unusable += 1
+            unusable += 1
             continue
         image = frame.image
         formats[f'{image.width}x{image.height} {image.encoding}'] += 1
-    summary.formats = [name for name, _ in formats.most_common()]
     if len(stamps) > 1:
-        summary.duration_s = (stamps[-1] - stamps[0]) / 1e9
-        summary.rate_hz = 1e9 / float(np.median(np.diff(stamps)))
-    if summary.unusable:
-        said = f'{summary.unusable} frames do not decode'
-        frames.account.lose('', 'frames', said, summary.unusable)
-    summary.errors = frames.account.errors
-    return summary
+        duration = (stamps[-1] - stamps[0]) / 1e9
+        rate = 1e9 / float(np.median(np.diff(stamps)))
+    if unusable:
+        frames.account.lose('', 'frames', f'{unusable} frames do not decode', unusable)
+    names = [name for name, _ in formats.most_common()]
+    known, words = f'{rate:.2f} Hz' if rate else 'no rate', ', '.join(names)
+    said = f'{len(stamps)} frames, {known}, {duration:.2f} s, {words or "nothing that decodes"}'
+    say(f'{text}: {said}')
+    return {
+        'path': text,
+        'frames': len(stamps),
+        'rate_hz': rate,
+        'duration_s': duration,
+        'formats': names,
+        'unusable': unusable,
+        'errors': frames.account.errors,
+    }
 
 
 def _print_recording(summary: RecordingSummary) -> None:
@@ -127,10 +112,8 @@ def _notes(topic: TopicSummary) -> str:
 
 
 def repair(
-    source: Annotated[str, typer.Argument(metavar='INPUT', help='A bag in any condition.')],
-    output: Annotated[
-        str, typer.Option('--output', '-o', help='OUT.mcap, or a new folder; or a URL.')
-    ],
+    source: str = typer.Argument(..., metavar='INPUT', help='A bag in any condition.'),
+    output: str = typer.Option(..., '--output', '-o', help='OUT.mcap, or a new folder; or a URL.'),
     storage: Format = Storage.MCAP,
     split_mb: SplitMb = 0,
     force: Force = False,
@@ -160,21 +143,18 @@ Form = StrEnum('Form', ['csv', 'parquet', 'tum', 'mot'])
 
 
 def export(
-    sources: Annotated[
-        list[str], typer.Argument(metavar='RESULTS...', help='Bags of results, or folders of them.')
-    ],
-    output: Annotated[
-        str, typer.Option('--output', '-o', help='The folder for the files, or its URL.')
-    ],
-    form: Annotated[
-        Form,
-        typer.Option(
-            '--format', help='Format of the files; tum: poses for evo, mot: markers for TrackEval.'
-        ),
-    ] = Form.csv,
-    plot: Annotated[
-        bool, typer.Option('--plot', help='Also draw a page for each flight, and an overview.')
-    ] = False,
+    sources: list[str] = typer.Argument(
+        ..., metavar='RESULTS...', help='Bags of results, or folders of them.'
+    ),
+    output: str = typer.Option(..., '--output', '-o', help='The folder for the files, or its URL.'),
+    form: Form = typer.Option(
+        Form.csv,
+        '--format',
+        help='Format of the files; tum: poses for evo, mot: markers for TrackEval.',
+    ),
+    plot: bool = typer.Option(
+        False, '--plot', help='Also draw a page for each flight, and an overview.'
+    ),
     force: Force = False,
 ) -> dict[str, Any]:
     """Write markers, roll, poses and lines of all flights, one file for each topic."""

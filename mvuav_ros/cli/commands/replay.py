@@ -6,7 +6,7 @@ import dataclasses
 import os
 from collections.abc import Sequence
 from contextlib import closing
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Any, Optional
 
 import typer
 
@@ -133,43 +133,31 @@ def _report(outcome: ReplayOutcome, several: bool = False) -> None:
 
 @describes_run
 def replay(
-    sources: Annotated[
-        list[str],
-        typer.Argument(
-            metavar='INPUT...',
-            help='Bags, videos, folders or globs of images, folders of them; or their URLs.',
-        ),
-    ],
-    output: Annotated[
-        str,
-        typer.Option(
-            '--output',
-            '-o',
-            help='The bag to write, OUT.mcap; with several inputs a folder for their bags; '
-            'or a URL.',
-        ),
-    ],
-    nodes: Annotated[str, typer.Option(help='Nodes to run, separated by commas.')] = ','.join(
-        DETECTORS
+    sources: list[str] = typer.Argument(
+        ...,
+        metavar='INPUT...',
+        help='Bags, videos, folders or globs of images, folders of them; or their URLs.',
     ),
+    output: str = typer.Option(
+        ...,
+        '--output',
+        '-o',
+        help='The bag to write, OUT.mcap; with several inputs a folder for their bags; or a URL.',
+    ),
+    nodes: str = typer.Option(','.join(DETECTORS), help='Nodes to run, separated by commas.'),
     param: Param = None,
-    keep_inputs: Annotated[
-        bool,
-        typer.Option(
-            '--keep-inputs',
-            help="Also copy the input's topics; images as /image_raw, with the calibration that "
-            'was used.',
-        ),
-    ] = False,
-    debug_images: Annotated[
-        bool, typer.Option('--debug-images', help='Also write the debug images.')
-    ] = False,
+    keep_inputs: bool = typer.Option(
+        False,
+        '--keep-inputs',
+        help="Also copy the input's topics; images as /image_raw, with the calibration that "
+        'was used.',
+    ),
+    debug_images: bool = typer.Option(False, '--debug-images', help='Also write the debug images.'),
     storage: Format = Storage.MCAP,
     split_mb: SplitMb = 0,
-    jobs: Annotated[
-        Optional[int],
-        typer.Option(help='Number of cores that share the work; default: all.', min=1),
-    ] = None,
+    jobs: Optional[int] = typer.Option(
+        None, help='Number of cores that share the work; default: all.', min=1
+    ),
     dask: Dask = None,
     strict: Strict = False,
     force: Force = False,

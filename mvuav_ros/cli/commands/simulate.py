@@ -27,8 +27,8 @@ def _command(kind: str, settings: type[ParameterSet]) -> Callable[..., None]:
     """A command with one option for each setting of the flight."""
 
     def run(
-        output: Annotated[Path, typer.Option('--output', '-o', help='OUT.mcap.')],
-        size: Annotated[str, typer.Option(help='WxH, instead of --width and --height.')] = '',
+        output: Path = typer.Option(..., '--output', '-o', help='OUT.mcap.'),
+        size: str = typer.Option('', help='WxH, instead of --width and --height.'),
         force: Force = False,
         **given: Any,
     ) -> None:

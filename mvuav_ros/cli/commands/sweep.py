@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Any, Optional
 
 import typer
 
@@ -20,24 +20,20 @@ CSV = 'sweep.csv'
 
 @describes_run
 def sweep(
-    sources: Annotated[
-        list[str],
-        typer.Argument(
-            metavar='INPUT...',
-            help='Bags, videos, image folders, folders of them, or flights such as '
-            "'sim:tanker?motion=roll&seed=3'.",
-        ),
-    ],
-    param: Annotated[
-        Optional[list[str]], typer.Option(help='node:name:=value,value,…; several make a grid.')
-    ] = None,
-    output: Annotated[
-        Path, typer.Option('--output', '-o', help='Folder for table, trends and report.')
-    ] = Path('out/sweep'),
-    nodes: Annotated[
-        Optional[str], typer.Option(help='Nodes to run; default: those of --param.')
-    ] = None,
-    jobs: Annotated[int, typer.Option(help='Number of runs in parallel.', min=1)] = 1,
+    sources: list[str] = typer.Argument(
+        ...,
+        metavar='INPUT...',
+        help='Bags, videos, image folders, folders of them, or flights such as '
+        "'sim:tanker?motion=roll&seed=3'.",
+    ),
+    param: Optional[list[str]] = typer.Option(
+        None, help='node:name:=value,value,…; several make a grid.'
+    ),
+    output: Path = typer.Option(
+        Path('out/sweep'), '--output', '-o', help='Folder for table, trends and report.'
+    ),
+    nodes: Optional[str] = typer.Option(None, help='Nodes to run; default: those of --param.'),
+    jobs: int = typer.Option(1, help='Number of runs in parallel.', min=1),
     dask: Dask = None,
     force: Force = False,
     **run: Any,

@@ -80,7 +80,7 @@ class DemoRecorder(Node):
             values = {pair.key: pair.value for pair in status.values}
             latency = values.get('latency_p50_ms', 'nan')
             if latency != 'nan':
-                self.latency_ms[status.name] = latency
+                self.latency_ms[status.name.strip('/')] = latency
 
 
 def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
@@ -165,7 +165,7 @@ def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
         words = (
             f'{flight.node_name} ({flight.title})   frame {recorder.counts[flight.main]} of '
             f'{recorder.counts[flight.image_topic]}   {recorder.rate(flight.main):.0f} Hz   '
-            f'latency {recorder.latency_ms.get(flight.node, "-")} ms'
+            f'latency {recorder.latency_ms.get(flight.node_name, "-")} ms'
         )
         table = Table(box=None, pad_edge=False, show_header=False)
         for figure in said['figures']:

@@ -46,18 +46,13 @@ class SampleFlight:
         return f'/{self.name}/image_raw'
 
     @property
-    def node(self) -> str:
-        """The node's fully qualified name."""
-        return f'/{self.node_name}'
-
-    @property
     def main(self) -> str:
         """The full name of the topic that has one message per frame."""
         return self.topic(self.processor.panel.known_by)
 
     def topic(self, suffix: str) -> str:
         """A result topic's full name."""
-        return f'{self.node}/{suffix}'
+        return f'/{self.node_name}/{suffix}'
 
     def start_node(self, nodes: NodeProcesses) -> None:
         """Start the node that looks at the bag's images."""
