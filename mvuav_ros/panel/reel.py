@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 from rclpy.serialization import deserialize_message
 
 from mvuav_ros.messages.images import BadFrame, Frame, decode_image, view_image
-from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
 from mvuav_ros.offline.replay.pipeline import make_processors, process
 from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.offline.tasks import ProcessDiedError, Report, Worker
 from mvuav_ros.panel.image_feed import encode_jpeg
 from mvuav_ros.panel.live_results import TOPICS, Figures
 from mvuav_ros.parameters.declaration import ParameterError, Value

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import mvuav_ros
 from mvuav_ros.offline.evaluation.metrics import Metric
-from mvuav_ros.offline.processes import ProcessDiedError, Report, TaskProgress, Worker
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 from mvuav_ros.offline.report import PAGE, Cell, Column, Table
 from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.offline.tasks import ProcessDiedError, Report, TaskProgress, Worker
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value, default_text

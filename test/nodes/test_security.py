@@ -110,7 +110,7 @@ FORBIDDEN_CALLS = {'eval', 'exec', 'compile', '__import__', 'system', 'popen', '
 # The demo and the benchmark start our own executables, from lists and without a shell.
 MAY_START_PROCESSES = {'cli/node_processes.py'}
 # What processes that we forked ourselves say to each other; never what a file or a network says.
-MAY_PICKLE = {'offline/processes.py'}
+MAY_PICKLE = {'offline/tasks.py'}
 
 
 def sources() -> list[Path]:

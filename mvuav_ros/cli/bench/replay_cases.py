@@ -38,7 +38,7 @@ def replay_cases(frames: int = _RATE * 15) -> list[Case]:
     """
     if importlib.util.find_spec('rclpy') is None:
         return []
-    from mvuav_ros.offline.processes import Done, Worker
+    from mvuav_ros.offline.tasks import Done, Worker
 
     folder = TemporaryDirectory(prefix='mvuav_bench_')
     worker = Worker(_do)

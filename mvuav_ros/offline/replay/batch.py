@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import cv2
 
 import mvuav_ros
-from mvuav_ros.offline.processes import Method, TaskProgress, quick_method, run_in_processes
 from mvuav_ros.offline.replay.job import (
     JobProgress,
     ReplayJob,
@@ -27,7 +26,13 @@ from mvuav_ros.offline.replay.job import (
     is_own_input,
 )
 from mvuav_ros.offline.stopping import Stop
-from mvuav_ros.offline.tasks import run_on_cluster
+from mvuav_ros.offline.tasks import (
+    Method,
+    TaskProgress,
+    quick_method,
+    run_in_processes,
+    run_on_cluster,
+)
 from mvuav_ros.processing.process_tuning import keep_freed_memory
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import absolute_place, by_flight, recordings_in

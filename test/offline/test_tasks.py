@@ -8,9 +8,8 @@ from threading import Event
 
 import pytest
 
-from mvuav_ros.offline.processes import quick_method
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
-from mvuav_ros.offline.tasks import all_of, each
+from mvuav_ros.offline.tasks import all_of, each, quick_method
 
 
 def test_a_process_with_threads_is_not_forked():
@@ -22,9 +21,7 @@ def test_a_process_with_threads_is_not_forked():
 
 
 def test_a_command_without_threads_forks_quickly():
-    code = (
-        'import cv2, numpy; from mvuav_ros.offline.processes import quick_method as q; print(q())'
-    )
+    code = 'import cv2, numpy; from mvuav_ros.offline.tasks import quick_method as q; print(q())'
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == 'fork'
 
