@@ -65,15 +65,7 @@ def corners(
     right. Frames count from the 25th on; the first report is counted from the first frame. Mode
     approach is used unless another one is given.
     """
-    from mvuav_ros.offline.evaluation.corners import (
-        WARM_UP,
-        LabelledRun,
-        Tolerance,
-        read_corners,
-        read_horizon,
-        run_detector,
-        write_images,
-    )
+    from mvuav_ros.offline.evaluation import corners as work
     from mvuav_ros.parameters.parameter_file import resolve_parameters
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
@@ -81,17 +73,17 @@ def corners(
         refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
     given = resolve_parameters(['runway_detector'], params_file, param or [])['runway_detector']
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
-    frames = read_corners(labels)
-    lines = None if horizon is None else read_horizon(horizon, frames)
-    run = LabelledRun(labels.parent, frames, lines, gray, Tolerance(tolerance, tolerance_share))
+    frames, allowed = work.read_corners(labels), work.Tolerance(tolerance, tolerance_share)
+    lines = None if horizon is None else work.read_horizon(horizon, frames)
+    run = work.LabelledRun(labels.parent, frames, lines, gray, allowed)
     with frame_progress() as progress:
         task = progress.add_task('frames', total=len(frames))
-        score = run_detector(run, parameters, lambda: progress.advance(task))
+        score = work.run_detector(run, parameters, lambda: progress.advance(task))
     if images is not None:
-        write_images(run, parameters, score, images)
+        work.write_images(run, parameters, score, images)
     _report(score)
     if not score.counted:
-        raise SourceError(f'{labels}: no frame counts, as the first {WARM_UP} do not')
+        raise SourceError(f'{labels}: no frame counts, as the first {work.WARM_UP} do not')
     if as_json is not None:
         write_whole(as_json, json.dumps(score.figures(), indent=2) + '\n')
     both = score.shares['both_found']

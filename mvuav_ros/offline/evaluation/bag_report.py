@@ -7,25 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mvuav_ros.offline.evaluation import metrics
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
-from mvuav_ros.offline.evaluation.metrics import (
-    ALONG,
-    DISTANCE_LIMIT,
-    NEAR,
-    THETA_LIMIT,
-    Array,
-    LineErrors,
-    MarkerErrors,
-    PoseErrors,
-    RollErrors,
-    distance_rms,
-    line_errors,
-    marker_errors,
-    metrics_of,
-    pose_errors,
-    rms,
-    roll_errors,
-)
 from mvuav_ros.offline.report import Cell, Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import COLORS, TRUTH, drawing, label, legend_below, line_of
 from mvuav_ros.vision.markers.marker_results import MarkerState
@@ -37,20 +20,19 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
         'metrics',
         'All numbers',
         'what | value .4 | unit',
-        [(m.name, m.cell, m.unit) for m in metrics_of(run) if not math.isnan(m.value)],
+        [(m.name, m.cell, m.unit) for m in metrics.metrics_of(run) if not math.isnan(m.value)],
         'Statistics as the runway GUI has them, and errors where there is truth.',
     )
     sections = [Section('Overview', (), (numbers,))]
-    markers, roll, lines = marker_errors(run), roll_errors(run), line_errors(run)
-    if markers is not None:
+    if (markers := metrics.marker_errors(run)) is not None:
         sections.append(Section('Markers', (), (_marker_table(markers), _marker_figure(markers))))
-    if roll is not None:
+    if (roll := metrics.roll_errors(run)) is not None:
         sections.append(Section('Roll', (), (_roll_table(roll), roll_figure(roll))))
     elif run.results.rpy:
         sections.append(Section('Roll', ('The truth holds no roll for these frames.',)))
-    if (pose := pose_errors(run)) is not None:
+    if (pose := metrics.pose_errors(run)) is not None:
         sections.append(Section('Pose', (), (_pose_table(pose),)))
-    if lines is not None:
+    if (lines := metrics.line_errors(run)) is not None:
         sections.append(Section('Runway lines', (), (_line_table(lines),)))
     return Report(
         f'Results against truth: {run.name}',
@@ -60,7 +42,7 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     )
 
 
-def _marker_table(errors: MarkerErrors) -> Table:
+def _marker_table(errors: metrics.MarkerErrors) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for index, name in enumerate([*errors.names, f'all {len(errors.names)}']):
         one = slice(index, index + 1) if index < len(errors.names) else slice(None)
@@ -74,10 +56,10 @@ def _marker_table(errors: MarkerErrors) -> Table:
                 100.0 * float(np.mean(errors.visible[:, one])),
                 *(100.0 * float(np.mean(state == kind)) for kind in _ORDER),
                 int(np.count_nonzero(errors.wrong[:, one])),
-                rms(found[..., 0]),
-                rms(found[..., 1]),
-                distance_rms(found),
-                distance_rms(predicted),
+                metrics.rms(found[..., 0]),
+                metrics.rms(found[..., 1]),
+                metrics.distance_rms(found),
+                metrics.distance_rms(predicted),
             )
         )
     return Table.of(
@@ -88,14 +70,15 @@ def _marker_table(errors: MarkerErrors) -> Table:
         '| detected, RMS [px] | predicted, RMS [px]',
         rows,
         'Errors are places minus true places; RMS without an axis is of the distance. A name '
-        f'is wrong where a marker lies within {NEAR:g} px of another light and not of its own.',
+        f'is wrong where a marker lies within {metrics.NEAR:g} px of another light and not of its '
+        'own.',
     )
 
 
 _ORDER = (MarkerState.DETECTED, MarkerState.PREDICTED, MarkerState.LOST)
 
 
-def _marker_figure(errors: MarkerErrors) -> Figure:
+def _marker_figure(errors: metrics.MarkerErrors) -> Figure:
     distance = np.hypot(errors.offset[..., 0], errors.offset[..., 1])
     with drawing(9.6, 4.0) as canvas:
         axes = canvas.figure.subplots()
@@ -113,13 +96,13 @@ def _marker_figure(errors: MarkerErrors) -> Figure:
     return Figure('markers_over_time', 'Distance of the markers from truth', canvas.png)
 
 
-def _roll_table(errors: RollErrors) -> Table:
+def _roll_table(errors: metrics.RollErrors) -> Table:
     known = errors.error[np.isfinite(errors.error)]
     row = (
         len(errors.time),
         100.0 * known.size / len(errors.time),
         math.degrees(float(np.mean(known))) if known.size else math.nan,
-        math.degrees(rms(known)),
+        math.degrees(metrics.rms(known)),
         math.degrees(_greatest(known)),
     )
     return Table.of(
@@ -130,11 +113,11 @@ def _roll_table(errors: RollErrors) -> Table:
     )
 
 
-def _greatest(values: Array) -> float:
+def _greatest(values: metrics.Array) -> float:
     return float(max(np.abs(values[np.isfinite(values)]), default=math.nan))
 
 
-def roll_figure(errors: RollErrors) -> Figure:
+def roll_figure(errors: metrics.RollErrors) -> Figure:
     """Roll and true roll over time, and the error below."""
     with drawing(9.6, 4.6) as canvas:
         upper, lower = canvas.figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
@@ -147,11 +130,11 @@ def roll_figure(errors: RollErrors) -> Figure:
     return Figure('roll_over_time', 'Roll and its error', canvas.png)
 
 
-def _pose_table(errors: PoseErrors) -> Table:
+def _pose_table(errors: metrics.PoseErrors) -> Table:
     known = np.isfinite(errors.place)
     row: list[Cell] = [len(known), 100.0 * float(known.mean())]
     for values in (1000.0 * errors.place, 100.0 * errors.share, np.degrees(errors.turn)):
-        row += [rms(values), _greatest(values)]
+        row += [metrics.rms(values), _greatest(values)]
     return Table.of(
         'pose',
         'Pose',
@@ -161,16 +144,16 @@ def _pose_table(errors: PoseErrors) -> Table:
     )
 
 
-def _line_table(errors: LineErrors) -> Table:
+def _line_table(errors: metrics.LineErrors) -> Table:
     return Table.of(
         'lines',
         f'Runway lines in {errors.frames} frames',
         'line | visible [frames] | found [%] .1 | distance, RMS [px] .2 | direction, RMS [°] .2',
         [
             (role.name.lower().replace('_', ' '), errors.visible[index], *errors.numbers(index))
-            for index, role in enumerate(ALONG)
+            for index, role in enumerate(metrics.ALONG)
         ],
         f'{errors.found} lines were reported. One is found when it passes within '
-        f'{DISTANCE_LIMIT:g} px of the middle of the true segment and within '
-        f'{math.degrees(THETA_LIMIT):g}° of its direction.',
+        f'{metrics.DISTANCE_LIMIT:g} px of the middle of the true segment and within '
+        f'{math.degrees(metrics.THETA_LIMIT):g}° of its direction.',
     )
