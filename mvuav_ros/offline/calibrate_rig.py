@@ -10,6 +10,7 @@ import numpy as np
 
 from mvuav_ros.offline.report import Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import COLORS, SOFT, drawing, label, residual_figure
+from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.tracking import track
 from mvuav_ros.sources.source import FrameSource, SourceError, nothing_to_read
@@ -243,7 +244,7 @@ def parse_distance(text: str) -> tuple[str, str, float]:
     """Read ``left:right=0.82``.
 
     Raises:
-        ValueError: it is anything else.
+        ParameterError: it is anything else.
     """
     names, _, metres = text.partition('=')
     first, colon, second = names.partition(':')
@@ -252,5 +253,6 @@ def parse_distance(text: str) -> tuple[str, str, float]:
     except ValueError:
         value = 0.0
     if not (first and second and colon and 0.0 < value < 1e6) or first == second:
-        raise ValueError(f'write two lights and metres, as in left:right=0.82, not {text!r}')
+        said = f'write two lights and metres, as in left:right=0.82, not {text!r}'
+        raise ParameterError('--distance', said)
     return first, second, value

@@ -247,10 +247,7 @@ def calibrate_rig(
         rough = load_rig(rig)
     except RigError as error:
         raise ParameterError('--rig', str(error)) from error
-    try:
-        measured = work.parse_distance(distance) if distance else None
-    except ValueError as error:
-        raise ParameterError('--distance', str(error)) from error
+    measured = work.parse_distance(distance) if distance else None
     given = resolve_parameters(['marker_tracker'], params_file, param or [], topic)
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
     report = _report_folder(report, output, force, source, camera_info, rig, params_file)

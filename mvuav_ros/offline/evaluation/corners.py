@@ -42,10 +42,6 @@ COLUMNS = ('file', *(f'{corner}_{axis}' for corner in _CORNERS for axis in 'xy')
 Point = tuple[float, float]
 
 
-class CornersError(SourceError):
-    """A file of corners that cannot be used, with the reason."""
-
-
 @dataclass(frozen=True)
 class LabelledFrame:
     """The name of an image beside the labels, and the corners of the runway in it, px."""
@@ -167,14 +163,14 @@ def read_corners(path: Path) -> list[LabelledFrame]:
     """Read a file of labels.
 
     Raises:
-        CornersError: it has other columns, no rows, or something that is no number.
+        SourceError: it has other columns, no rows, or something that is no number.
     """
     frames = [
         LabelledFrame(file, *zip(numbers[::2], numbers[1::2], strict=True))
         for file, numbers in _read_rows(path, COLUMNS)
     ]
     if not frames:
-        raise CornersError(f'{path}: no rows')
+        raise SourceError(f'{path}: no rows')
     return frames
 
 
@@ -184,11 +180,11 @@ def score_frame(
     """Hold one frame's lines against its labels.
 
     Raises:
-        CornersError: no error at all is allowed.
+        SourceError: no error at all is allowed.
     """
     tolerance = labels.tolerance(allowed)
     if tolerance == 0:
-        raise CornersError(f'{labels.file}: no error is allowed; give a tolerance above 0 px')
+        raise SourceError(f'{labels.file}: no error is allowed; give a tolerance above 0 px')
     confidence = math.nan
     errors = {LineRole.LEFT_EDGE: math.inf, LineRole.RIGHT_EDGE: math.inf}
     corners = {
@@ -210,7 +206,7 @@ def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLin
     The file's columns are file, row_at_centre (px) and slope_deg (right end down positive).
 
     Raises:
-        CornersError: a column, a frame or a number is missing.
+        SourceError: a column, a frame or a number is missing.
     """
     lines = {
         file: HorizonLine(row, math.radians(slope))
@@ -218,7 +214,7 @@ def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLin
     }
     absent = [frame.file for frame in frames if frame.file not in lines]
     if absent:
-        raise CornersError(f'{path}: no row of {absent[0]}')
+        raise SourceError(f'{path}: no row of {absent[0]}')
     return [lines[frame.file] for frame in frames]
 
 
@@ -230,15 +226,15 @@ def _read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, list[f
         try:
             missing = [name for name in columns if name not in (reader.fieldnames or ())]
             if missing:
-                raise CornersError(f'{path}: no column {", ".join(missing)}')
+                raise SourceError(f'{path}: no column {", ".join(missing)}')
             for row in reader:
                 if None in row:  # which is where DictReader puts them
                     raise ValueError('more values than columns: a point, not a comma, is decimal')
                 yield row[columns[0]], [_number(row[name] or '') for name in columns[1:]]
         except UnicodeDecodeError:
-            raise CornersError(f'{path}: its text is not UTF-8') from None
+            raise SourceError(f'{path}: its text is not UTF-8') from None
         except (ValueError, csv.Error) as error:
-            raise CornersError(f'{path}, line {reader.line_num}: {error}') from error
+            raise SourceError(f'{path}, line {reader.line_num}: {error}') from error
 
 
 def _number(text: str) -> float:
@@ -281,7 +277,7 @@ def run_detector(
     """Process the images of a run in order; ``tick`` is called after each.
 
     Raises:
-        CornersError: an image cannot be read.
+        SourceError: an image cannot be read.
     """
     scores = []
     for frame, result in _results(run, parameters):
@@ -311,7 +307,7 @@ def write_images(
         for name in (name for name, at in wanted.items() if at == index):
             path = folder / f'{name}.png'
             if not cv2.imwrite(str(path), _image(frame, result)):
-                raise CornersError(f'{path}: cannot be written')
+                raise SourceError(f'{path}: cannot be written')
             written.append(path)
     return written
 
@@ -326,7 +322,7 @@ def _results(
         path = run.folder / frame.file
         image = cv2.imread(str(path), flag)
         if image is None:
-            raise CornersError(f'{path}: no image that can be read')
+            raise SourceError(f'{path}: no image that can be read')
         attitude = [run.horizon[index]] if approach and run.horizon is not None else []
         yield frame, detector.process(image, round(index * 1e9 / FRAME_RATE), *attitude)
 

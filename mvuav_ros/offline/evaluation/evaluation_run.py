@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +16,6 @@ from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.offline.replay import pipeline
 from mvuav_ros.offline.replay.job import ReplayInput, ReplayOutcome, ReplaySettings
-from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import Account, counted
 from mvuav_ros.recordings.layout import SIMULATED
@@ -44,8 +42,6 @@ _FIELDS = {
     LINES: {'x', 'y', 'x2', 'y2', 'rho', 'theta', 'flags'},
 }
 Rows = NDArray[np.void]
-ONE_MARKER = '/marker_tracker/marker/'
-"""Of the topics that hold one marker each; its name follows."""
 
 
 @dataclass
@@ -86,12 +82,6 @@ class Observations:
     def stamps(self) -> set[int]:
         """Of all frames."""
         return {*self.markers, *self.rpy, *self.lines, *self.poses}
-
-
-def names_of(processors: Iterable[Processor]) -> dict[int, str]:
-    """The names of the rig that is tracked, by label."""
-    topics = (resolve(t, f'/{each.name}') for each in processors for t in each.topics)
-    return dict(enumerate(t.removeprefix(ONE_MARKER) for t in topics if t.startswith(ONE_MARKER)))
 
 
 @dataclass
@@ -162,7 +152,10 @@ def replay(text: str, settings: ReplaySettings) -> EvaluationRun:
         ParameterError: a parameter is not valid.
     """
     processors = pipeline.make_processors(settings.parameters)
-    run = EvaluationRun(text, names=names_of(processors))
+    trackers = (each for each in processors if each.name == 'marker_tracker')
+    markers = (topic for each in trackers for topic in each.topics if topic.startswith('marker/'))
+    names = dict(enumerate(topic.removeprefix('marker/') for topic in markers))
+    run = EvaluationRun(text, names=names)
     outcome, seconds = ReplayOutcome(text, ''), list[float]()
     with closing(ReplayInput(text, settings)) as source:
         items = source.items(processors, keep=TRUTH_TOPICS)

@@ -10,7 +10,6 @@ from support.commands import mvuav
 
 from mvuav_ros.offline.evaluation.corners import (
     WARM_UP,
-    CornersError,
     CornersScore,
     FrameScore,
     LabelledFrame,
@@ -19,6 +18,7 @@ from mvuav_ros.offline.evaluation.corners import (
     read_horizon,
     score_frame,
 )
+from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.vision.approach.attitude import line_through
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
@@ -115,13 +115,13 @@ def test_the_horizon_of_each_frame_is_read(tmp_path):
     (line,) = read_horizon(path, [NARROW])
     assert (line.row, math.degrees(line.slope)) == (75.5, pytest.approx(-2.0))
     path.write_text('file,row_at_centre,slope_deg\nb.jpg,80,0\n')
-    with pytest.raises(CornersError, match=r'no row of a\.jpg'):
+    with pytest.raises(SourceError, match=r'no row of a\.jpg'):
         read_horizon(path, [NARROW])
     path.write_text('file,row_at_centre\na.jpg,80\n')
-    with pytest.raises(CornersError, match='no column slope_deg'):
+    with pytest.raises(SourceError, match='no column slope_deg'):
         read_horizon(path, [NARROW])
     path.write_text('file,row_at_centre,slope_deg\na.jpg,80,x\n')
-    with pytest.raises(CornersError, match='line 2'):
+    with pytest.raises(SourceError, match='line 2'):
         read_horizon(path, [NARROW])
 
 
@@ -141,7 +141,7 @@ def test_the_horizon_of_each_frame_is_read(tmp_path):
 def test_unusable_labels_are_refused_with_the_reason(tmp_path, text, reason):
     path = tmp_path / 'corners.csv'
     path.write_text(text, 'latin-1')
-    with pytest.raises(CornersError, match=reason):
+    with pytest.raises(SourceError, match=reason):
         read_corners(path)
 
 
@@ -152,7 +152,7 @@ def test_labels_from_a_spreadsheet_are_read(tmp_path):
 
 
 def test_a_tolerance_of_nothing_is_refused():
-    with pytest.raises(CornersError, match='above 0 px'):
+    with pytest.raises(SourceError, match='above 0 px'):
         score_frame(NARROW, edges(NARROW), Tolerance(0.0, 0.0))
 
 
