@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.offline.report import Figure, Report, Section, Table
-from mvuav_ros.offline.report_figures import COLORS, INK, drawing, label, residual_figure
+from mvuav_ros.offline.report_figures import COLORS, drawing, residual_figure
 from mvuav_ros.sources.source import FrameSource, SourceError, nothing_to_read
 from mvuav_ros.vision.board import Board, BoardView, different_views, in_eight_bits, sharpness
 from mvuav_ros.vision.camera import CalibrationError
@@ -224,7 +224,6 @@ def report_of(
         ],
         'A view that is not used has residuals far above the others: blurred, or a wrong corner.',
     )
-    figures = (_coverage_figure(views, search.size, found), _errors_figure(rms, found.used))
     kind = f'ChArUco {board.dictionary}' if board.dictionary else 'checkerboard'
     return Report(
         f'Calibration of {name}',
@@ -241,7 +240,7 @@ def report_of(
         },
         (
             Section('Camera', (), (parameters, models) if found.kept_back else (parameters,)),
-            Section('Coverage and residuals', (), figures),
+            Section('Coverage and residuals', (), (_coverage_figure(views, search.size, found),)),
             Section('Views', (), (_pictures(search, chosen, found.used), table)),
         ),
     )
@@ -262,16 +261,6 @@ def _coverage_figure(
         'a lens of another model or a bent board. Where no corner was, the lens is extrapolated. '
         'Orange: views left out.',
     )
-
-
-def _errors_figure(rms: Sequence[float], used: NDArray[np.bool_]) -> Figure:
-    with drawing(9.6, 3.0) as canvas:
-        axes = canvas.figure.add_subplot()
-        colors = [COLORS[0] if use else COLORS[1] for use in used]
-        axes.bar(range(1, len(rms) + 1), rms, color=colors)
-        axes.axhline(float(np.median(rms)), color=INK, lw=0.8)
-        label(axes, '', 'view', 'residual [px rms]')
-    return canvas.as_figure('errors', 'Residual of each view', 'bars', 'The line is the median.')
 
 
 def _pictures(search: BoardSearch, chosen: Sequence[int], used: NDArray[np.bool_]) -> Figure:

@@ -34,7 +34,7 @@ _SUMMARY = 'run.json'
 _MAX_BAGS, _MAX_METRICS = 500, 200
 _MAX_SUMMARY = 1_000_000
 _TOPICS = ('image_topic', 'imu_topic', 'camera_info_topic')
-_WORDS = ('source', 'settings', *_TOPICS, 'lost', 'version')
+_WORDS = ('source', *_TOPICS, 'lost', 'version')
 """Fields of a run that are text."""
 _MAX_TIME = 253_402_300_799.0
 """s since the epoch: the end of the year 9999."""
@@ -46,18 +46,16 @@ _NICENESS = 5
 class Run:
     """A kind of node with some parameters over a recording, and what came of it.
 
-    ``settings`` names the parameters' set, where they are one's; a run without a name is not kept.
-    ``image_topic`` is empty where the recording has images of one topic only, ``camera_info_topic``
-    and ``imu_topic`` where no calibration or no attitude was used.
-    It was made in s since the epoch; ``answered`` of the frames have a result, and the metrics are
-    those of ``mvuav sweep``. ``lost`` says what could not be read of the recording.
+    A run without a name is not kept. ``image_topic`` is empty where the recording has images of
+    one topic only, ``camera_info_topic`` and ``imu_topic`` where no calibration or no attitude was
+    used. It was made in s since the epoch; ``answered`` of the frames have a result, and the
+    metrics are those of ``mvuav sweep``. ``lost`` says what could not be read of the recording.
     """
 
     name: str
     kind: str
     source: str
     parameters: dict[str, Value]
-    settings: str = ''
     image_topic: str = ''
     camera_info_topic: str = ''
     imu_topic: str = ''

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,6 @@ from mvuav_ros.panel.live_results import TOPICS, Figures
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.source import SourceError
 
-RATE_WINDOW = 2.0  # s
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 MAX_DURATION = 50.0
 """s to start, and s to play; the demo ends by itself whatever happens."""
@@ -43,44 +41,34 @@ SILENCE = 0.5
 class DemoRecorder(Node):
     """Writes every message as it came over DDS.
 
-    Keeps the ``newest`` of each topic but images', their ``counts``, and ``latency_ms``: the median
-    of each node while it has one, as after the flight there is none any more.
+    Keeps the ``newest`` of each topic but images', their ``counts``, and each node's diagnostics of
+    when it had frames: ``status``.
     """
 
     def __init__(self, topics: dict[str, type], writer: RecordingWriter, context: Any) -> None:
         super().__init__('demo_recorder', context=context)
         self.newest: dict[str, Any] = {}
         self.counts = dict.fromkeys(topics, 0)
-        self.latency_ms: dict[str, str] = {}
+        self.status: dict[str, dict[str, str]] = {}
         self.changed_at = time.monotonic()
-        self._arrivals: dict[str, deque[float]] = {topic: deque() for topic in topics}
         self._writer = writer
         for topic, kind in topics.items():
             keep = partial(self._keep, topic, kind)
             self.create_subscription(kind, topic, keep, EVERYTHING, raw=True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
-    def rate(self, topic: str) -> float:
-        """Messages per second in the moments before the newest one."""
-        arrivals = self._arrivals[topic]
-        while arrivals and arrivals[0] < arrivals[-1] - RATE_WINDOW:
-            arrivals.popleft()
-        return len(arrivals) / RATE_WINDOW
-
     def _keep(self, topic: str, kind: type, data: bytes) -> None:
         self._writer.write(topic, type_name(kind), time.time_ns(), data)
         self.counts[topic] += 1
         self.changed_at = time.monotonic()
-        self._arrivals[topic].append(self.changed_at)
         if kind is not Image:
             self.newest[topic] = deserialize_message(data, kind)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
-            latency = values.get('latency_p50_ms', 'nan')
-            if latency != 'nan':
-                self.latency_ms[status.name.strip('/')] = latency
+            if values.get('latency_p50_ms', 'nan') != 'nan':
+                self.status[status.name.strip('/')] = values
 
 
 def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
@@ -161,11 +149,11 @@ def _watch(
 def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
     parts: list[Any] = []
     for flight in flights:
-        said = _said(flight, recorder)
+        said, status = _said(flight, recorder), recorder.status.get(flight.node_name, {})
         words = (
             f'{flight.node_name} ({flight.title})   frame {recorder.counts[flight.main]} of '
-            f'{recorder.counts[flight.image_topic]}   {recorder.rate(flight.main):.0f} Hz   '
-            f'latency {recorder.latency_ms.get(flight.node_name, "-")} ms'
+            f'{recorder.counts[flight.image_topic]}   {status.get("output_rate_hz", "-")} Hz   '
+            f'latency {status.get("latency_p50_ms", "-")} ms'
         )
         table = Table(box=None, pad_edge=False, show_header=False)
         for figure in said['figures']:

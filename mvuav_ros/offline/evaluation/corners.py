@@ -288,7 +288,7 @@ def run_detector(
 
 def write_images(
     run: LabelledRun, parameters: RunwayDetectorParameters, score: CornersScore, folder: Path
-) -> list[Path]:
+) -> None:
     """Draw overlays, with the labels in white, of the best, the median and the worst frame.
 
     Those are ``best.png``, ``median.png`` and ``worst.png``; the worst frame of each class of
@@ -297,19 +297,16 @@ def write_images(
     folder.mkdir(parents=True, exist_ok=True)
     ranked = sorted(range(WARM_UP, len(run.frames)), key=lambda index: score.frames[index].error)
     if not ranked:
-        return []
+        return
     wanted = {'best': ranked[0], 'median': ranked[len(ranked) // 2], 'worst': ranked[-1]}
     for index in ranked:
         if failure := score.frames[index].failure:
             wanted[f'failure_{failure}'] = index
-    written = []
     for index, (frame, result) in enumerate(_results(run, parameters)):
         for name in (name for name, at in wanted.items() if at == index):
             path = folder / f'{name}.png'
             if not cv2.imwrite(str(path), _image(frame, result)):
                 raise SourceError(f'{path}: cannot be written')
-            written.append(path)
-    return written
 
 
 def _results(

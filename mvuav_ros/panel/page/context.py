@@ -16,9 +16,8 @@ from mvuav_ros.panel.live_nodes import LiveNode, LiveSystem
 from mvuav_ros.panel.node_recorder import NodeRecorder
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.runs import Runner, RunStore
-from mvuav_ros.panel.sanitized import NameRefusedError
-from mvuav_ros.panel.sets import SetStore, differences
-from mvuav_ros.parameters.declaration import ParameterError, Value
+from mvuav_ros.panel.sets import SetStore
+from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.layout import shipped_folder
 
 _ONE_MOVEMENT = 1.0
@@ -135,12 +134,3 @@ class Page:
     @chosen_set.setter
     def chosen_set(self, name: str) -> None:
         self.kept['sets'][self.selected] = name
-
-    def set_in_use(self, node: LiveNode) -> str:
-        """The chosen set where the node has all of its values; else empty."""
-        name = self.chosen_set
-        try:
-            values = self.services.sets.load(name, node.kind) if name else {}
-        except (NameRefusedError, ParameterError, OSError):
-            return ''
-        return '' if differences(values, node.values) else name

@@ -24,6 +24,7 @@ from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.reel import settable
 from mvuav_ros.panel.runs import Run, find_bags, run_table, varied
 from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
+from mvuav_ros.panel.sets import differences
 from mvuav_ros.processing.registry import PROCESSORS
 
 _FIRST = ('flag counts', 'markers by state')
@@ -295,7 +296,6 @@ class Runs:
                 kind=node.kind,
                 source=str(self._bags[self._bag.value]),
                 parameters=settable(node.kind, node.own_values),
-                settings=self._page.set_in_use(node),
                 image_topic=image_topic,
                 camera_info_topic=camera_info_topic,
                 imu_topic=imu_topic,
@@ -332,16 +332,13 @@ class Runs:
 
 def _row(run: Run) -> dict[str, str]:
     defaults = PROCESSORS[run.kind].parameters_type().as_dict()
-    changed = [
-        f'{name} {value_text(value)}'
-        for name, value in run.parameters.items()
-        if name in defaults and defaults[name] != value
-    ]
+    changed = differences(run.parameters, defaults).items()
     return {
         'run': run.name,
         'node': run.kind,
         'recording': f'{Path(run.source).name} {run.image_topic}'.rstrip(),
         'frames': f'{run.answered} of {run.frames}{", damaged" if run.lost else ""}',
-        'other than default': ', '.join(changed) or 'nothing',
+        'other than default': ', '.join(f'{name} {value_text(own)}' for name, (own, _) in changed)
+        or 'nothing',
         'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),
     }

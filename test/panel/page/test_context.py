@@ -12,7 +12,7 @@ pytest.importorskip('nicegui', reason='the extra panel is not installed')
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.panel import live_nodes, node_recorder
 from mvuav_ros.panel.page import elements
-from mvuav_ros.panel.page.context import History, Page
+from mvuav_ros.panel.page.context import History
 from mvuav_ros.panel.page.parameters import Parameters
 from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.panel.page.tiles import value_at
@@ -87,20 +87,6 @@ def test_what_the_node_refuses_to_take_back_can_be_tried_again():
         asyncio.run(Parameters.step(page, back=back))
     assert asked == [{'a': 1}, {'a': 1}, {'a': 2}, {'a': 2}]
     assert page._history.done == [({'a': 1}, {'a': 2})] and not page._history.undone
-
-
-def test_a_set_is_in_use_where_the_node_has_all_of_its_values(tmp_path):
-    sets = SetStore(tmp_path)
-    sets.save('night', 'marker_tracker', {'threshold': 0.5})
-    node = SimpleNamespace(kind='marker_tracker', values={'threshold': 0.5, 'min_area': 3})
-    page = Page(SimpleNamespace(sets=sets), {'node': '/eye'}, lambda: None)
-    assert page.set_in_use(node) == ''
-    page.chosen_set = 'night'
-    assert page.set_in_use(node) == 'night'
-    node.values['threshold'] = 0.6
-    assert page.set_in_use(node) == ''
-    page.chosen_set = 'gone'
-    assert page.set_in_use(node) == ''
 
 
 def test_a_set_that_cannot_be_deleted_is_named_with_the_reason(tmp_path, monkeypatch):
