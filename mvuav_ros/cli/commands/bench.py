@@ -12,7 +12,7 @@ from mvuav_ros.cli.terminal import frame_progress, print_table, say
 from mvuav_ros.recordings.remote import write_whole
 
 if TYPE_CHECKING:
-    from mvuav_ros.cli.bench.case import Measurement
+    from mvuav_ros.cli.bench.cases import Measurement
     from mvuav_ros.cli.bench.live import LiveResult
 
 SUITES = ('markers', 'runway', 'approach', 'simulation', 'replay')
@@ -43,24 +43,23 @@ def bench(
     ),
 ) -> None:
     """Measure medians in one process, each case in turn with its baseline; or live nodes."""
-    from mvuav_ros.cli.bench import replay_cases, vision_cases
-    from mvuav_ros.cli.bench.case import measure
+    from mvuav_ros.cli.bench import cases as work
     from mvuav_ros.cli.bench.live import live_cases, measure_live
 
     if unknown := [name for name in suite or () if name not in (*SUITES, LIVE)]:
         raise typer.BadParameter(f'{", ".join(unknown)}; there are {_ALL}, {LIVE}')
     names = suite or SUITES
     makers = {
-        'markers': vision_cases.marker_cases,
-        'runway': vision_cases.runway_cases,
-        'approach': vision_cases.approach_cases,
-        'simulation': vision_cases.simulation_cases,
-        'replay': replay_cases.replay_cases,
+        'markers': work.marker_cases,
+        'runway': work.runway_cases,
+        'approach': work.approach_cases,
+        'simulation': work.simulation_cases,
+        'replay': work.replay_cases,
     }
     cases = [case for name in names if name != LIVE for case in makers[name]()]
     live = live_cases(full) if LIVE in names else []
     with frame_progress() as progress:
-        measured = [measure(c, seconds) for c in progress.track(cases, description='bench')]
+        measured = [work.measure(c, seconds) for c in progress.track(cases, description='bench')]
     with frame_progress() as progress:
         tracked = progress.track(live, description='bench live')
         results = [r for c in tracked for r in measure_live(c, max(seconds, LIVE_SECONDS))]

@@ -6,13 +6,12 @@ import os
 
 import pytest
 
-from mvuav_ros.cli.bench import replay_cases as replay
-from mvuav_ros.cli.bench.case import measure
+from mvuav_ros.cli.bench.cases import measure, replay_cases
 
 
 @pytest.mark.long
 def test_cases_run() -> None:
-    cases = replay.replay_cases(frames=45)
+    cases = replay_cases(frames=45)
     for case in cases:
         assert measure(case, 0.01).median_ms > 0
     # 15 times real time of 30 frames/s.

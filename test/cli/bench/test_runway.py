@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.commands import mvuav
 
-from mvuav_ros.cli.bench import vision_cases as runway
-from mvuav_ros.cli.bench.case import Case
+from mvuav_ros.cli.bench import cases as runway
+from mvuav_ros.cli.bench.cases import Case
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import automatic_threshold
 

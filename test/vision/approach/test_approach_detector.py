@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.cli.bench.vision_cases import approach_cases
+from mvuav_ros.cli.bench.cases import approach_cases
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings

@@ -1,4 +1,4 @@
-"""Time per frame of detectors and simulator, beside what any implementation needs."""
+"""What ``mvuav bench`` measures in one process, beside what any implementation needs."""
 
 from __future__ import annotations
 
@@ -6,15 +6,22 @@ import importlib
 import importlib.util
 import itertools
 import math
+import os
+import statistics
+import time
 from collections.abc import Callable, Iterable
-from typing import Any
+from dataclasses import dataclass
+from functools import partial
+from operator import truediv
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.cli.bench.case import Action, Case
-from mvuav_ros.cli.bench.scenes import PLACES, circle, lights
+from mvuav_ros.cli.bench.scenes import PLACES, circle, lights, lights_above_runway
 from mvuav_ros.parameters.marker_tracker import MODES, MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.flight import Flight
@@ -32,6 +39,82 @@ from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import automatic_threshold
+
+Action = Callable[[], object]
+
+
+@dataclass(frozen=True)
+class Case:
+    """Something to measure, and what to hold it against; a run is usually one frame.
+
+    The median time may be ``limit_ratio`` times the baseline's, and ``limit_ms``. A note is a
+    figure from elsewhere, such as the thesis's own.
+    """
+
+    name: str
+    run: Action
+    baseline_name: str = ''
+    baseline: Action | None = None
+    limit_ratio: float | None = None
+    limit_ms: float | None = None
+    note: str = ''
+
+
+class Measurement(NamedTuple):
+    """Medians in ms; ``ratio`` is the median of the ratios pair by pair."""
+
+    case: Case
+    median_ms: float
+    baseline_ms: float | None
+    ratio: float | None
+
+    @property
+    def within_limits(self) -> bool:
+        """Whether every limit of the case is kept."""
+        limit_ratio, limit_ms = self.case.limit_ratio, self.case.limit_ms
+        if limit_ratio is not None and (self.ratio is None or self.ratio > limit_ratio):
+            return False
+        return limit_ms is None or self.median_ms <= limit_ms
+
+    def figures(self) -> dict[str, object]:
+        """For a JSON file."""
+        return {
+            'case': self.case.name,
+            'median_ms': self.median_ms,
+            'baseline': self.case.baseline_name,
+            'baseline_ms': self.baseline_ms,
+            'ratio': self.ratio,
+            'limit_ratio': self.case.limit_ratio,
+            'limit_ms': self.case.limit_ms,
+            'within_limits': self.within_limits,
+        }
+
+
+def measure(case: Case, seconds: float = 1.0, max_pairs: int = 3000) -> Measurement:
+    """Run a case and its baseline in turn for about ``seconds``, at least five times."""
+    for _ in range(3):
+        case.run()
+        if case.baseline is not None:
+            case.baseline()
+    end = time.perf_counter() + seconds
+    times: list[float] = []
+    baselines: list[float] = []
+    while len(times) < 5 or (time.perf_counter() < end and len(times) < max_pairs):
+        times.append(_time(case.run))
+        if case.baseline is not None:
+            baselines.append(_time(case.baseline))
+    median_ms = statistics.median(times) * 1e3
+    if not baselines:
+        return Measurement(case, median_ms, None, None)
+    ratio = statistics.median(map(truediv, times, baselines))
+    return Measurement(case, median_ms, statistics.median(baselines) * 1e3, ratio)
+
+
+def _time(action: Action) -> float:
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
+
 
 Frame = NDArray[np.uint8]
 Baseline = Callable[[Frame, float], object]
@@ -321,3 +404,108 @@ def simulation_cases() -> list[Case]:
         Case(f'simulated 640x480 {name}', _in_turn(flight.frame, range(_SIMULATED_FRAMES)), **limit)
         for name, flight in flights.items()
     ]
+
+
+_RATE = 30
+_TIMES_REAL_TIME = 15
+_TWO_JOBS_GAIN = 1.6
+_FLOOR_LIMIT = 1.6
+_THRESHOLD = 128
+_NODES = ('marker_tracker', 'runway_detector')
+
+
+def replay_cases(frames: int = _RATE * 15) -> list[Case]:
+    """Bags of raw 640x480 and of JPEG 1920x1080; no cases where ROS is not installed.
+
+    Every replay runs in a process that is there already.
+    """
+    if importlib.util.find_spec('rclpy') is None:
+        return []
+    from mvuav_ros.offline.tasks import Worker
+
+    folder = TemporaryDirectory(prefix='mvuav_bench_')
+    worker = Worker(_replay)
+
+    def replay(*task: object) -> object:
+        # The folder lives as long as the cases do.
+        assert folder.name
+        worker.send(0, task)
+        done: Any = worker.receive()
+        if done.error is not None:
+            raise done.error
+        return done.result
+
+    raw, jpeg = Path(folder.name) / 'raw.mcap', Path(folder.name) / 'jpeg.mcap'
+    fewer = max(1, frames // 5)
+    _write_bag(raw, frames, None)
+    _write_bag(jpeg, fewer, (1920, 1080))
+    return [
+        *_cases_of(f'{frames} frames 640x480', partial(replay, raw), frames),
+        *_cases_of(f'{fewer} frames JPEG 1920x1080', partial(replay, jpeg), fewer),
+    ]
+
+
+def _cases_of(name: str, replay: Callable[..., object], frames: int) -> list[Case]:
+    cores = sorted(os.sched_getaffinity(0))
+    one, floor = partial(replay, _NODES, cores[:1]), partial(replay, (), cores[:1])
+    limit_ms = None if 'JPEG' in name else frames / _RATE / _TIMES_REAL_TIME * 1e3
+    cases = [Case(f'replay {name}, both nodes, one core', one, limit_ms=limit_ms)]
+    for node in _NODES:
+        alone = partial(replay, (node,), cores[:1])
+        beside = ('read, decode, threshold', floor, _FLOOR_LIMIT)
+        cases.append(Case(f'replay {name}, {node}', alone, *beside))
+    if len(cores) > 1:
+        both = partial(replay, _NODES, cores[:2])
+        limit, note = 1 / _TWO_JOBS_GAIN, f'{_TWO_JOBS_GAIN} times the frames/s at the limit'
+        title = f'replay {name}, both nodes, --jobs 2'
+        cases.append(Case(title, both, '--jobs 1', one, limit, note=note))
+    return cases
+
+
+def _replay(task: tuple[Path, tuple[str, ...], list[int]], _report: object, stop: Any) -> int:
+    """Replay a bag with nodes, a thread for each of some cores; without nodes it is the floor."""
+    from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
+
+    bag, nodes, cores = task
+    os.sched_setaffinity(0, cores)
+    if not nodes:
+        return _floor(bag)
+    settings = ReplaySettings({node: {} for node in nodes})
+    job = ReplayJob(str(bag), str(bag.with_suffix('.results.mcap')), settings, True)
+    outcome = attempt(job, lambda _: None, stop, len(cores))
+    assert outcome.processed == outcome.frames, outcome
+    return outcome.processed
+
+
+def _floor(bag: Path) -> int:
+    """What any implementation needs: every frame read, decoded and compared with a threshold."""
+    from mvuav_ros.sources.bag import BagImages
+
+    count = 0
+    source = BagImages(bag)
+    for frame in source.frames():
+        cv2.threshold(frame.image.gray(), _THRESHOLD, 255, cv2.THRESH_BINARY)  # type: ignore[union-attr]
+        count += 1
+    source.close()
+    return count
+
+
+def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> None:
+    from mvuav_ros.messages.cdr import cdr_header
+    from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, serialize_image, serialize_jpeg
+    from mvuav_ros.recordings.writing import RecordingWriter
+
+    random = np.random.default_rng(0)
+    with RecordingWriter(path) as writer:
+        for index in range(frames):
+            stamp_ns = 1_700_000_000_000_000_000 + round(index * 1e9 / _RATE)
+            header = cdr_header(stamp_ns, 'camera')
+            noise = random.integers(0, 9, (480, 640), dtype=np.uint8)
+            scene = np.asarray(cv2.add(lights_above_runway(640, 480, index), noise), np.uint8)
+            if jpeg_size is None:
+                message = serialize_image(Image(scene, 'mono8'), header)
+                writer.write('/image_raw', IMAGE, stamp_ns, message)
+                continue
+            colour = cv2.cvtColor(cv2.resize(scene, jpeg_size), cv2.COLOR_GRAY2BGR)
+            message = serialize_jpeg(Image(np.asarray(colour, np.uint8), 'bgr8'), header)
+            writer.write('/image_raw/compressed', COMPRESSED_IMAGE, stamp_ns, message)
