@@ -42,7 +42,6 @@ class LineTruth(NamedTuple):
 class RunwayTruth:
     """What an image of the runway shows."""
 
-    time: float  # s since the start of the flight
     lines: tuple[LineTruth, ...]  # in the order of `LineRole`
     vanishing_point: tuple[float, float]  # px, where the lines meet; NaN behind the camera
     horizon: tuple[float, float]  # rho (px) and theta (rad) of the ground's horizon
@@ -203,7 +202,6 @@ class RunwayFlight(Flight[RunwayTruth]):
         """What is true at any time (s)."""
         pose = self.pose(time)
         return RunwayTruth(
-            time,
             true_lines(self.camera, pose, self.settings.runway_width, self.settings.runway_length),
             vanishing_point(self.camera, pose),
             horizon(self.camera, pose),

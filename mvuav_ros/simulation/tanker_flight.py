@@ -52,7 +52,6 @@ class MarkerTruth(NamedTuple):
 class TankerTruth:
     """What an image of the tanker shows."""
 
-    time: float  # s since the start of the flight
     markers: tuple[MarkerTruth, ...]  # in the rig's order
     # Rad, right wing down positive: atan2 of right wing minus left wing as projected; for a body
     # without lights of these names, of its rotation.
@@ -61,14 +60,6 @@ class TankerTruth:
     translation: Vector  # m, of the body's origin in the optical frame
     distance: float  # from the camera to the body's dock point, m
     gain: float  # by which the camera's image is brighter than usual
-
-    def marker(self, name: str) -> MarkerTruth:
-        """The light of that name.
-
-        Raises:
-            KeyError: there is none.
-        """
-        return {marker.name: marker for marker in self.markers}[name]
 
 
 def true_roll(markers: Sequence[MarkerTruth], rotation: Matrix) -> float:
@@ -270,7 +261,6 @@ class TankerFlight(Flight[TankerTruth]):
             markers.append(MarkerTruth(name, x, y, vx, vy, visible, whole))
         dock = pose.rotation @ np.array(self.rig.dock) + pose.translation
         return TankerTruth(
-            time,
             tuple(markers),
             true_roll(markers, pose.rotation),
             pose.rotation,

@@ -41,8 +41,8 @@ class LiveResult:
     ``latency``: p50, p95 and p99 (ms) from an image's stamp to its result's arrival back at the
     camera, of those processed; ``answer``: the same of a node that answers without looking at the
     image, and ``floor``: from the stamp to that node's callback. The processor time is of all
-    threads, per image; the memory is resident, at the end, and its growth since the warm-up.
-    ``status`` are the node's newest diagnostics.
+    threads, per image; the memory is resident, at the end. ``status`` are the node's newest
+    diagnostics.
     """
 
     case: LiveCase
@@ -55,7 +55,6 @@ class LiveResult:
     answer: tuple[float, float, float]
     cpu_ms: float
     memory_mb: float
-    memory_growth_mb: float
     status: dict[str, str]
 
     @property
@@ -136,7 +135,6 @@ def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
             answer=_percentiles(latencies[FLOOR]),
             cpu_ms=(after[name][0] - before[name][0]) * 1e3 / len(sent),
             memory_mb=after[name][1],
-            memory_growth_mb=after[name][1] - before[name][1],
             status=answer['status'].get(name, {}),
         )
         for name in case.nodes
