@@ -49,11 +49,11 @@ def labelled(footage, run, *, horizon, gray=False, part=slice(None)):
     frames = read_corners(labels)[part]
     lines = read_horizon(labels.parent / 'horizon.csv', frames) if horizon else None
     allowed = Tolerance(4.0, 0.08) if run == 'approach_run5' else Tolerance()
-    return LabelledRun(labels.parent, frames, lines, gray, allowed)
+    return LabelledRun(labels.parent, frames, APPROACH, lines, gray, allowed)
 
 
 def judged(*arguments, **options):
-    return run_detector(labelled(*arguments, **options), APPROACH, lambda: None)
+    return run_detector(labelled(*arguments, **options), lambda: None)
 
 
 def test_the_flight_it_was_tuned_on(footage):

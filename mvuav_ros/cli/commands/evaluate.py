@@ -75,12 +75,12 @@ def corners(
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
     frames, allowed = work.read_corners(labels), work.Tolerance(tolerance, tolerance_share)
     lines = None if horizon is None else work.read_horizon(horizon, frames)
-    run = work.LabelledRun(labels.parent, frames, lines, gray, allowed)
+    run = work.LabelledRun(labels.parent, frames, parameters, lines, gray, allowed)
     with frame_progress() as progress:
         task = progress.add_task('frames', total=len(frames))
-        score = work.run_detector(run, parameters, lambda: progress.advance(task))
+        score = work.run_detector(run, lambda: progress.advance(task))
     if images is not None:
-        work.write_images(run, parameters, score, images)
+        work.write_images(run, score, images)
     _report(score)
     if not score.counted:
         raise SourceError(f'{labels}: no frame counts, as the first {work.WARM_UP} do not')
@@ -239,10 +239,9 @@ def bag(
             _require_truth(run, source)
     run.name = source
     report = bag_report(run, how)
-    for table in report.tables():
-        if table.key == 'metrics':
-            for row in range(len(table.rows)):
-                say(' '.join(table.text(row, column) for column in range(3)).rstrip())
+    numbers = report.tables()[0]
+    for row in range(len(numbers.rows)):
+        say(' '.join(numbers.text(row, column) for column in range(3)).rstrip())
     say(write_report(report, output))
 
 

@@ -259,36 +259,33 @@ _IMAGE_WIDTH = 960
 
 @dataclass(frozen=True)
 class LabelledRun:
-    """Images of one flight in a folder, with their labels.
+    """Images of one flight in a folder with their labels, and how the detector is to look at them.
 
     ``horizon`` is that of each frame, as an attitude sensor would know it; None without one.
     """
 
     folder: Path
     frames: Sequence[LabelledFrame]
+    parameters: RunwayDetectorParameters
     horizon: Sequence[HorizonLine] | None = None
     gray: bool = False
     allowed: Tolerance = TOLERANCE
 
 
-def run_detector(
-    run: LabelledRun, parameters: RunwayDetectorParameters, tick: Callable[[], None]
-) -> CornersScore:
+def run_detector(run: LabelledRun, tick: Callable[[], None]) -> CornersScore:
     """Process the images of a run in order; ``tick`` is called after each.
 
     Raises:
         SourceError: an image cannot be read.
     """
     scores = []
-    for frame, result in _results(run, parameters):
+    for frame, result in _results(run):
         scores.append(score_frame(frame, result.lines, run.allowed))
         tick()
     return CornersScore(tuple(scores))
 
 
-def write_images(
-    run: LabelledRun, parameters: RunwayDetectorParameters, score: CornersScore, folder: Path
-) -> None:
+def write_images(run: LabelledRun, score: CornersScore, folder: Path) -> None:
     """Draw overlays, with the labels in white, of the best, the median and the worst frame.
 
     Those are ``best.png``, ``median.png`` and ``worst.png``; the worst frame of each class of
@@ -302,18 +299,16 @@ def write_images(
     for index in ranked:
         if failure := score.frames[index].failure:
             wanted[f'failure_{failure}'] = index
-    for index, (frame, result) in enumerate(_results(run, parameters)):
+    for index, (frame, result) in enumerate(_results(run)):
         for name in (name for name, at in wanted.items() if at == index):
             path = folder / f'{name}.png'
             if not cv2.imwrite(str(path), _image(frame, result)):
                 raise SourceError(f'{path}: cannot be written')
 
 
-def _results(
-    run: LabelledRun, parameters: RunwayDetectorParameters
-) -> Iterator[tuple[LabelledFrame, RunwayResult | ApproachResult]]:
-    approach = parameters.mode == 'approach'
-    detector: Any = ApproachDetector(parameters) if approach else RunwayDetector(parameters)
+def _results(run: LabelledRun) -> Iterator[tuple[LabelledFrame, RunwayResult | ApproachResult]]:
+    approach = run.parameters.mode == 'approach'
+    detector: Any = (ApproachDetector if approach else RunwayDetector)(run.parameters)
     flag = cv2.IMREAD_GRAYSCALE if run.gray else cv2.IMREAD_COLOR
     for index, frame in enumerate(run.frames):
         path = run.folder / frame.file
