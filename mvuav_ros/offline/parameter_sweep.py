@@ -85,9 +85,7 @@ def parse_axis(text: str) -> Axis:
 
 
 def plan_runs(
-    sources: Sequence[str],
-    axes: Sequence[Axis],
-    settings: ReplaySettings,
+    sources: Sequence[str], axes: Sequence[Axis], settings: ReplaySettings
 ) -> list[SweepRun]:
     """Every combination of the axes' values, on every input; of a folder of them, on each.
 
@@ -181,10 +179,9 @@ def sweep_report(
     if groups:
         titles = {place: axis.title for place, axis in enumerate(axes)}
         shown = {place: titles[place] for place in titles if len(axes[place].values) > 1} or titles
-        size = math.ceil(len(groups) / 2), 2
-        together = _trends('trends_subplot', 'All trends', good, groups, shown, size, 2.6)
+        together = _trends('trends_subplot', 'All trends', good, groups, shown)
         singles = (
-            _trends(f'trend_{_key(g)}', g.capitalize(), good, {g: names}, shown, (1, 1), 3.0)
+            _trends(f'trend_{_key(g)}', g.capitalize(), good, {g: names}, shown)
             for g, names in groups.items()
         )
         sections += [
@@ -226,16 +223,15 @@ def _trends(
     results: Sequence[RunResult],
     groups: Mapping[str, Sequence[str]],
     shown: Mapping[int, str],
-    size: tuple[int, int],
-    height: float,
 ) -> Figure:
-    """A diagram for each group, in rows and columns, each so high (inches)."""
+    """A diagram for each group, two in a row."""
     from mvuav_ros.offline.report_figures import COLORS, drawing, label
 
     numbers, ticks = [result.run.number for result in results], _ticks(results, shown)
     x = ': '.join(['run', *shown.values()]) if ticks else 'run'
-    with drawing(9.6, 0.6 + height * size[0]) as canvas:
-        panels = canvas.figure.subplots(*size, squeeze=False).ravel()
+    rows, height = math.ceil(len(groups) / 2), 2.6 if len(groups) > 1 else 3.0
+    with drawing(9.6, 0.6 + height * rows) as canvas:
+        panels = canvas.figure.subplots(rows, min(len(groups), 2), squeeze=False).ravel()
         for axes, (group, names) in zip(panels, groups.items(), strict=False):
             for index, name in enumerate(names):
                 values = [result.cells.get(name, math.nan) for result in results]

@@ -235,10 +235,7 @@ def _form(row: np.void) -> NormalForm:
 def _true_lines(rows: Rows) -> list[TrueLine]:
     """The first rows of ``/truth/lines``, which are those of `ALONG`; what is not there is NaN."""
     lines = [
-        TrueLine(
-            _form(row),
-            (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])),
-        )
+        TrueLine(_form(row), (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])))
         for row in rows[: len(ALONG)]
     ]
     nowhere = TrueLine(_NOWHERE, (math.nan, math.nan))

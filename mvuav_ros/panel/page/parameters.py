@@ -10,14 +10,7 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from mvuav_ros.panel import sanitized
-from mvuav_ros.panel.controls import (
-    EVERY_NODE,
-    OTHER,
-    Control,
-    position_on,
-    scale_of,
-    value_text,
-)
+from mvuav_ros.panel.controls import EVERY_NODE, OTHER, Control, position_on, scale_of, value_text
 from mvuav_ros.panel.live_nodes import LiveNode, same_value
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
