@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,17 +9,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.cdr import stamp_ns_in
 from mvuav_ros.messages.untrusted import MalformedMessageError, visible
+from mvuav_ros.offline.report_figures import COLORS, Canvas, drawing
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_whole
@@ -40,8 +37,9 @@ _STATES = ('detected', 'predicted', 'lost')
 _LOST = 2
 _SEVERITY = {1: 0, 2: 1, 0: _LOST}
 """Of a marker's state: an index into `_STATES`, the worst last."""
+_BESIDE: Any = {'loc': 'upper left', 'bbox_to_anchor': (1.0, 1.0)}
+"""Where a diagram's legend stands."""
 _STATE_COLORS = ('#4477aa', '#ddaa33', '#d0d0d0')
-_COLORS = ('#4477aa', '#cc6677', '#228833', '#aa3377', '#66ccee', '#ccbb44')
 _FROM_ZERO = {'lines found': 5.5, 'confidence': 1.05, 'lights': 1.0}
 """Diagrams that begin at zero, and how far they reach at least."""
 
@@ -178,13 +176,13 @@ def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) 
             if not collected.parts:
                 recording.account.note('plot', f'{source} holds no results that can be drawn')
                 continue
-        _save(page(collected), path)
+        write_whole(path, page(collected).png)
         _summarise(collected)
         drawn[path] = collected
     if not drawn:
         names = ', '.join(map(str, flights.values()))
         raise RecordingError(f'{names} holds no results that can be drawn')
-    _save(overview([*drawn.values()]), paths[-1])
+    write_whole(paths[-1], overview([*drawn.values()]).png)
     return [*drawn, paths[-1]]
 
 
@@ -274,24 +272,21 @@ def _take_markers(part: NodePart, seconds: float, points: list[dict[str, Any]]) 
         part.states[-1] = [*map(max, worst, severities), *severities[len(worst) :]]
 
 
-_AS_WRITTEN: Any = {'text.parse_math': False}
-"""What a user has named is no formula."""
-
-
-@mpl.rc_context(_AS_WRITTEN)
-def page(flight: FlightPlot) -> Figure:
+def page(flight: FlightPlot) -> Canvas:
     """One flight's page."""
     panels = [panel for part in flight.parts for panel in _panels(part)]
     heights = [height for height, _ in panels]
-    figure = Figure(figsize=(11, 1.0 + sum(heights)), layout='constrained')
-    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    for axis, (_, draw) in zip(axes, panels, strict=True):
-        draw(axis)
-        axis.margins(x=0)
-    axes[-1].set_xlabel('time [s]')
-    words = ', '.join(_words(part) for part in flight.parts)
-    figure.suptitle(f'{flight.name}: {flight.seconds:.1f} s\n{words}', fontsize='medium')
-    return figure
+    with drawing(11.0, 1.0 + sum(heights)) as canvas:
+        axes = canvas.figure.subplots(
+            len(panels), 1, sharex=True, squeeze=False, height_ratios=heights
+        )[:, 0]
+        for axis, (_, draw) in zip(axes, panels, strict=True):
+            draw(axis)
+            axis.margins(x=0)
+        axes[-1].set_xlabel('time [s]')
+        words = ', '.join(_words(part) for part in flight.parts)
+        canvas.figure.suptitle(f'{flight.name}: {flight.seconds:.1f} s\n{words}', fontsize='medium')
+    return canvas
 
 
 def _words(part: NodePart) -> str:
@@ -317,7 +312,7 @@ def _panels(part: NodePart) -> Iterator[tuple[float, Callable[[Axes], None]]]:
 
 def _draw(axis: Axes, diagram: Diagram, curves: Mapping[str, Array]) -> None:
     seconds = curves['seconds'][0]
-    for (name, column, bound), color in zip(diagram.lines, _COLORS, strict=False):
+    for (name, column, bound), color in zip(diagram.lines, COLORS, strict=False):
         middle, low, high = curves[column]
         if not np.isfinite(middle).any():
             continue
@@ -331,8 +326,7 @@ def _draw(axis: Axes, diagram: Diagram, curves: Mapping[str, Array]) -> None:
     if diagram.title in _FROM_ZERO:
         highest = float(np.nanmax(curves[diagram.lines[0][1]][0]))
         axis.set_ylim(0, max(_FROM_ZERO[diagram.title], 1.05 * highest))
-    axis.grid(alpha=0.3)
-    _add_legend(axis, None, (1.0, 1.0))
+    axis.legend(**_BESIDE)
 
 
 def _draw_states(axis: Axes, part: NodePart) -> None:
@@ -348,25 +342,11 @@ def _draw_states(axis: Axes, part: NodePart) -> None:
     axis.hlines(rows[1:-1], edges[0], edges[-1], color='white', linewidth=2)
     axis.set_yticks(rows[:-1] + 0.5, part.names, fontsize='small')
     axis.invert_yaxis()
-    _add_legend(axis, _states_key(), (1.0, 1.0))
+    axis.legend(handles=_states_key(), **_BESIDE)
 
 
 def _states_key() -> list[Patch]:
     return [Patch(color=c, label=s) for c, s in zip(_STATE_COLORS, _STATES, strict=True)]
-
-
-def _add_legend(
-    axis: Axes, handles: Sequence[Artist] | None, corner: tuple[float, float], columns: int = 1
-) -> None:
-    """Of these handles, or of what is drawn, beside a corner of the diagram."""
-    axis.legend(
-        handles=handles,
-        loc='upper left' if corner[0] else 'lower left',
-        bbox_to_anchor=corner,
-        ncols=columns,
-        fontsize='small',
-        frameon=False,
-    )
 
 
 def _summarise(flight: FlightPlot) -> None:
@@ -380,36 +360,32 @@ def _summarise(flight: FlightPlot) -> None:
         part.curves, part.states, part.times = {}, [], []
 
 
-@mpl.rc_context(_AS_WRITTEN)
-def overview(flights: Sequence[FlightPlot]) -> Figure:
+def overview(flights: Sequence[FlightPlot]) -> Canvas:
     """All flights on one page: a line for each."""
     kinds = sorted({part.is_runway for flight in flights for part in flight.parts})
     columns = [(kind, draw) for kind in kinds for draw in (_draw_shares, _draw_extent)]
-    figure = Figure(
-        figsize=(3.0 + 4.0 * len(columns), 1.8 + 0.3 * len(flights)), layout='constrained'
-    )
-    axes = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
-    for axis, (is_runway, draw) in zip(axes, columns, strict=True):
-        for row, flight in enumerate(flights):
-            for part in flight.parts:
-                if part.is_runway is is_runway:
-                    draw(axis, row, part)
-        axis.grid(axis='x', alpha=0.3)
-        if draw is _draw_extent:
-            words = 'height [m]' if is_runway else 'roll [°]'
-            axis.set_xlabel(f'{words}: least, median, greatest')
-            continue
-        axis.set_xlim(0, 100)
-        axis.set_xlabel('frames with a pose [%]' if is_runway else 'markers and poses [%]')
-        if is_runway:
-            axis.set_title('runway', fontsize='medium')
-        else:
-            posed = Patch(color=_COLORS[2], label='frames with a pose')
-            _add_legend(axis, [*_states_key(), posed], (0.0, 1.0), columns=2)
-    names = [f'{flight.name}  {flight.seconds:.0f} s' for flight in flights]
-    axes[0].set_yticks(range(len(flights)), names, fontsize='small')
-    axes[0].set_ylim(len(flights) - 0.5, -0.5)
-    return figure
+    with drawing(3.0 + 4.0 * len(columns), 1.8 + 0.3 * len(flights)) as canvas:
+        axes = canvas.figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
+        for axis, (is_runway, draw) in zip(axes, columns, strict=True):
+            for row, flight in enumerate(flights):
+                for part in flight.parts:
+                    if part.is_runway is is_runway:
+                        draw(axis, row, part)
+            if draw is _draw_extent:
+                words = 'height [m]' if is_runway else 'roll [°]'
+                axis.set_xlabel(f'{words}: least, median, greatest')
+                continue
+            axis.set_xlim(0, 100)
+            axis.set_xlabel('frames with a pose [%]' if is_runway else 'markers and poses [%]')
+            if is_runway:
+                axis.set_title('runway')
+            else:
+                key = [*_states_key(), Patch(color=COLORS[2], label='frames with a pose')]
+                axis.legend(handles=key, loc='lower left', bbox_to_anchor=(0.0, 1.0), ncols=2)
+        names = [f'{flight.name}  {flight.seconds:.0f} s' for flight in flights]
+        axes[0].set_yticks(range(len(flights)), names, fontsize='small')
+        axes[0].set_ylim(len(flights) - 0.5, -0.5)
+    return canvas
 
 
 def _draw_shares(axis: Axes, row: int, part: NodePart) -> None:
@@ -418,16 +394,10 @@ def _draw_shares(axis: Axes, row: int, part: NodePart) -> None:
         width = 100.0 * count / total
         axis.barh(row - 0.15, width, 0.4, left, color=color)
         left += width
-    axis.barh(row + 0.2, 100.0 * part.poses / max(part.frames, 1), 0.2, color=_COLORS[2])
+    axis.barh(row + 0.2, 100.0 * part.poses / max(part.frames, 1), 0.2, color=COLORS[2])
 
 
 def _draw_extent(axis: Axes, row: int, part: NodePart) -> None:
     least, median, greatest = part.extent
-    axis.plot([least, greatest], [row, row], color=_COLORS[0], linewidth=2)
-    axis.plot(median, row, 'o', color=_COLORS[0], markersize=5)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    content = io.BytesIO()
-    figure.savefig(content, dpi=110, format='png')
-    write_whole(path, content.getvalue())
+    axis.plot([least, greatest], [row, row], color=COLORS[0], linewidth=2)
+    axis.plot(median, row, 'o', color=COLORS[0], markersize=5)

@@ -189,7 +189,7 @@ def test_a_page_draws_what_is_in_the_results(season: Path) -> None:
     tracker = next(part for part in flight.parts if not part.is_runway)
     assert (tracker.frames, tracker.poses) == (9, 9)
     assert np.array(tracker.states).shape == (9, 5)
-    axes = {axis.get_ylabel(): axis for axis in page(flight).axes}
+    axes = {axis.get_ylabel(): axis for axis in page(flight).figure.axes}
     roll = axes['roll [°]'].lines[0].get_ydata()
     assert len(roll) == 9 and np.isfinite(roll).all()
     assert axes['distance ahead [m]'].collections, 'the bounds'
@@ -304,7 +304,7 @@ def test_every_loss_of_one_frame_is_seen_on_the_page_of_a_long_flight(tmp_path: 
         return encode_markers(DARK if number % 401 == 300 else bright, header)
 
     stamps = (number * 33_000_000 for number in range(2900))
-    figure = page(drawn_of(tmp_path / 'flight.mcap', stamps, encode))
+    figure = page(drawn_of(tmp_path / 'flight.mcap', stamps, encode)).figure
     figure.savefig(tmp_path / 'page.png')
     left, low, right, _ = figure.axes[-1].get_window_extent().extents.round().astype(int)
     row = cv2.imread(str(tmp_path / 'page.png'))[-low - 9, left + 2 : right - 2]
