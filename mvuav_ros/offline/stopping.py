@@ -103,13 +103,3 @@ def stop_on_signals() -> Iterator[Stop]:
         for number, handler in before.items():
             # The rest of a process that is ending must not be disturbed by a second Ctrl-C.
             signal.signal(number, signal.SIG_IGN if stop else handler)
-
-
-@contextmanager
-def signals_held_back() -> Iterator[None]:
-    """Let SIGINT and SIGTERM wait until the block is done."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -23,8 +23,7 @@ from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import cv2
 
-from mvuav_ros.offline import stopping
-from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
+from mvuav_ros.offline.stopping import LOOK, SIGNALS, Interrupted, Stop, stop_on_signals
 from mvuav_ros.processing.process_tuning import keep_freed_memory
 from mvuav_ros.recordings.account import Account, SourceError, collect, collecting, needed_for
 
@@ -86,8 +85,12 @@ class Worker:
         # It would let the signals through again when it is started with the first process.
         if method == 'spawn':
             resource_tracker.ensure_running()
-        with stopping.signals_held_back():
+        # Signals wait until it has handlers of its own.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        try:
             self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
 
     def fileno(self) -> int:
@@ -165,7 +168,7 @@ def run_in_processes(
                 number, task = waiting.popleft()
                 worker.send(number, task)
                 busy[worker] = number
-            ready = wait([worker.fileno() for worker in busy], stopping.LOOK)
+            ready = wait([worker.fileno() for worker in busy], LOOK)
             for worker in [worker for worker in busy if worker.fileno() in ready]:
                 try:
                     message = worker.receive()
@@ -205,7 +208,7 @@ def _serve(
     parent = os.getppid()
     with stop_on_signals() as stop:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, stopping.SIGNALS)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         cv2.setNumThreads(threads)
         keep_freed_memory()
         with suppress(BrokenPipeError, ConnectionResetError):

@@ -190,7 +190,7 @@ def replay(
     result = {'recordings': [outcome.record() for outcome in outcomes]}
     if any(outcome.failure for outcome in outcomes):
         raise CommandFailedError(result, typer.Exit(1))
-    if strict and any(outcome.lossy for outcome in outcomes):
+    if strict and any(outcome.rejected or outcome.errors for outcome in outcomes):
         lost = SourceError('--strict: something was lost or rejected; see the warnings')
         raise CommandFailedError(result, lost)
     return result

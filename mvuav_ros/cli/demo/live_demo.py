@@ -109,7 +109,11 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
     if 'tanker' in flown:
         run = read_bag(bag)
         made += [save_tanker(run, bag, out / 'tanker.png')]
-        made += [save_roll(run, flown['tanker'], out / 'roll.png')]
+        errors = roll_errors(replace(run, truth=read_bag(flown['tanker']).truth))
+        if errors is None:
+            raise SourceError(f'no roll was measured in a frame of {flown["tanker"]}')
+        made += [out / 'roll.png']
+        write_whole(made[-1], roll_figure(errors).png)
     if 'runway' in flown:
         made += [save_runway(bag, flown['runway'], out / 'runway.png')]
     return made
@@ -229,15 +233,6 @@ def _draw_names(axis: Axes, rows: NDArray[Any]) -> None:
         x, y = place + away * 38
         style: Any = {'ha': 'center', 'va': 'center', 'path_effects': _SHADOW}
         axis.text(x, y, name, color=color, clip_on=True, **style)
-
-
-def save_roll(run: EvaluationRun, sample: Path, target: Path) -> Path:
-    """Roll against time with the truth beside it, and the error below."""
-    errors = roll_errors(replace(run, truth=read_bag(sample).truth))
-    if errors is None:
-        raise SourceError(f'no roll was measured in a frame of {sample}')
-    write_whole(target, roll_figure(errors).png)
-    return target
 
 
 def save_runway(bag: Path, sample: Path, target: Path) -> Path:

@@ -134,11 +134,6 @@ class ReplayOutcome:
     # What each node has said of every frame, by its name; the parts as keys, in their order.
     always: dict[str, dict[str, None]] = field(default_factory=dict)
 
-    @property
-    def lossy(self) -> bool:
-        """Whether anything was lost or rejected."""
-        return bool(self.rejected or self.errors)
-
     def record(self) -> dict[str, Any]:
         """All of it but what its account says, as JSON knows it."""
         return {name: vars(self)[name] for name in vars(self).keys() - {'account', 'always'}}
