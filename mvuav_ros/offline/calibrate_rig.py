@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mvuav_ros.offline.report import Figure, Report, Section, Table
-from mvuav_ros.offline.report_figures import COLORS, SOFT, drawing, label, residual_figure
+from mvuav_ros.offline.report_figures import COLORS, residual_figure
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.tracking import track
@@ -173,27 +173,24 @@ def report_of(name: str, made: CalibratedRig) -> Report:
                 rms,
             )
         )
+    scale = '; the given distance is taken as exact.'
+    if deviation := 100 * found.scale_deviation:
+        scale = f', and of the scale ({deviation:.2g} %), which is the rough rig’s.'  # noqa: RUF001
     lights = Table.of(
         'lights',
         'Lights',
         'light | x [m] .5 | y [m] .5 | z [m] .5 | sd x [mm] .2 | sd y [mm] .2 | sd z [mm] .2 | '
         'moved [mm] .1 | detections | residual [px] .3',
         rows,
-        'Standard deviations (sd) are of the noise in the images'
-        + (
-            f', and of the scale ({100 * found.scale_deviation:.2g} %), which is the rough rig’s.'  # noqa: RUF001
-            if found.scale_deviation
-            else '; the given distance is taken as exact.'
-        )
-        + ' Moved is the distance to the rough position.',
+        f'Standard deviations (sd) are of the noise in the images{scale} Moved is the distance to '
+        'the rough position.',
     )
-    seen = len(detections.frames)
-    figures = (_residual_figure(made), _shape_figure(made))
     return Report(
         f'Calibration of {made.rig.name}',
         (
             f'{len(made.rig.names)} lights from {found.frames} images; noise of a light '
-            f'{found.noise:.3f} px per axis; {int(found.used.sum())} of {seen} detections used.',
+            f'{found.noise:.3f} px per axis; {int(found.used.sum())} of {len(found.used)} '
+            'detections used.',
         ),
         {
             'source': name,
@@ -202,7 +199,7 @@ def report_of(name: str, made: CalibratedRig) -> Report:
             'passes': made.passes,
             'fewest lights in an image': MIN_LIGHTS,
         },
-        (Section('Lights', (), (lights,)), Section('Residuals and shape', (), figures)),
+        (Section('Lights', (), (lights,)), Section('Residuals', (), (_residual_figure(made),))),
     )
 
 
@@ -222,22 +219,6 @@ def _residual_figure(made: CalibratedRig) -> Figure:
         'arrows over the image',
         'a wrong camera calibration, a body that bends, or lights that look different from aside.',
     )
-
-
-def _shape_figure(made: CalibratedRig) -> Figure:
-    sides = (('from behind', 1, 2), ('from the right', 0, 2), ('from above', 1, 0))
-    with drawing(9.6, 3.4) as canvas:
-        for axes, (title, first, second) in zip(canvas.figure.subplots(1, 3), sides, strict=True):
-            for index, name in enumerate(made.rig.names):
-                place, rough = made.found.positions[index], made.rough.positions[index]
-                axes.plot(rough[first], rough[second], 'o', mfc='none', color=SOFT, ms=7)
-                color = COLORS[index % len(COLORS)]
-                axes.plot(place[first], place[second], '.', color=color, ms=6, label=name)
-            axes.set_aspect('equal', 'datalim')
-            if first == 1:  # y is to the left
-                axes.invert_xaxis()
-            label(axes, title, f'{"xyz"[first]} [m]', f'{"xyz"[second]} [m]')
-    return canvas.as_figure('shape', 'The rig', 'the lights from three sides', 'Rings: rough rig.')
 
 
 def parse_distance(text: str) -> tuple[str, str, float]:
