@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +12,6 @@ from mvuav_ros.cli.options import Force, parse_pair, refuse_to_overwrite, take_o
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 
 simulate = typer.Typer(
@@ -56,16 +54,13 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     from mvuav_ros.sources.opening import SimulatedFlight, make_flight
 
     flight = SimulatedFlight(f'sim:{kind}', make_flight(kind, given))
-    if output.is_dir():
-        raise RecordingError(f'{output} is a folder; give the name of a file, such as flight.mcap')
     refuse_to_overwrite(output, force)
     with (
         stop_on_signals() as stop,
         RecordingWriter(output, overwrite=force) as writer,
         frame_progress() as progress,
     ):
-        track = partial(progress.track, total=flight.count, description=flight.name)
-        for frame in track(flight.frames()):
+        for frame in progress.track(flight.frames(), total=flight.count, description=flight.name):
             for topic, type_name, make in frame_messages(frame):
                 writer.write(topic, type_name, frame.stamp_ns, make())
             if stop:
