@@ -136,7 +136,7 @@ class ReplayOutcome:
 
     def record(self) -> dict[str, Any]:
         """All of it but what its account says, as JSON knows it."""
-        return {name: vars(self)[name] for name in vars(self).keys() - {'account', 'always'}}
+        return {n: value for n, value in vars(self).items() if n not in ('account', 'always')}
 
     def count(self, results: FrameResults) -> None:
         """Take in a frame; very many different reasons are counted as one."""
