@@ -11,16 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from mvuav_ros.cli.options import (
-    CameraInfo,
-    CameraInfoTopic,
-    Force,
-    ImageTopic,
-    Param,
-    ParamsFile,
-    parse_pair,
-    refuse_to_overwrite,
-)
+from mvuav_ros.cli import options
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import SourceError
@@ -59,12 +50,12 @@ def calibrate(
     output: Path = typer.Option(Path('camera.yaml'), '--output', '-o', help='Calibration file.'),
     report: ReportFolder = None,
     name: str = typer.Option('camera', help='Name of the camera in the file.'),
-    topic: ImageTopic = None,
+    topic: options.ImageTopic = None,
     views: int = typer.Option(120, help='Different views that are used at most.', min=5),
     seconds: float = typer.Option(
         120.0, help='Time after which a camera is left, if views are missing, s.'
     ),
-    force: Force = False,
+    force: options.Force = False,
 ) -> None:
     """Calibrate a camera from a recording of a checkerboard or a ChArUco board.
 
@@ -80,7 +71,7 @@ def calibrate(
     from mvuav_ros.vision.camera import CalibrationError
     from mvuav_ros.vision.camera_calibration import TOO_MUCH, TUNING
 
-    corners = parse_pair('--board', board, 'columns x rows, as in 9x6')
+    corners = options.parse_pair('--board', board, 'columns x rows, as in 9x6')
     try:
         printed = Board(*corners, square, charuco or '', marker)
     except BoardError as error:
@@ -119,7 +110,7 @@ def check(
     distance: Optional[list[float]] = typer.Option(
         None, help='Distance from the camera, m; may be repeated.'
     ),
-    camera_info: CameraInfo = None,
+    camera_info: options.CameraInfo = None,
     width: int = typer.Option(
         640, help='Width without a calibration, px; the height is 3/4 of it.', min=16
     ),
@@ -213,8 +204,8 @@ def _say_exchanges(body: MarkerRig, camera: CameraModel, distance: float) -> Non
 def calibrate_rig(
     source: str = typer.Argument(..., help='A recorded flight: bag, video or images.'),
     rig: Path = typer.Option(..., help='The rig as far as it is known, within a few percent.'),
-    camera_info: CameraInfo = None,
-    camera_info_topic: CameraInfoTopic = None,
+    camera_info: options.CameraInfo = None,
+    camera_info_topic: options.CameraInfoTopic = None,
     distance: Optional[str] = typer.Option(
         None,
         help='A measured distance of two lights, m; without, the scale is that of the rough rig.',
@@ -222,10 +213,10 @@ def calibrate_rig(
     ),
     output: Path = typer.Option(Path('rig.yaml'), '--output', '-o', help='Rig file.'),
     report: ReportFolder = None,
-    topic: ImageTopic = None,
-    params_file: ParamsFile = None,
-    param: Param = None,
-    force: Force = False,
+    topic: options.ImageTopic = None,
+    params_file: options.ParamsFile = None,
+    param: options.Param = None,
+    force: options.Force = False,
 ) -> None:
     """Find out from a flight where the lights of a rig really are.
 
@@ -290,7 +281,7 @@ def _report_folder(
 ) -> Path:
     from mvuav_ros.offline.report import PAGE
 
-    refuse_to_overwrite(output, force, inputs=inputs)
+    options.refuse_to_overwrite(output, force, inputs=inputs)
     folder = given or output.parent / f'{output.stem}_report'
-    refuse_to_overwrite(folder / PAGE, force)
+    options.refuse_to_overwrite(folder / PAGE, force)
     return folder

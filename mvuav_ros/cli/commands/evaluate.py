@@ -12,16 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 from typer.core import TyperGroup
 
-from mvuav_ros.cli.options import (
-    Force,
-    Json,
-    Param,
-    ParamsFile,
-    RunOptions,
-    describes_run,
-    refuse_to_overwrite,
-    take_folder,
-)
+from mvuav_ros.cli import options
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.recordings.account import RecordingError, SourceError
 from mvuav_ros.recordings.layout import SIMULATED
@@ -36,8 +27,8 @@ def corners(
     labels: Path = typer.Argument(
         ..., metavar='CSV', help='The labels; the images are in the same folder.'
     ),
-    params_file: ParamsFile = None,
-    param: Param = None,
+    params_file: options.ParamsFile = None,
+    param: options.Param = None,
     horizon: Optional[Path] = typer.Option(
         None,
         help='CSV file with the horizon of each frame, instead of an attitude: columns file, '
@@ -48,7 +39,7 @@ def corners(
     tolerance_share: float = typer.Option(
         0.05, help='The same as a share of the near width; the larger one holds.', min=0
     ),
-    as_json: Json = None,
+    as_json: options.Json = None,
     images: Optional[Path] = typer.Option(
         None, help='Folder for overlays: best, median, worst, each failure.'
     ),
@@ -70,7 +61,7 @@ def corners(
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
     if as_json is not None:
-        refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
+        options.refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
     given = resolve_parameters(['runway_detector'], params_file, param or [])['runway_detector']
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
     frames, allowed = work.read_corners(labels), work.Tolerance(tolerance, tolerance_share)
@@ -140,7 +131,7 @@ def thesis(
     quick: bool = typer.Option(
         False, '--quick', help='Fewer flights: rough numbers in about a minute.'
     ),
-    force: Force = False,
+    force: options.Force = False,
 ) -> None:
     """Make the tables and figures of the thesis's chapter 5 again, on synthetic flights.
 
@@ -150,7 +141,7 @@ def thesis(
     from mvuav_thesis.build import build_report, steps_of
     from mvuav_thesis.plan import Plan
 
-    take_folder(output, force)
+    options.take_folder(output, force)
     plan = Plan.quick(seed, jobs) if quick else Plan(seed=seed, jobs=jobs)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=steps_of(plan))
@@ -169,7 +160,7 @@ def integrity(
     factor: float = typer.Option(1000.0, help='How much more often, in the second run.', min=1.0),
     seed: int = typer.Option(0, help='Of the first flight.', min=0),
     jobs: int = typer.Option(2, help='Number of flights in parallel.', min=1),
-    force: Force = False,
+    force: options.Force = False,
 ) -> None:
     """Hold the pose's protection levels against the truth of flights with injected faults.
 
@@ -180,7 +171,7 @@ def integrity(
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.vision.integrity import IntegrityBudget
 
-    take_folder(output, force)
+    options.take_folder(output, force)
     budget, more = IntegrityBudget(), max(frames // 10, 1)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=flights_of(frames) + flights_of(more))
@@ -198,7 +189,7 @@ def integrity(
 
 
 @evaluate.command()
-@describes_run
+@options.describes_run
 def bag(
     source: str = typer.Argument(
         ..., metavar='INPUT', help="A bag with truth, or a flight such as 'sim:tanker?motion=roll'."
@@ -209,8 +200,8 @@ def bag(
         '--replay',
         help='Run the nodes even if the bag holds their results; what says how implies it.',
     ),
-    param: Param = None,
-    force: Force = False,
+    param: options.Param = None,
+    force: options.Force = False,
     **described: Any,
 ) -> None:
     """Compare the nodes' results in a bag with the bag's truth.
@@ -225,15 +216,15 @@ def bag(
     is_simulated = source.startswith(SIMULATED)
     if not (is_simulated or is_url(source) or Path(source).expanduser().exists()):
         raise RecordingError(f'{source} does not exist')
-    take_folder(output, force)
-    run, how, options = None, {'results': "the bag's own"}, RunOptions(**described)
+    options.take_folder(output, force)
+    run, how, asked = None, {'results': "the bag's own"}, options.RunOptions(**described)
     # One copy of what lies elsewhere, however often it is read.
     with local_copy(source) as path:
-        if not (is_simulated or replayed or param or options != RunOptions()):
+        if not (is_simulated or replayed or param or asked != options.RunOptions()):
             run = running.read_bag(path)
             _require_truth(run, source)
         if run is None or not run.results.stamps:
-            settings = options.settings(_nodes(str(path), param or ()), param or ())
+            settings = asked.settings(_nodes(str(path), param or ()), param or ())
             how = {'results': 'replayed by this version', **settings.described()}
             run = running.replay(str(path), settings)
             _require_truth(run, source)

@@ -10,18 +10,7 @@ from typing import TYPE_CHECKING, Any, Optional
 
 import typer
 
-from mvuav_ros.cli.options import (
-    CommandFailedError,
-    Dask,
-    Force,
-    Format,
-    Param,
-    RunOptions,
-    SplitMb,
-    Storage,
-    Strict,
-    describes_run,
-)
+from mvuav_ros.cli import options
 from mvuav_ros.cli.terminal import frame_progress, report_account, report_each, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
@@ -131,7 +120,7 @@ def _report(outcome: ReplayOutcome, several: bool = False) -> None:
         say(f'mvuav: {outcome.failure}', err=True)
 
 
-@describes_run
+@options.describes_run
 def replay(
     sources: list[str] = typer.Argument(
         ...,
@@ -145,7 +134,7 @@ def replay(
         help='The bag to write, OUT.mcap; with several inputs a folder for their bags; or a URL.',
     ),
     nodes: str = typer.Option(','.join(DETECTORS), help='Nodes to run, separated by commas.'),
-    param: Param = None,
+    param: options.Param = None,
     keep_inputs: bool = typer.Option(
         False,
         '--keep-inputs',
@@ -153,14 +142,14 @@ def replay(
         'was used.',
     ),
     debug_images: bool = typer.Option(False, '--debug-images', help='Also write the debug images.'),
-    storage: Format = Storage.MCAP,
-    split_mb: SplitMb = 0,
+    storage: options.Format = options.Storage.MCAP,
+    split_mb: options.SplitMb = 0,
     jobs: Optional[int] = typer.Option(
         None, help='Number of cores that share the work; default: all.', min=1
     ),
-    dask: Dask = None,
-    strict: Strict = False,
-    force: Force = False,
+    dask: options.Dask = None,
+    strict: options.Strict = False,
+    force: options.Force = False,
     **run: Any,
 ) -> dict[str, Any]:
     """Run the nodes' own code over recordings and write their topics as mcap bags.
@@ -173,7 +162,7 @@ def replay(
     from mvuav_ros.offline.replay.batch import plan
     from mvuav_ros.parameters.parameter_file import complete, node_names
 
-    settings = RunOptions(**run).settings(node_names(nodes), param or ())
+    settings = options.RunOptions(**run).settings(node_names(nodes), param or ())
     settings = dataclasses.replace(
         settings,
         parameters=complete(settings.parameters),
@@ -189,8 +178,8 @@ def replay(
         raise Interrupted(stop.number)
     result = {'recordings': [outcome.record() for outcome in outcomes]}
     if any(outcome.failure for outcome in outcomes):
-        raise CommandFailedError(result, typer.Exit(1))
+        raise options.CommandFailedError(result, typer.Exit(1))
     if strict and any(outcome.rejected or outcome.errors for outcome in outcomes):
         lost = SourceError('--strict: something was lost or rejected; see the warnings')
-        raise CommandFailedError(result, lost)
+        raise options.CommandFailedError(result, lost)
     return result
