@@ -13,14 +13,7 @@ from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
 from mvuav_ros.messages.images import IMAGE, Frame, serialize_image
 from mvuav_ros.messages.marker_messages import encode_markers
 from mvuav_ros.messages.runway_messages import LINE
-from mvuav_ros.messages.sensors import (
-    CAMERA_INFO,
-    IMU,
-    encode_camera_info,
-    encode_imu,
-    topic_beside,
-    type_name,
-)
+from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, encode_camera_info, encode_imu, type_name
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway_flight import RunwayTruth
 from mvuav_ros.simulation.tanker_flight import TankerTruth
@@ -29,7 +22,6 @@ from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, Marker
 
 Message = tuple[str, str, Callable[[], bytes]]
 """Topic, type, and what makes its CDR."""
-IMAGE_TOPIC = '/image_raw'
 _LINES = PointLayout(LINE)
 
 
@@ -37,12 +29,11 @@ def frame_messages(frame: Frame) -> Iterator[Message]:
     """What is known of a frame: its calibration, attitude, image and truth."""
     header = cdr_header(frame.stamp_ns, frame.frame_id)
     if frame.camera is not None:
-        info = partial(encode_camera_info, frame.camera, header)
-        yield topic_beside(IMAGE_TOPIC, 'camera_info'), CAMERA_INFO, info
+        yield '/camera_info', CAMERA_INFO, partial(encode_camera_info, frame.camera, header)
     if frame.attitude is not None:
         sensor = cdr_header(frame.stamp_ns, frame.attitude.sensor)
-        yield topic_beside(IMAGE_TOPIC, 'imu'), IMU, partial(encode_imu, frame.attitude, sensor)
-    yield IMAGE_TOPIC, IMAGE, partial(serialize_image, frame.image, header)
+        yield '/imu', IMU, partial(encode_imu, frame.attitude, sensor)
+    yield '/image_raw', IMAGE, partial(serialize_image, frame.image, header)
     if isinstance(frame.truth, TankerTruth):
         yield from _tanker_messages(frame.truth, header)
     elif frame.truth is not None:
