@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import cv2
 import numpy as np
@@ -45,16 +46,6 @@ _BINS = np.logspace(-3.0, 1.0, 61)
 """Of errors and levels in units of the axis's scale."""
 _SCALES = (3.0, 0.5, 0.5, 0.05, 0.05, 0.05)
 _MAX_SHOWN = 12
-
-
-@dataclass(frozen=True)
-class ProtectionTask:
-    """One flight; ``factor`` multiplies the prior with which faults are injected."""
-
-    seed: int
-    factor: float
-    budget: IntegrityBudget
-    frames: int = _FRAMES
 
 
 @dataclass
@@ -132,25 +123,28 @@ class _Faults:
         return bad
 
 
-def fly(task: ProtectionTask) -> ProtectionCounts:
+def fly(
+    seed: int, *, budget: IntegrityBudget, factor: float = 1.0, frames: int = _FRAMES
+) -> ProtectionCounts:
     """Fly once, and hold every level against the error.
 
-    No image is drawn: the true places of the lights with noise, faults and an error of the
-    calibration go to the pose estimator, and its pose to the protection levels.
+    The prior with which faults are injected is multiplied by ``factor``. No image is drawn: the
+    true places of the lights with noise, faults and an error of the calibration go to the pose
+    estimator, and its pose to the protection levels.
     """
-    rng = np.random.default_rng((2011, task.seed))
-    rig, dock, budget = TANKER_747, np.array(TANKER_747.dock), task.budget
+    rng = np.random.default_rng((2011, seed))
+    rig, dock = TANKER_747, np.array(TANKER_747.dock)
     k = (_FOCAL, 0.0, _CENTER[0], 0.0, _FOCAL, _CENTER[1], 0.0, 0.0, 1.0)
     camera, estimator = CameraModel(640, 480, k=k), PoseEstimator(rig)
     focal = _FOCAL * (1.0 + budget.focal_error * rng.normal())
     center = np.array(_CENTER) + budget.center_error * rng.normal(size=2)
-    is_far = task.seed % 2 == 0
+    is_far = seed % 2 == 0
     distance = DISTANCE if is_far else rng.uniform(_NEAR, _FAR)
     phases, rates = rng.uniform(0.0, 2.0 * math.pi, 6), rng.uniform(0.1, 0.6, 6)
-    faults = _Faults(rng, min(task.factor * budget.light_prior, 0.5))
-    counts = ProtectionCounts(frames=task.frames)
+    faults = _Faults(rng, min(factor * budget.light_prior, 0.5))
+    counts = ProtectionCounts(frames=frames)
     ratios: list[tuple[Array, Array]] = []
-    for index in range(task.frames):
+    for index in range(frames):
         time = index / _RATE
         moved = _AMPLITUDES * np.sin(rates * time + phases)
         rotation = OPTICAL_FROM_BODY @ from_rpy(*moved[3:].tolist())
@@ -191,7 +185,7 @@ def fly(task: ProtectionTask) -> ProtectionCounts:
             worst = int(np.nanargmax(error / bounds))
             text = f'{COORDINATES[worst]} {error[worst]:.3g}, level {bounds[worst]:.3g}'
             names = ', '.join(rig.names[light] for light in bad)
-            counts.failures.append((task.seed, index, names, text))
+            counts.failures.append((seed, index, names, text))
     _count_stanford(counts, ratios)
     return counts
 
@@ -224,10 +218,9 @@ def run(
     advance: Callable[[], None],
 ) -> ProtectionCounts:
     """At least as many frames as asked for; ``advance`` is called after each flight."""
-    seeds, each = range(seed, seed + flights_of(frames)), min(_FRAMES, frames)
-    tasks = [ProtectionTask(number, factor, budget, each) for number in seeds]
+    work = partial(fly, budget=budget, factor=factor, frames=min(_FRAMES, frames))
     total = ProtectionCounts()
-    for counts in all_of(fly, tasks, jobs, advance):
+    for counts in all_of(work, range(seed, seed + flights_of(frames)), jobs, advance):
         total.add(counts)
     return total
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.offline.evaluation import protection
-from mvuav_ros.offline.evaluation.protection import ProtectionCounts, ProtectionTask, fly
+from mvuav_ros.offline.evaluation.protection import ProtectionCounts, fly
 from mvuav_ros.vision.integrity import IntegrityBudget
 
 BUDGET = IntegrityBudget()
@@ -35,11 +35,11 @@ def test_every_kind_of_fault_moves_its_light_alone(kind):
 
 
 def test_levels_hold_on_flights_with_and_without_faults():
-    usual = fly(ProtectionTask(4, 1.0, BUDGET, frames=300))
+    usual = fly(4, budget=BUDGET, frames=300)
     assert usual.frames == 300 and not usual.misleading
     assert usual.available + usual.alerts <= 300
     assert 295 - usual.faulty <= usual.available <= usual.at_distance == 300 - usual.faulty
-    faulty = fly(ProtectionTask(4, 1000.0, BUDGET, frames=300))
+    faulty = fly(4, budget=BUDGET, factor=1000.0, frames=300)
     assert faulty.faulty > 30 and faulty.misleading == 0
     assert faulty.silent + faulty.alerts > 0
     assert faulty.stanford[0].sum() == faulty.frames - faulty.silent
@@ -54,7 +54,7 @@ def test_levels_that_are_too_small_are_counted(monkeypatch):
     monkeypatch.setattr(protection, 'protection_levels', small)
     # With limits of no length, but for the height, all else is within them.
     monkeypatch.setattr(protection, 'ALERT_LIMITS', (math.inf, math.inf, 0.02))
-    counts = fly(ProtectionTask(4, 1.0, BUDGET, frames=100))
+    counts = fly(4, budget=BUDGET, frames=100)
     assert counts.misleading > 20 and counts.hazardous > 0
     seed, _, _, worst = counts.failures[0]
     assert seed == 4 and 'level' in worst
