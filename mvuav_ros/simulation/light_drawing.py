@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,55 +30,48 @@ CLEAR = 45.0
 _TRIES = 60
 
 
-@dataclass(frozen=True)
-class LightProfile:
-    """How one light looks, by the distance from its centre alone.
+class Light(NamedTuple):
+    """A light, which looks alike in all directions from its centre.
 
-    The profile is what a pixel collects over its area, so it is taken at the pixels' centres;
-    with edges this soft its sum over the pixels keeps the centre to a thousandth of a pixel.
+    What a pixel collects over its area is taken at the pixel's centre; with edges this soft its sum
+    over the pixels keeps the light's centre to a thousandth of a pixel.
     """
 
     radius: float  # of the disc at half its peak, px
+    path: NDArray[np.float64]  # of the centre during the exposure, (n, 2) px
 
-    @property
-    def reach(self) -> int:
-        """Beyond this distance the light adds nothing, px."""
-        return int(self.radius + 4.5 * GLOW_LENGTH)
 
-    @property
-    def core(self) -> float:
-        """Radius that is saturated against a dark background, px."""
-        return self.radius + 1.5 * SOFTNESS
+def reach_of(radius: float) -> int:
+    """Beyond this distance a light adds nothing, px."""
+    return int(radius + 4.5 * GLOW_LENGTH)
 
-    def at(self, distance: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Grey levels at distances in px."""
-        levels = _levels(self)
-        place = distance * np.float32(_STEPS_PER_PIXEL)
-        np.minimum(place, len(levels) - 2, out=place)
-        left = place.astype(np.int32)
-        place -= left
-        value = levels.take(left)
-        return value + place * (levels.take(left + 1) - value)
+
+def core_of(radius: float) -> float:
+    """Radius that is saturated against a dark background, px."""
+    return radius + 1.5 * SOFTNESS
+
+
+def _levels_at(radius: float, distance: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Grey levels at distances in px."""
+    levels = _levels(radius)
+    place = distance * np.float32(_STEPS_PER_PIXEL)
+    np.minimum(place, len(levels) - 2, out=place)
+    left = place.astype(np.int32)
+    place -= left
+    value = levels.take(left)
+    return value + place * (levels.take(left + 1) - value)
 
 
 @lru_cache(maxsize=1024)
-def _levels(profile: LightProfile) -> NDArray[np.float32]:
+def _levels(radius: float) -> NDArray[np.float32]:
     """Grey levels at multiples of 1 / `_STEPS_PER_PIXEL` px; the same lights are drawn often."""
-    r = np.arange(profile.reach * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
-    edge = (r - profile.radius) / (math.sqrt(2.0) * SOFTNESS)
+    r = np.arange(reach_of(radius) * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
+    edge = (r - radius) / (math.sqrt(2.0) * SOFTNESS)
     disc = 0.5 * PEAK * np.array([math.erfc(x) for x in edge.tolist()])
     glow = GLOW * np.exp(-r / GLOW_LENGTH)
     # Down to zero at the window's edge, or its corners would show and pull the centroid.
-    taper = np.clip(1.0 - (r / profile.reach) ** 2, 0.0, None) ** 2
+    taper = np.clip(1.0 - (r / reach_of(radius)) ** 2, 0.0, None) ** 2
     return read_only(((disc + glow) * taper).astype(np.float32))
-
-
-@dataclass(frozen=True)
-class Light:
-    """How a light looks, and its centre's path during the exposure, (n, 2) px."""
-
-    profile: LightProfile
-    path: NDArray[np.float64]
 
 
 def add_lights(image: Pixels, lights: list[Light], gain: float = 1.0) -> None:
@@ -100,7 +93,7 @@ class _Window:
 
     def __init__(self, image: Pixels, light: Light) -> None:
         self._light = light
-        reach = light.profile.reach + 1
+        reach = reach_of(light.radius) + 1
         low = np.floor(light.path.min(axis=0)).astype(int) - reach
         high = np.ceil(light.path.max(axis=0)).astype(int) + reach + 1
         first = np.maximum(low, 0)
@@ -117,7 +110,7 @@ class _Window:
 
     def even_out(self) -> None:
         distance = self._distance(self._light.path.mean(axis=0))
-        share = np.clip((self._light.profile.core + 5.0 - distance) / 4.0, 0.0, 1.0)
+        share = np.clip((core_of(self._light.radius) + 5.0 - distance) / 4.0, 0.0, 1.0)
         if self._part.ndim == 3:
             share = share[:, :, None]
         total = float(share.sum())
@@ -129,7 +122,7 @@ class _Window:
     def add(self, gain: float) -> None:
         light = np.zeros((len(self._rows), len(self._columns)), np.float32)
         for centre in self._light.path:
-            light += self._light.profile.at(self._distance(centre))
+            light += _levels_at(self._light.radius, self._distance(centre))
         light *= gain / len(self._light.path)
         if self._part.ndim == 3:
             light = light[:, :, None] * np.array(TINT, np.float32)

@@ -17,8 +17,8 @@ from mvuav_ros.simulation.flight import Flight, RandomStream, apply_gain, motion
 from mvuav_ros.simulation.light_drawing import (
     LARGEST_RADIUS,
     Light,
-    LightProfile,
     add_lights,
+    core_of,
     drifting_glares,
 )
 from mvuav_ros.simulation.pinhole import seen_by
@@ -253,10 +253,10 @@ class TankerFlight(Flight[TankerTruth]):
         velocities = (after - before) / (2 * _STEP)
         boom = self._boom(pose, places, time)
         markers = []
-        lights = zip(self.rig.names, places, velocities, self._profiles(pose), strict=True)
-        for name, place, velocity, profile in lights:
+        lights = zip(self.rig.names, places, velocities, self._radii(pose), strict=True)
+        for name, place, velocity, radius in lights:
             visible = self._shows(name, place, 0.0, boom, time)
-            whole = self._shows(name, place, profile.radius + 1.0, boom, time)
+            whole = self._shows(name, place, radius + 1.0, boom, time)
             (x, y), (vx, vy) = place.tolist(), velocity.tolist()
             markers.append(MarkerTruth(name, x, y, vx, vy, visible, whole))
         dock = pose.rotation @ np.array(self.rig.dock) + pose.translation
@@ -306,19 +306,19 @@ class TankerFlight(Flight[TankerTruth]):
             count = min(2 * math.ceil(longest) + 1, 33)
             offsets = exposure * ((np.arange(count) + 0.5) / count - 0.5)
             paths = np.stack([self._project(self.pose(time + offset)) for offset in offsets])
-        lights = map(Light, self._profiles(pose), np.moveaxis(paths, 1, 0))
+        lights = map(Light, self._radii(pose), np.moveaxis(paths, 1, 0))
         named = zip(self.rig.names, lights, strict=True)
         lit = [light for name, light in named if not affected(self._failures, name, time)]
-        glare = LightProfile(self.settings.light_radius)
-        return lit + [Light(glare, place[None]) for place in self._glares(time)]
+        radius = self.settings.light_radius
+        return lit + [Light(radius, place[None]) for place in self._glares(time)]
 
-    def _profiles(self, pose: BodyPose) -> list[LightProfile]:
+    def _radii(self, pose: BodyPose) -> list[float]:
         """Larger when closer, though by the root only: the glow is the lens's."""
         usual, radius = self._usual_depth, self.settings.light_radius
         largest = max(radius, LARGEST_RADIUS)
         depths = self._optical(pose)[:, 2]
         radii = (radius * math.sqrt(usual / max(depth, 0.1)) for depth in depths)
-        return [LightProfile(round(min(max(seen, 2.0), largest), 2)) for seen in radii]
+        return [round(min(max(seen, 2.0), largest), 2) for seen in radii]
 
     def _optical(self, pose: BodyPose) -> NDArray[np.float64]:
         """The markers in the camera's optical frame, (n, 3), m."""
@@ -338,7 +338,7 @@ class TankerFlight(Flight[TankerTruth]):
             return None
         half = 0.5 * BOOM_WIDTH * self.camera.k[0] / float(points[0, 2])
         if self._occlusions:
-            half = max(half, max(profile.core for profile in self._profiles(pose)) + 1.5)
+            half = max(half, core_of(max(self._radii(pose))) + 1.5)
         lights = dict(zip(self.rig.names, places, strict=True))
         return place_boom(pivot, end - pivot, lights, self._occlusions, time, half)
 

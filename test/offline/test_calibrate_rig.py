@@ -13,7 +13,7 @@ import pytest
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.offline.calibrate_rig import name_lights
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.simulation.light_drawing import Light, LightProfile, add_lights
+from mvuav_ros.simulation.light_drawing import Light, add_lights
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CameraModel
@@ -63,7 +63,7 @@ class SlidingOut(FrameSource):
     def frames(self):
         for number, places in enumerate(self.places):
             pixels = np.full((480, 640), 60, np.uint8)
-            add_lights(pixels, [Light(LightProfile(6.0), place[None]) for place in places])
+            add_lights(pixels, [Light(6.0, place[None]) for place in places])
             yield Frame(number * 33_000_000, 'camera', Image(pixels, 'mono8'))
 
 

@@ -33,7 +33,7 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.parameters.video_source import VideoSourceParameters
-from mvuav_ros.simulation.light_drawing import Light, LightProfile, add_lights
+from mvuav_ros.simulation.light_drawing import Light, add_lights
 from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError
@@ -223,7 +223,7 @@ class SlidingOut(Broken):
         for number, x in enumerate(self.places):
             pixels = np.full((480, 640), 60, np.uint8)
             seen = TANKER_CAMERA.project(TANKER_747.positions @ OPTICAL_FROM_BODY.T + (x, 0, 90))
-            add_lights(pixels, [Light(LightProfile(6.0), place[None]) for place in seen])
+            add_lights(pixels, [Light(6.0, place[None]) for place in seen])
             yield Frame(number * 33_000_000, 'camera', Image(pixels, 'mono8'))
 
 
