@@ -86,13 +86,11 @@ def corners(
 def _report(score: CornersScore) -> None:
     import numpy as np
 
-    from mvuav_ros.offline.evaluation.corners import WARM_UP
+    from mvuav_ros.offline.evaluation.corners import SHARES, WARM_UP
 
     say(f'frames counted {len(score.counted)} (from the {WARM_UP + 1}th)')
-    edges = ('both edges found', 'left edge found', 'right edge found', 'both edges reported')
-    names = (*edges, 'both edges reported and wrong')
-    for name, share in zip(names, score.shares.values(), strict=True):
-        say(f'{name} {100 * share:.1f} %')
+    for name, share in score.shares.items():
+        say(f'{SHARES[name][0]} {100 * share:.1f} %')
     say(f'first report in frame {score.first_report or "none"}')
     errors = [frame.error for frame in score.counted if math.isfinite(frame.error)]
     if errors:

@@ -97,14 +97,14 @@ class FrameScore:
         return 'left_off' if left_off else 'right_off' if right_off else ''
 
 
-SHARES: dict[str, Callable[[FrameScore], bool]] = {
-    'both_found': lambda frame: frame.found,
-    'left_found': lambda frame: frame.left <= frame.tolerance,
-    'right_found': lambda frame: frame.right <= frame.tolerance,
-    'reported': lambda frame: frame.reported,
-    'wrong': lambda frame: frame.reported and not frame.found,
+SHARES: dict[str, tuple[str, Callable[[FrameScore], bool]]] = {
+    'both_found': ('both edges found', lambda frame: frame.found),
+    'left_found': ('left edge found', lambda frame: frame.left <= frame.tolerance),
+    'right_found': ('right edge found', lambda frame: frame.right <= frame.tolerance),
+    'reported': ('both edges reported', lambda frame: frame.reported),
+    'wrong': ('both edges reported and wrong', lambda frame: frame.reported and not frame.found),
 }
-"""What frames are counted for: edges found, both edges reported, and that but one of them wrong."""
+"""What frames are counted for, in words and by their scores."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class CornersScore:
         counted = self.counted
         return {
             name: sum(map(is_so, counted)) / len(counted) if counted else math.nan
-            for name, is_so in SHARES.items()
+            for name, (_, is_so) in SHARES.items()
         }
 
     @property
