@@ -96,7 +96,8 @@ class PosedParameters(ParameterSet):
         (0.0, 0.0, 0.0),
         'Roll, pitch and yaw of the camera on the vehicle (REP 103, fixed axes; all 0: it looks '
         "along the vehicle's x; pitch 20: 20 degrees down; roll 180: upside down), for "
-        'base_frame, and in runway_detector for the horizon.',
+        'base_frame, for which way up the body is at the start, and in runway_detector for the '
+        'horizon.',
         limits=(-180.0, 180.0),
         unit='°',
     )

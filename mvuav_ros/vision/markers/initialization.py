@@ -188,7 +188,8 @@ def _is_flare(other: Hypothesis, body: Hypothesis, spots: Sequence[Light]) -> bo
 
 def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
     """Five lights in no doubt but for their order: by the distances, upright (Appendix A)."""
-    spots = sorted(spots, key=lambda spot: (spot.x, spot.y))
+    along = math.copysign(1.0, math.cos(shape.upright))
+    spots = sorted(spots, key=lambda spot: (along * spot.x, along * spot.y))
     chosen = {marker: spots[index] for marker, index in enumerate(label_five(spots))}
     left, right = chosen[0], chosen[4]
     span = math.hypot(right.x - left.x, right.y - left.y)
