@@ -35,7 +35,8 @@ from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ANY_ROLL = 0.9
 """rad (1 sigma): at the start an upright body is likelier than one upside down, by 6 of the log
-odds (the other way round where the camera is mounted so). A lens repeats a body upside down, and four of its lights may look alike both ways."""
+odds; the other way round where the camera is mounted so. A lens repeats a body upside down, and
+four of its lights may look alike both ways."""
 FREE = 30.0, 1e4
 """rad and logarithm, and px (1 sigma): nothing is known of roll and size, and of the place."""
 TILT = 0.4  # rad, 1 sigma: the camera looks at the body from behind, give or take
