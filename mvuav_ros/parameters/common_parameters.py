@@ -95,8 +95,9 @@ class PosedParameters(ParameterSet):
     camera_mount_rpy_deg: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0),
         'Roll, pitch and yaw of the camera on the vehicle (REP 103, fixed axes; all 0: it looks '
-        "along the vehicle's x; pitch 20: 20 degrees down), for base_frame, and in runway_detector "
-        'for the horizon from imu.',
+        "along the vehicle's x; pitch 20: 20 degrees down; roll 180: upside down), for "
+        'base_frame, for which way up the body is at the start, and in runway_detector for the '
+        'horizon.',
         limits=(-180.0, 180.0),
         unit='°',
     )

@@ -195,18 +195,20 @@ class RunwayDetectorProcessor(Processor):
         self._statistics.add(result.lines)
 
     def _attitude(self, frame: Frame) -> Attitude | None:
-        """The vehicle's, or by a mount on /tf_static the camera's; the sensor's without a base."""
+        """The vehicle's, on which the camera's mount must be known; the sensor's without a base."""
         attitude, base = frame.attitude, self._parameters.base_frame
+        if base and not self._stated_mount:
+            if (mount := self._mount(frame)) is not None:
+                self._approach.set_mount(mount.rotation)
+            elif attitude is not None:
+                return UNKNOWN_ATTITUDE
         if attitude is None or not (base and attitude.valid):
             return attitude
+        sensor = self.static_transforms.find(attitude.sensor, base)
+        if sensor is None:
+            return attitude
         body = from_quaternion(attitude.x, attitude.y, attitude.z, attitude.w)
-        if (sensor := self.static_transforms.find(attitude.sensor, base)) is not None:
-            body = body @ sensor.rotation.T
-        if not self._stated_mount:
-            if (mount := self._mount(frame)) is None:
-                return UNKNOWN_ATTITUDE
-            body = body @ mount.rotation
-        return Attitude(*quaternion(body), attitude.sigma)
+        return Attitude(*quaternion(body @ sensor.rotation.T), attitude.sigma)
 
     def _encode_integrity(self, result: RunwayResult | ApproachResult, header: bytes) -> bytes:
         """How wrong the newest guidance may be; computed only where somebody listens."""

@@ -196,6 +196,9 @@ BY_TF, BY_PARAMETERS = {}, {'camera_mount_rpy_deg': DOWN_20}
 def test_the_horizon_of_an_attitude_has_the_mounts_of_tf_static(mount, attitude):
     """It was that of a camera, and of a sensor, with the vehicle's axes."""
 
+    def nearest(rows):
+        return rows['rho'] * np.exp(1j * rows['theta'])
+
     def rows(processor, attitude):
         said = []
         for frame in RUNWAY:
@@ -212,10 +215,34 @@ def test_the_horizon_of_an_attitude_has_the_mounts_of_tf_static(mount, attitude)
     sensor[:3, :3] = ON_ITS_SIDE
     processor.static_transforms.add(static('base_link', 'imu_link', sensor))
     found = rows(processor, attitude)
-    for name in ('x', 'y', 'rho', 'theta', 'confidence'):
+    for name in ('x', 'y', 'confidence'):
         # The horizons differ by rounding, by which places are rounded to other pixels.
         np.testing.assert_allclose(found[name], expected[name], atol=0.2)
+    # A level line has two angles; its point next to the corner has not.
+    np.testing.assert_allclose(nearest(found), nearest(expected), atol=0.2)
     assert np.isfinite(found['rho'][:, :2]).all()
+
+
+@pytest.mark.parametrize('attitude', [None, LEVEL])
+@pytest.mark.parametrize('mount', [BY_TF, {'camera_mount_rpy_deg': (180.0, 20.0, 0.0)}])
+def test_a_camera_that_hangs_upside_down_shows_the_same_vehicle(mount, attitude):
+    def vehicles(processor, turned, rpy_deg):
+        there = mounted(rpy_deg)
+        there[:3, 3] = 0.0
+        processor.static_transforms.add(static('base_link', CAMERA, there))
+        for frame in RUNWAY:
+            image = Image(frame.image.pixels[::turned, ::turned], frame.image.encoding)
+            seen = Frame(frame.stamp_ns, CAMERA, image, RUNWAY_CAMERA, attitude)
+            for topic, make in processor.process(seen):
+                if topic == 'vision_pose':
+                    yield place(make())[0]
+
+    upright = list(vehicles(runway(base_frame='base_link'), 1, DOWN_20))
+    found = list(vehicles(runway(base_frame='base_link', **mount), -1, (180.0, 20.0, 0.0)))
+    assert len(found) == len(upright) > 3
+    for one, other in zip(upright, found, strict=True):
+        np.testing.assert_allclose(other[:3, :3], one[:3, :3], atol=2e-3)
+        np.testing.assert_allclose(other[:3, 3], one[:3, 3], rtol=0.02, atol=0.3)
 
 
 def test_a_camera_whose_frame_has_the_axes_of_a_body_is_doubted():

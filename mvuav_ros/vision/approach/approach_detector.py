@@ -8,6 +8,7 @@ from functools import lru_cache
 from types import NoneType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.approach_results import ROLES, ApproachResult, Guidance, Point
@@ -16,6 +17,7 @@ from mvuav_ros.vision.approach.attitude import (
     HorizonFinder,
     HorizonLine,
     horizon_from,
+    is_mounted_upside_down,
     is_upside_down,
     line_through,
     mount_matrix,
@@ -73,7 +75,8 @@ class ApproachDetector:
         before, self._parameters = self._parameters, parameters
         if parameters.target != before.target:
             self.reset()
-        self._mount = mount_matrix(parameters.camera_mount_rpy_deg)
+        if parameters.camera_mount_rpy_deg != before.camera_mount_rpy_deg:
+            self.set_mount(mount_matrix(parameters.camera_mount_rpy_deg))
 
     def set_camera(self, camera: CameraModel) -> None:
         """Use a calibration from the next frame on; it may be an unusable one.
@@ -83,11 +86,23 @@ class ApproachDetector:
         """
         self._camera = CameraModel.given(camera)
 
+    def set_mount(self, mount: NDArray[np.float64]) -> None:
+        """Use another mount of the camera from the next frame on than ``camera_mount_rpy_deg``.
+
+        It is (3, 3), the camera's axes (x forward, y left, z up) in those of the body, which are
+        named likewise. After one that turns the images upside down it is searched afresh.
+        """
+        turned = is_mounted_upside_down(mount) != is_mounted_upside_down(self._mount)
+        self._mount = mount
+        if turned:
+            self.reset()
+
     def reset(self) -> None:
-        """Forget earlier frames; the calibration stays."""
+        """Forget earlier frames; the calibration and the mount stay."""
         self._size: tuple[int, int] | None = None
         self._clock = FrameClock()
-        self._finder = Finder(self._parameters.target)
+        upside_down = is_mounted_upside_down(self._mount)
+        self._finder = Finder(self._parameters.target, upside_down=upside_down)
         self._had_attitude = False
         self._shown: FollowedStrip | None = None
         self._last: dict[LineRole, NormalForm] = {}
@@ -160,7 +175,7 @@ class ApproachDetector:
             return None, "no attitude for this image: the horizon is the image's" if missed else ''
         self._had_attitude = True
         if isinstance(attitude, HorizonLine):
-            if math.isfinite(attitude.row) and abs(attitude.slope) < 0.5 * math.pi:
+            if math.isfinite(attitude.row) and abs(attitude.slope) <= math.pi:
                 return attitude, ''
             return None, "the horizon given is none: the horizon is the image's"
         camera = self._checked_camera()
@@ -317,7 +332,8 @@ class Found:
 class Finder:
     """From a frame to the track of the target in it: the horizon first, then what lies below it."""
 
-    def __init__(self, target: str) -> None:
+    def __init__(self, target: str, *, upside_down: bool = False) -> None:
+        self._upside_down = upside_down
         self.tracker: RunwayTracker | RoadTracker
         self.tracker = RunwayTracker() if target == 'runway' else RoadTracker(TARGETS[target])
         self._horizon: HorizonFinder | None = None
@@ -331,10 +347,11 @@ class Finder:
         image = as_grey(self._levels.levels(image))
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
-        sight = Sight.unknown(height)
-        level = Derotation(width, height, factor, 0.0)
+        level = Derotation(width, height, factor, math.pi if self._upside_down else 0.0)
+        sight = Sight.unknown(height, level.slope)
         if self.tracker.below_horizon:
-            self._horizon = self._horizon or HorizonFinder(height, width)
+            upside_down = self._upside_down
+            self._horizon = self._horizon or HorizonFinder(height, width, upside_down=upside_down)
             lens = None if camera is None else _bent_lens(camera, factor)
             horizon = known or self._horizon.find(pixels, lens)
             if horizon is not None:
@@ -344,7 +361,7 @@ class Finder:
                     self._seen = seen = self._seen + 1
                 else:
                     row = (row + 0.5) / factor - 0.5
-                sight = Sight.about(level.row_of(row), level.slope, height, seen)
+                sight = Sight.about(level.row_of(row), level.slope, sight, seen)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         # Without a calibration a field of view of 53 degrees is assumed.
         focal = float(width) if camera is None else camera.k[0] / factor

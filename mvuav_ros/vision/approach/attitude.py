@@ -23,7 +23,8 @@ class HorizonLine:
 
     Attributes:
         row: where it crosses the middle column, px.
-        slope: rad, right end down positive; the camera's roll is its negative.
+        slope: rad, right end down positive; the camera's roll is its negative. Beyond a quarter
+            turn the sky is below: the camera is upside down.
         sigma: rad, standard deviation of the slope; 0 where none is stated.
     """
 
@@ -37,10 +38,16 @@ def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
     return from_rpy(*map(math.radians, rpy_deg))
 
 
+def is_mounted_upside_down(mount: NDArray[np.float64]) -> bool:
+    """Whether a camera on `mount_matrix` sees the ground above the sky from a level body."""
+    return bool(mount[2, 2] < 0.0)
+
+
 def is_upside_down(attitude: Attitude, mount: NDArray[np.float64]) -> bool:
-    """Whether a camera on `mount_matrix` would see the ground above the sky: a wrong attitude."""
-    up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
-    return bool(attitude.valid and up[1] > HORIZON.min_upside_down)
+    """Whether a camera on `mount_matrix` would see sky where the ground is: a wrong attitude."""
+    down = (OPTICAL_FROM_BODY @ (mount.T @ attitude.up))[1]
+    off = -down if is_mounted_upside_down(mount) else down
+    return bool(attitude.valid and off > HORIZON.min_upside_down)
 
 
 def horizon_from(
@@ -64,11 +71,11 @@ def _seen_by(camera: CameraModel, up: NDArray[np.float64], sigma: float) -> Hori
     level = axis - (axis @ up) * up
     across, down, _ = camera.matrix @ np.cross(level, up)
     ahead = level[None]
-    if level[2] < math.cos(HORIZON.max_pitch) ** 2 or across <= 0 or not camera.shows(ahead).all():
+    if level[2] < math.cos(HORIZON.max_pitch) ** 2 or across == 0 or not camera.shows(ahead).all():
         return None
     x, y = camera.project(ahead)[0]
     row = y + down / across * (0.5 * (camera.width - 1) - x)
-    return HorizonLine(float(row), math.atan(down / across), sigma)
+    return HorizonLine(float(row), math.atan2(down, across), sigma)
 
 
 Box = tuple[int, int, int, int]
@@ -163,7 +170,9 @@ def vertex(values: NDArray[Any], index: int) -> float:
 class HorizonFinder:
     """Finds the horizon on images of one size, and follows it from frame to frame."""
 
-    def __init__(self, height: int, width: int) -> None:
+    def __init__(self, height: int, width: int, *, upside_down: bool = False) -> None:
+        """The sky is above it, or below it in images of a camera that is mounted upside down."""
+        self._upside_down = upside_down
         self._last: HorizonLine | None = None
         self._frames = 0
         across, self._down = width / HORIZON.width, height / HORIZON.height
@@ -189,12 +198,19 @@ class HorizonFinder:
         line = self._follow(blue)
         if line is None:
             return None
-        tangent = math.tan(line.slope)
-        up = np.array([tangent, -1.0, line.row - tangent * 0.5 * (camera.width - 1)])
-        up = up @ camera.matrix
+        cos, sin = math.cos(line.slope), math.sin(line.slope)
+        up = np.array([sin, -cos, cos * line.row - sin * 0.5 * (camera.width - 1)]) @ camera.matrix
         return _seen_by(camera, up / np.linalg.norm(up), line.sigma)
 
     def _follow(self, blue: NDArray[Any]) -> HorizonLine | None:
+        if not self._upside_down:
+            return self._follow_upright(blue)
+        line = self._follow_upright(np.asarray(cv2.rotate(blue, cv2.ROTATE_180)))
+        if line is None:
+            return None
+        return HorizonLine(len(blue) - 1 - line.row, line.slope + math.pi)
+
+    def _follow_upright(self, blue: NDArray[Any]) -> HorizonLine | None:
         last = None if self._frames % HORIZON.full_period == 0 else self._last
         self._frames += 1
         self._last, agreeing = (last, 0.0) if last is None else _refined(last, blue)

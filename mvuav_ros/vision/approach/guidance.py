@@ -118,10 +118,8 @@ def _pose(
     # camera's axis, where no radial distortion turns it.
     slope = level.slope + values[4]
     along = math.cos(slope) / camera.matrix[0, 0], math.sin(slope) / camera.matrix[1, 1], 0.0
-    up = np.cross(forward, along)
+    up = np.cross(along, forward)
     up /= np.linalg.norm(up)
-    if up[1] > 0:
-        up = -up
     aside = np.cross(up, forward)
     left_slope = -(left @ up) / (left @ aside)
     right_slope = -(right @ up) / (right @ aside)

@@ -27,21 +27,24 @@ class Sight(NamedTuple):
     seen: float = 0.0  # frames in which a horizon was seen
 
     @classmethod
-    def unknown(cls, height: int) -> Sight:
-        """No horizon is in view: anywhere in, or somewhat above, an image of a height, px."""
+    def unknown(cls, height: int, slope: float = 0.0) -> Sight:
+        """No horizon is in view: anywhere in, or somewhat above, an image of a height, px.
+
+        The slope is that of a level vehicle's camera, rad.
+        """
         first, last = (share * height for share in DETECTOR.whole_range)
-        beyond = SearchRange(0.0, DETECTOR.range_above * height, first)
-        return cls(None, [SearchRange(0.0, first, last), beyond])
+        beyond = SearchRange(slope, DETECTOR.range_above * height, first)
+        return cls(None, [SearchRange(slope, first, last), beyond])
 
     @classmethod
-    def about(cls, row: float, slope: float, height: int, seen: float) -> Sight:
+    def about(cls, row: float, slope: float, unknown: Sight, seen: float) -> Sight:
         """The image shows a horizon, or the edge of clouds or hills, in so many frames.
 
-        In infinitely many where a sensor has given its row and slope.
+        In infinitely many where a sensor has given its row and slope; else it may be elsewhere.
         """
         if seen == math.inf:
             near = SearchRange(slope, row - SEARCH.attitude_reach, row + SEARCH.attitude_reach)
             return cls(row, [near], (row, SEARCH.attitude_sigma), seen)
         above, below = SEARCH.horizon_reach
-        ranges = [SearchRange(slope, row - above, row + below), *cls.unknown(height).ranges]
+        ranges = [SearchRange(slope, row - above, row + below), *unknown.ranges]
         return cls(row, ranges, seen=seen)

@@ -35,7 +35,8 @@ from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ANY_ROLL = 0.9
 """rad (1 sigma): at the start an upright body is likelier than one upside down, by 6 of the log
-odds. A lens repeats a body upside down, and four of its lights may look alike both ways."""
+odds; the other way round where the camera is mounted so. A lens repeats a body upside down, and
+four of its lights may look alike both ways."""
 FREE = 30.0, 1e4
 """rad and logarithm, and px (1 sigma): nothing is known of roll and size, and of the place."""
 TILT = 0.4  # rad, 1 sigma: the camera looks at the body from behind, give or take
@@ -76,7 +77,7 @@ class Prior:
     def at_start(cls, shape: WeakPerspective) -> Prior:
         """The camera looks at an upright body from behind, give or take."""
         mean, deviations = np.zeros(COUNT), np.empty(COUNT)
-        mean[[X, Y]] = shape.lens.centre
+        mean[ROLL], mean[[X, Y]] = shape.upright, shape.lens.centre
         mean[FOCAL] = math.log(shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal)
         deviations[ROLL], deviations[SCALE], deviations[[X, Y]] = ANY_ROLL, FREE[0], FREE[1]
         deviations[[PITCH, YAW]] = TILT

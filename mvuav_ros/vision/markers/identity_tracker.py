@@ -85,7 +85,8 @@ class IdentityTracker:
         if frame.size != self._size:
             self._size = frame.size
             self._lens = Lens(frame.size, self._camera)
-            self._shape = WeakPerspective.of(self._rig, self._lens)
+            upright = -math.radians(parameters.camera_mount_rpy_deg[0])
+            self._shape = WeakPerspective.of(self._rig, self._lens, upright)
             # Any three lights look like three markers, and any four where the lens is not known.
             self._is_redundant = self._count > (3 if self._lens.focal else 4)
             self._start_again()

@@ -188,7 +188,8 @@ def _is_flare(other: Hypothesis, body: Hypothesis, spots: Sequence[Light]) -> bo
 
 def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
     """Five lights in no doubt but for their order: by the distances, upright (Appendix A)."""
-    spots = sorted(spots, key=lambda spot: (spot.x, spot.y))
+    along = math.copysign(1.0, math.cos(shape.upright))
+    spots = sorted(spots, key=lambda spot: (along * spot.x, along * spot.y))
     chosen = {marker: spots[index] for marker, index in enumerate(label_five(spots))}
     left, right = chosen[0], chosen[4]
     span = math.hypot(right.x - left.x, right.y - left.y)
@@ -256,7 +257,8 @@ class Attempts:
         alike = all(are_close(self.last[m], named.lights[m], reach) for m in both)
         most = SAME_RESIDUAL[0] + SAME_RESIDUAL[1] * self._first_residual
         changed = abs(named.view.rms_residual - self._first_residual) > most
-        goes_on = alike and self.last.keys() == named.lights.keys()
+        # Another marker may be dark in each frame, as behind a propeller.
+        goes_on = alike and len(self.last) == len(named.lights) and len(both) > len(self.last) - 2
         self._is_odd = named.frames == CONFIRMED_ODD or (goes_on and self._is_odd)
         if goes_on and not (self._is_odd and changed):
             self.agreed += 1

@@ -56,16 +56,17 @@ class WeakPerspective:
     # (n,), by how much the markers of a body that is not what its rig says are seen beside it:
     # x + iy in units of the scale, turned with the roll.
     offsets: Complex | None = None
+    upright: float = 0.0  # rad, the roll of a level body before the camera as it is mounted
     _triangles: dict[int, list[tuple[int, int, int]]] = field(default_factory=dict, init=False)
 
     @classmethod
-    def of(cls, rig: MarkerRig, lens: Lens) -> WeakPerspective:
+    def of(cls, rig: MarkerRig, lens: Lens, upright: float = 0.0) -> WeakPerspective:
         """The shape of a rig whose x axis points away from the camera."""
         x, y, z = rig.positions.T
         points = np.column_stack((-y, -z, x))
         points = points - points.mean(axis=0)
         size = float(np.hypot(np.hypot(*points.T[:2]), points.T[2]).max()) or 1.0
-        return cls(points / size, lens)
+        return cls(points / size, lens, upright=upright)
 
     def with_offsets(self, view: ViewState, measured: Array) -> WeakPerspective:
         """The shape that shows the markers where they are (n, 2), px, in a view."""

@@ -100,7 +100,8 @@ class MarkerTracker:
     def configure(self, parameters: MarkerTrackerParameters) -> None:
         """Use other parameters from the next frame on.
 
-        A change of mode starts afresh, and so does one between the thesis's tracking and ours.
+        A change of mode starts afresh, and so does one between the thesis's tracking and ours, and
+        another mount of the camera.
 
         Raises:
             ParameterError: ``layout`` is another one; that takes another tracker.
@@ -108,7 +109,8 @@ class MarkerTracker:
         parameters = MarkerTrackerParameters.given(parameters)
         if parameters.layout != self.parameters.layout:
             raise ParameterError('layout', 'cannot be changed; make another MarkerTracker')
-        programs = [(p.mode, p.prediction == 'kalman') for p in (self.parameters, parameters)]
+        both = self.parameters, parameters
+        programs = [(p.mode, p.prediction == 'kalman', p.camera_mount_rpy_deg) for p in both]
         self.parameters = parameters
         if programs[0] != programs[1]:
             self.reset()

@@ -272,7 +272,7 @@ def test_a_shape_that_became_impossible_is_let_go(images, frames):
 
 @pytest.mark.parametrize('target', ['runway', 'pipeline'])
 @pytest.mark.parametrize(
-    'horizon', [(math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0), (90.0, math.inf), (90.0, 1.6)]
+    'horizon', [(math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0), (90.0, math.inf), (90.0, 3.2)]
 )
 def test_a_horizon_that_is_none(images, target, horizon):
     detector = ApproachDetector(RunwayDetectorParameters(mode='approach', target=target))

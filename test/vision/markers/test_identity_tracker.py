@@ -494,21 +494,23 @@ def tanker_before(camera, place, roll_deg=0.0):
     return camera.matrix[0, 0] * seen[:, :2] / seen[:, 2:] + camera.matrix[:2, 2]
 
 
-@pytest.mark.parametrize(('dark', 'first'), [(0, 9), (1, 9), (2, 9), (3, 9), (4, 9)])
-def test_a_body_with_a_dark_light_begins_with_the_others(dark, first):
+@pytest.mark.parametrize('darks', [(0,), (1,), (2,), (3,), (4,), (0, 3, 1, 4, 2)])
+def test_a_body_with_a_dark_light_begins_with_the_others(darks):
     """Ten frames must show it alike; the light has its name once it is lit.
 
     Without the rudder the others are nearly in one plane: upright is likelier than upside down.
+    Behind a propeller it is another light in each frame.
     """
     tracker = MarkerTracker()
     tracker.set_camera(CAMERA)
     for step in range(20):
         body = tanker_before(CAMERA, (-30.0 + step, 15.0, 150.0 - step), 5.0 + step)
+        dark = darks[step % len(darks)]
         lit = np.delete(body, dark, axis=0) if step < 15 else body
         result = tracker.process(Image(draw(lit), 'mono8'), step * 33_000_000)
         names = {int(marker.label) for marker in result.named}
         lights = {*range(5)} - ({dark} if step < 15 else set())
-        assert names == (lights if step >= first else set())
+        assert names == (lights if step >= 9 else set())
         for marker in result.named:
             assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=0.3)
 
