@@ -67,11 +67,6 @@ _PARSERS: dict[int, Any] = {
 }
 _IN_CHUNK = {Opcode.SCHEMA: 8, Opcode.CHANNEL: 12, Opcode.MESSAGE: MESSAGE_HEADER.size}
 """The records of a chunk that count, and how long they are at least."""
-_IN_SUMMARY = (
-    *_DEFINITIONS,
-    *(Opcode.STATISTICS, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
-    *(Opcode.SUMMARY_OFFSET, Opcode.FOOTER, *range(_PRIVATE_OPCODES, 0x100)),
-)
 _PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
 _CANDIDATE = re.compile(rb'[\x01-\x0f](?=.{4}\0{4})', re.DOTALL)
 _BLOCK = 1 << 20
@@ -117,21 +112,22 @@ class McapFile(RecordingFile):
 
     def _read_index(self, stream: BinaryIO) -> bool:
         """Whether the channels could be taken from the file's end."""
-        found = _Records(stream, self).summary()
+        walk = _Records(stream, self)
+        found = walk.summary()
         if found is None:
             self.lose('index', 'its index is missing (was the recording cut off?)')
             return False
-        start, is_intact = found
-        statistics, end = None, stream.seek(0, 2) - len(MAGIC)
-        while is_intact and start + HEADER.size <= end:
-            stream.seek(start)
-            opcode, length = HEADER.unpack(stream.read(HEADER.size))
-            start += HEADER.size + length
-            is_intact = opcode in _IN_SUMMARY and start <= end
-            if is_intact and opcode in _DEFINITIONS and length <= _MAX_SCHEMAS:
-                is_intact = self._take(opcode, stream.read(length))
-            elif is_intact and opcode == Opcode.STATISTICS:
-                statistics = _sound(opcode, stream.read(length))
+        (place, is_intact), statistics = found, None
+        while is_intact and place < walk.size - len(MAGIC):
+            span = walk.span_at(place)
+            if span is None or span.length > _MAX_SCHEMAS:
+                is_intact = False
+                break
+            if span.opcode in _DEFINITIONS:
+                is_intact = self._take(span.opcode, walk.read(span.body, span.length))
+            elif span.opcode == Opcode.STATISTICS:
+                statistics = _sound(span.opcode, walk.read(span.body, span.length))
+            place = span.body + span.length
         if not is_intact:
             self.lose('index', 'its index is damaged', 0)
             return False
@@ -316,18 +312,18 @@ class _Span(NamedTuple):
 class _Records:
     def __init__(self, stream: BinaryIO, file: RecordingFile) -> None:
         self._stream, self._file = stream, file
-        self._size = stream.seek(0, 2)
+        self.size = stream.seek(0, 2)
 
     def spans(self) -> Iterator[_Span]:
         """Every record, those of files that were joined included; damage is stepped over."""
         offset = search_from = len(MAGIC)
         is_closed = False
-        while offset < self._size:
-            span = self._span_at(offset)
+        while offset < self.size:
+            span = self.span_at(offset)
             if span is None:
                 found = self._next_record(search_from)
                 if found is None:
-                    left = self._size - offset
+                    left = self.size - offset
                     if is_closed:
                         self._file.note('end', f'the {left} bytes behind its end are no records')
                     else:
@@ -342,7 +338,7 @@ class _Records:
                 self._file.lose(offset, said, 0)
             yield span
             if span.available < span.length:
-                self._file.lose_end(self._size - offset)
+                self._file.lose_end(self.size - offset)
                 return
             offset = span.body + span.length
             is_closed = span.opcode == Opcode.FOOTER
@@ -365,7 +361,7 @@ class _Records:
 
         None without a footer; without a checksum the summary is believed.
         """
-        footer_offset = self._size - _FOOTER_SIZE
+        footer_offset = self.size - _FOOTER_SIZE
         if footer_offset < len(MAGIC):
             return None
         tail = self.read(footer_offset, _FOOTER_SIZE)
@@ -375,14 +371,14 @@ class _Records:
         start: int = said.summary_start or footer_offset
         if start > footer_offset:
             return None
-        stream, checksum, left = self.stream_at(start), 0, self._size - len(MAGIC) - 4 - start
+        stream, checksum, left = self.stream_at(start), 0, self.size - len(MAGIC) - 4 - start
         while said.summary_crc and left > 0:
             block = stream.read(min(left, _BLOCK))
             checksum = zlib.crc32(block, checksum)
             left -= len(block)
         return start, bool(checksum == said.summary_crc)
 
-    def _span_at(self, offset: int) -> _Span | None:
+    def span_at(self, offset: int) -> _Span | None:
         """The record there, if its length may be true: a chunk repeats it, others must fit."""
         head = self.read(offset, HEADER.size)
         if len(head) < HEADER.size:
@@ -392,7 +388,7 @@ class _Records:
         if minimum is None or length < minimum:
             return None
         body = offset + HEADER.size
-        available = min(length, self._size - body)
+        available = min(length, self.size - body)
         chunk = self._chunk_header(body, length) if opcode == Opcode.CHUNK else None
         if chunk is None and (opcode == Opcode.CHUNK or available < length):
             return None
@@ -416,7 +412,7 @@ class _Records:
         return _ChunkHeader(start_ns, end_ns, size, crc, compression, body + end, data_size)
 
     def _next_record(self, start: int) -> int | None:
-        for block in range(start, self._size, _BLOCK):
+        for block in range(start, self.size, _BLOCK):
             # 8 bytes more, so that no candidate is split between two blocks.
             for match in _CANDIDATE.finditer(self.read(block, _BLOCK + 8)):
                 if self._convinces(block + match.start()):
@@ -426,13 +422,13 @@ class _Records:
     def _convinces(self, offset: int) -> bool:
         """Whether a chunk, the footer, or three records in a row begin there."""
         for _ in range(3):
-            span = self._span_at(offset)
+            span = self.span_at(offset)
             if span is None or span.chunk is not None:
                 return span is not None
             offset = span.body + span.length
             if span.opcode == Opcode.FOOTER:
                 return self.read(offset, len(MAGIC)) == MAGIC
-            if offset == self._size:
+            if offset == self.size:
                 break
         return True
 
