@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from glob import glob
 from pathlib import Path
 
@@ -17,7 +17,7 @@ IMAGE_SUFFIXES = frozenset(
     {'.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm', '.webp'}
 )
 
-_NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
+_NEVER_BAGS = IMAGE_SUFFIXES | {'.yaml', '.txt', '.csv'}
 _MAX_METADATA = 1 << 24
 _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
@@ -35,11 +35,7 @@ def recording_files(path: Path, account: Account) -> list[Path]:
         path = named_recording(path)
         if not path.is_dir():
             return [path]
-        present = [
-            entry
-            for entry in _entries(path)
-            if entry.suffix.lower() not in _NEVER_BAGS and is_bag_file(entry)
-        ]
+        present = list(_bag_files(path))
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror or error}') from None
     if not present:
@@ -55,6 +51,20 @@ def recording_files(path: Path, account: Account) -> list[Path]:
         names = ', '.join(entry.name for entry in present)
         raise RecordingError(f'{path} holds several recordings; give one of them: {names}')
     return present
+
+
+def looks_like_bag(path: Path) -> bool:
+    """Whether a path is a bag and not images; content decides where it is not damaged.
+
+    Raises:
+        RecordingError: it is a folder that cannot be read.
+    """
+    if not path.is_dir():
+        return path.name == METADATA or is_bag_file(path)
+    try:
+        return (path / METADATA).exists() or any(_bag_files(path))
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be read: {error.strerror or error}') from error
 
 
 def named_recording(path: Path) -> Path:
@@ -212,7 +222,7 @@ def recordings_in(source: str) -> list[str]:
         return [str(named_recording(path))]
     if not path.is_dir() or _is_one(path):
         return [source]
-    found = [entry for entry in _entries(path) if _is_recording(entry)]
+    found = [entry for entry in entries(path) if _is_recording(entry)]
     return [str(Path(source) / entry.name) for entry in found] or [source]
 
 
@@ -301,11 +311,20 @@ def by_flight(sources: Sequence[str]) -> dict[str, str]:
     return flights
 
 
-def _entries(folder: Path) -> list[Path]:
-    """In their natural order; of a file that is also there compressed only one."""
-    entries = [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
-    twins = {f'{entry.name}.zstd' for entry in entries}
-    return sorted((e for e in entries if e.name not in twins), key=natural_key)
+def entries(folder: Path) -> list[Path]:
+    """What is in a folder, in its natural order; of a file that is also there compressed only one.
+
+    Hidden files, as macOS leaves them beside each file (``._1.png``), are left out.
+    """
+    shown = [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
+    twins = {f'{entry.name}.zstd' for entry in shown}
+    return sorted((e for e in shown if e.name not in twins), key=natural_key)
+
+
+def _bag_files(folder: Path) -> Iterator[Path]:
+    for entry in entries(folder):
+        if entry.suffix.lower() not in _NEVER_BAGS and is_bag_file(entry):
+            yield entry
 
 
 def _is_recording(entry: Path) -> bool:
@@ -316,18 +335,18 @@ def _is_recording(entry: Path) -> bool:
 
 def _is_one(folder: Path) -> bool:
     try:
-        entries = _entries(folder)
+        inside = entries(folder)
     except OSError:
         return False
-    if METADATA in [entry.name for entry in entries]:
+    if METADATA in [entry.name for entry in inside]:
         return True
-    files = [entry for entry in entries if entry.is_file()]
+    files = [entry for entry in inside if entry.is_file()]
     found = [file for file in files if _is_recording(file)]
     if not found:
         return any(entry.suffix.lower() in IMAGE_SUFFIXES for entry in files)
     bags = [file.name for file in found if is_bag_file(file)]
     if len(bags) == 1:
-        return len(found) == 1 and not any((entry / METADATA).exists() for entry in entries)
+        return len(found) == 1 and not any((entry / METADATA).exists() for entry in inside)
     parts = [_PART.fullmatch(plain_name(bag)) for bag in bags]
     # ROS 1 gives each part the date at which it begins.
     stems = {_DATE.sub('DATE', part[1]) if part else '' for part in parts}

@@ -15,7 +15,8 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.parameters.yaml_text import read_yaml
 from mvuav_ros.recordings.account import Account, needed_for
-from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file, matching
+from mvuav_ros.recordings.layout import SIMULATED, entries, matching
+from mvuav_ros.recordings.layout import looks_like_bag as looks_like_bag
 from mvuav_ros.recordings.remote import local_copy
 from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
 from mvuav_ros.sources.source import FrameSource, SourceError
@@ -92,7 +93,7 @@ def _stored(text: str, path: Path, topics: _Topics, rate: float | None) -> Frame
     if looks_like_bag(path):
         return _bag(path, topics)
     if path.is_dir():
-        return ImageFolder(text, _visible(path), rate)
+        return ImageFolder(text, entries(path), rate)
     if not path.is_file():
         raise SourceError(f'{text} is neither a file nor a folder')
     if path.stat().st_size == 0:
@@ -100,30 +101,6 @@ def _stored(text: str, path: Path, topics: _Topics, rate: float | None) -> Frame
     if is_image_file(path):
         return ImageFolder(text, [path], rate)
     return VideoFile(path, rate)
-
-
-def looks_like_bag(path: Path) -> bool:
-    """Whether a path is a bag and not images; content decides where it is not damaged.
-
-    Raises:
-        SourceError: it is a folder that cannot be read.
-    """
-    if path.is_dir():
-        try:
-            entries = _visible(path)
-        except OSError as error:
-            raise SourceError(f'{path} cannot be read: {error.strerror or error}') from error
-        return any(
-            entry.name == 'metadata.yaml'
-            or (entry.suffix.lower() not in IMAGE_SUFFIXES and is_bag_file(entry))
-            for entry in entries
-        )
-    return path.name == 'metadata.yaml' or is_bag_file(path)
-
-
-def _visible(folder: Path) -> list[Path]:
-    """What is in a folder, without what macOS leaves beside each file (``._1.png``)."""
-    return [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
 
 
 def _bag(path: Path, topics: _Topics) -> FrameSource:
