@@ -133,9 +133,9 @@ def _series(name: str) -> str:
 
     ROS 1 puts the time of each part before that.
     """
-    plain = _plain(name)
+    plain = plain_name(name)
     if plain.endswith('.bag'):
-        plain = re.sub(r'_\d{4}(-\d\d){5}(?=_\d+\.bag$)', '', plain)
+        plain = re.sub(r'(^|_)\d{4}(-\d\d){5}(?=_\d+\.bag$)', '', plain)
     return re.sub(r'_\d+(?=\.[^.]*$)', '', plain)
 
 
@@ -204,8 +204,7 @@ VIDEO_SUFFIXES = frozenset(
     {'.mp4', '.avi', '.mov', '.mkv', '.webm', '.m4v', '.mpg', '.mpeg', '.ts', '.wmv', '.flv'}
 )
 _SUFFIXES = ('.zstd', '.zst', '.mcap', '.db3', '.bag')
-_PART = re.compile(r'(.*)_(\d+)\.[^.]+')
-_DATE = re.compile(r'\d{4}[-_]\d\d[-_]\d\d[-_\d]*')
+_DATE = re.compile(r'\d{4}[-_]\d\d[-_]\d\d')
 
 
 def recordings_in(source: str) -> list[str]:
@@ -347,11 +346,10 @@ def _is_one(folder: Path) -> bool:
     bags = [file.name for file in found if is_bag_file(file)]
     if len(bags) == 1:
         return len(found) == 1 and not any((entry / METADATA).exists() for entry in inside)
-    parts = [_PART.fullmatch(plain_name(bag)) for bag in bags]
-    # ROS 1 gives each part the date at which it begins.
-    stems = {_DATE.sub('DATE', part[1]) if part else '' for part in parts}
-    own = _DATE.sub('DATE', folder.absolute().name.lower())
-    return stems == {own} or (len(stems) == 1 and 'DATE' in min(stems))
+    series = {_series(bag) for bag in bags}
+    if len(series) != 1 or not series.isdisjoint(map(plain_name, bags)):
+        return False
+    return bool(_DATE.search(bags[0])) or Path(*series).stem == folder.absolute().name.lower()
 
 
 def shipped_folder(name: str) -> Path | None:
