@@ -47,9 +47,10 @@ def recording_files(path: Path, account: Account) -> list[Path]:
         account.note((path, METADATA), f'{path.name}: {METADATA} is missing')
     if listed is not None:
         return _chosen(present, listed, account)
-    if len({_series(entry.name) for entry in present}) > 1:
-        names = ', '.join(entry.name for entry in present)
-        raise RecordingError(f'{path} holds several recordings; give one of them: {names}')
+    names = [entry.name for entry in present]
+    if not _are_parts(names):
+        said = f'{path} holds several recordings; give one of them: {", ".join(names)}'
+        raise RecordingError(said)
     return present
 
 
@@ -104,12 +105,12 @@ def _chosen(present: list[Path], listed: Sequence[str], account: Account) -> lis
         of = f'{len(missing)} of the {counted(len(listed), "file")} that {METADATA} lists'
         are = 'is' if len(missing) == 1 else 'are'
         account.lose(METADATA, 'missing', f'{of} {are} missing: {names}')
-    series = {_series(name) for name in listed}
+    series = {_part(name)[0] for name in listed}
     for entry in present:
         if _plain(entry.name) in plain:
             continue
         # After a crash, metadata.yaml may not know the last files of a split recording.
-        if _series(entry.name) in series:
+        if _part(entry.name)[0] in series:
             chosen.append(entry)
             account.note((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, read')
         else:
@@ -128,15 +129,24 @@ def _plain(name: str) -> str:
     return name.removesuffix('.zstd').removesuffix('.active')
 
 
-def _series(name: str) -> str:
-    """What the parts of a split recording share: rosbag2 ends their names in _0, _1, and so on.
+_PART = re.compile(r'(.*)_(\d+)(\.[^.]*)')
+_ROS1_PART = re.compile(r'(.*?)(?:(?:^|_)\d{4}(?:-\d\d){5})?_(\d+)(\.bag)')
 
-    ROS 1 puts the time of each part before that.
+
+def _part(name: str) -> tuple[str, str]:
+    """What the parts of a split recording share, and the number of this one; '' if it has none.
+
+    Recorders end their names in _0, _1, and so on; ROS 1 puts the time of each part before that.
     """
     plain = plain_name(name)
-    if plain.endswith('.bag'):
-        plain = re.sub(r'(^|_)\d{4}(-\d\d){5}(?=_\d+\.bag$)', '', plain)
-    return re.sub(r'_\d+(?=\.[^.]*$)', '', plain)
+    found = (_ROS1_PART if plain.endswith('.bag') else _PART).fullmatch(plain)
+    return (found[1] + found[3], found[2]) if found else (plain, '')
+
+
+def _are_parts(names: Sequence[str]) -> bool:
+    """Whether files are named as the parts of one recording: alike, but for a number each."""
+    parts = [_part(name) for name in names]
+    return len(dict(parts)) == 1 and len(set(parts)) == len(parts)
 
 
 def natural_key(file: Path) -> list[str | int]:
@@ -346,10 +356,10 @@ def _is_one(folder: Path) -> bool:
     bags = [file.name for file in found if is_bag_file(file)]
     if len(bags) == 1:
         return len(found) == 1 and not any((entry / METADATA).exists() for entry in inside)
-    series = {_series(bag) for bag in bags}
-    if len(series) != 1 or not series.isdisjoint(map(plain_name, bags)):
+    if not (_are_parts(bags) and all(_part(bag)[1] for bag in bags)):
         return False
-    return bool(_DATE.search(bags[0])) or Path(*series).stem == folder.absolute().name.lower()
+    named = Path(_part(bags[0])[0]).stem == folder.absolute().name.lower()
+    return named or bool(_DATE.search(bags[0]))
 
 
 def shipped_folder(name: str) -> Path | None:

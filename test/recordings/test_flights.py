@@ -30,6 +30,7 @@ def touch(folder: Path, *names: str) -> Path:
         (['a.mcap', 'b.mp4'], 2),
         (['a.mp4', 'b.mp4'], 2),
         (['rosbag2_2026_01_02-03_04_05_0.db3', 'rosbag2_2026_01_03-03_04_05_0.db3'], 2),
+        (['2026-01-02-03-04-05_0.bag', '2026-01-03-03-04-05_0.bag'], 2),
         # One recording.
         (['season_0.mcap', 'season_1.mcap'], 0),
         (['rosbag2_2026_01_02-03_04_05_0.db3', 'rosbag2_2026_01_02-03_04_05_1.db3'], 0),
@@ -58,6 +59,9 @@ def test_parts_that_ros1_names_by_the_time_alone_are_one_recording(tmp_path: Pat
     assert recordings_in(str(tmp_path)) == [str(tmp_path)]
     with open_recording(tmp_path) as recording:
         assert len(list(recording.messages())) == 6
+    (tmp_path / '2026-01-02-03-14-05_1.bag').rename(tmp_path / '2026-01-03-03-14-05_0.bag')
+    with pytest.raises(RecordingError, match='several recordings'):
+        open_recording(tmp_path)
 
 
 def test_folders_of_images_and_rosbag2_folders_are_recordings_of_a_folder(tmp_path: Path) -> None:
