@@ -64,7 +64,8 @@ class RawImage:
 class CodedImage:
     """A sensor_msgs/CompressedImage, or a packet of a video; ``data`` is a view.
 
-    ``format`` names the codec in the message's own way.
+    ``format`` names the codec in the message's own way; ``camera`` and ``attitude`` are those of
+    the `Frame` that a packet becomes.
     """
 
     stamp_ns: int
@@ -72,6 +73,8 @@ class CodedImage:
     format: str
     data: Any
     is_video: bool
+    camera: CameraModel | None = None
+    attitude: Attitude | None = None
 
 
 def is_image_type(type_name: str) -> bool:
@@ -456,7 +459,8 @@ class VideoDecoder:
         if packet is None or not wanted:
             return
         try:
-            yield Frame(packet.stamp_ns, packet.frame_id, upright(frame))
+            beside = packet.camera, packet.attitude
+            yield Frame(packet.stamp_ns, packet.frame_id, upright(frame), *beside)
         except (OSError, ValueError, MemoryError) as error:
             reason = f'{frame.width} x {frame.height} pixels: {error}'
             yield BadFrame(packet.stamp_ns, reason)

@@ -18,7 +18,6 @@ from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import (
     IMAGE,
     BadFrame,
-    CodedImage,
     Frame,
     ImageDecoder,
     VideoDecoder,
@@ -179,9 +178,6 @@ def as_encoding(image: Image, encoding: str) -> Image:
     return Image(bgr if encoding == 'bgr8' else bgr[:, :, ::-1], encoding)
 
 
-_MAX_REMEMBERED = 64
-
-
 class FrameDecoder:
     """Decodes what comes on one topic, in its order."""
 
@@ -189,13 +185,11 @@ class FrameDecoder:
         """Begin a topic of a transport; see the parameter ``image_transport``."""
         self._type = TRANSPORT_TYPES[transport]
         self._images = ImageDecoder()
-        self._received: dict[int, ReceivedImage] = {}
         self.forget()
 
     def forget(self) -> None:
         """Of a video, begin with the next key frame: packets before it are left out."""
         self._video = VideoDecoder(low_delay=True)
-        self._received.clear()
 
     def frames(self, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
         """The frames that this one completes: one as a rule, none of an image that was skipped.
@@ -203,34 +197,20 @@ class FrameDecoder:
         Raises:
             ImageError: the message is damaged, or its image cannot be used.
         """
-        data = received.data
+        data, stamp_ns = received.data, received.stamp_ns
+        camera, attitude = received.camera, received.attitude
         if isinstance(data, Frame):
-            yield _completed(data, received)
+            camera, attitude = camera or data.camera, data.attitude or attitude
+            yield replace(data, stamp_ns=stamp_ns, camera=camera, attitude=attitude)
         elif self._type != IMAGE and (coded := view_coded_image(self._type, data)).is_video:
-            coded.stamp_ns = received.stamp_ns
-            yield from self._of_video(coded, received)
+            if received.follows_loss:
+                # Most codecs would make a false image of what needs it, without a word.
+                yield from self._video.end()
+            coded.stamp_ns, coded.camera, coded.attitude = stamp_ns, camera, attitude
+            yield from self._video.frames(coded, not received.is_skipped)
         elif not received.is_skipped:
             frame_id, image = self._images.decode(self._type, data)
-            yield Frame(received.stamp_ns, frame_id, image, received.camera, received.attitude)
-
-    def _of_video(self, packet: CodedImage, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
-        if received.follows_loss:
-            # Most codecs would make a false image of what needs it, without a word.
-            yield from self._video.end()
-        self._received[packet.stamp_ns] = received
-        while len(self._received) > _MAX_REMEMBERED:
-            del self._received[next(iter(self._received))]
-        for frame in self._video.frames(packet, not received.is_skipped):
-            known = self._received.pop(frame.stamp_ns, None)
-            if isinstance(frame, Frame) and known is not None:
-                frame = _completed(frame, known)
-            yield frame
-
-
-def _completed(frame: Frame, received: ReceivedImage) -> Frame:
-    """With its time, and the calibration and attitude that came with it, or beside it."""
-    camera, attitude = received.camera or frame.camera, frame.attitude or received.attitude
-    return replace(frame, stamp_ns=received.stamp_ns, camera=camera, attitude=attitude)
+            yield Frame(stamp_ns, frame_id, image, camera, attitude)
 
 
 _LOOK_INTERVAL = 0.05

@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from glob import glob
 from pathlib import Path
 
@@ -17,7 +17,7 @@ IMAGE_SUFFIXES = frozenset(
     {'.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm', '.webp'}
 )
 
-_NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
+_NEVER_BAGS = IMAGE_SUFFIXES | {'.yaml', '.txt', '.csv'}
 _MAX_METADATA = 1 << 24
 _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
@@ -35,11 +35,7 @@ def recording_files(path: Path, account: Account) -> list[Path]:
         path = named_recording(path)
         if not path.is_dir():
             return [path]
-        present = [
-            entry
-            for entry in _entries(path)
-            if entry.suffix.lower() not in _NEVER_BAGS and is_bag_file(entry)
-        ]
+        present = list(_bag_files(path))
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror or error}') from None
     if not present:
@@ -51,10 +47,25 @@ def recording_files(path: Path, account: Account) -> list[Path]:
         account.note((path, METADATA), f'{path.name}: {METADATA} is missing')
     if listed is not None:
         return _chosen(present, listed, account)
-    if len({_series(entry.name) for entry in present}) > 1:
-        names = ', '.join(entry.name for entry in present)
-        raise RecordingError(f'{path} holds several recordings; give one of them: {names}')
+    names = [entry.name for entry in present]
+    if not _are_parts(names):
+        said = f'{path} holds several recordings; give one of them: {", ".join(names)}'
+        raise RecordingError(said)
     return present
+
+
+def looks_like_bag(path: Path) -> bool:
+    """Whether a path is a bag and not images; content decides where it is not damaged.
+
+    Raises:
+        RecordingError: it is a folder that cannot be read.
+    """
+    if not path.is_dir():
+        return path.name == METADATA or is_bag_file(path)
+    try:
+        return (path / METADATA).exists() or any(_bag_files(path))
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be read: {error.strerror or error}') from error
 
 
 def named_recording(path: Path) -> Path:
@@ -94,12 +105,12 @@ def _chosen(present: list[Path], listed: Sequence[str], account: Account) -> lis
         of = f'{len(missing)} of the {counted(len(listed), "file")} that {METADATA} lists'
         are = 'is' if len(missing) == 1 else 'are'
         account.lose(METADATA, 'missing', f'{of} {are} missing: {names}')
-    series = {_series(name) for name in listed}
+    series = {_part(name)[0] for name in listed}
     for entry in present:
         if _plain(entry.name) in plain:
             continue
         # After a crash, metadata.yaml may not know the last files of a split recording.
-        if _series(entry.name) in series:
+        if _part(entry.name)[0] in series:
             chosen.append(entry)
             account.note((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, read')
         else:
@@ -118,15 +129,24 @@ def _plain(name: str) -> str:
     return name.removesuffix('.zstd').removesuffix('.active')
 
 
-def _series(name: str) -> str:
-    """What the parts of a split recording share: rosbag2 ends their names in _0, _1, and so on.
+_PART = re.compile(r'(.*)_(\d+)(\.[^.]*)')
+_ROS1_PART = re.compile(r'(.*?)(?:(?:^|_)\d{4}(?:-\d\d){5})?_(\d+)(\.bag)')
 
-    ROS 1 puts the time of each part before that.
+
+def _part(name: str) -> tuple[str, str]:
+    """What the parts of a split recording share, and the number of this one; '' if it has none.
+
+    Recorders end their names in _0, _1, and so on; ROS 1 puts the time of each part before that.
     """
-    plain = _plain(name)
-    if plain.endswith('.bag'):
-        plain = re.sub(r'_\d{4}(-\d\d){5}(?=_\d+\.bag$)', '', plain)
-    return re.sub(r'_\d+(?=\.[^.]*$)', '', plain)
+    plain = plain_name(name)
+    found = (_ROS1_PART if plain.endswith('.bag') else _PART).fullmatch(plain)
+    return (found[1] + found[3], found[2]) if found else (plain, '')
+
+
+def _are_parts(names: Sequence[str]) -> bool:
+    """Whether files are named as the parts of one recording: alike, but for a number each."""
+    parts = [_part(name) for name in names]
+    return len(dict(parts)) == 1 and len(set(parts)) == len(parts)
 
 
 def natural_key(file: Path) -> list[str | int]:
@@ -194,8 +214,7 @@ VIDEO_SUFFIXES = frozenset(
     {'.mp4', '.avi', '.mov', '.mkv', '.webm', '.m4v', '.mpg', '.mpeg', '.ts', '.wmv', '.flv'}
 )
 _SUFFIXES = ('.zstd', '.zst', '.mcap', '.db3', '.bag')
-_PART = re.compile(r'(.*)_(\d+)\.[^.]+')
-_DATE = re.compile(r'\d{4}[-_]\d\d[-_]\d\d[-_\d]*')
+_DATE = re.compile(r'\d{4}[-_]\d\d[-_]\d\d')
 
 
 def recordings_in(source: str) -> list[str]:
@@ -212,7 +231,7 @@ def recordings_in(source: str) -> list[str]:
         return [str(named_recording(path))]
     if not path.is_dir() or _is_one(path):
         return [source]
-    found = [entry for entry in _entries(path) if _is_recording(entry)]
+    found = [entry for entry in entries(path) if _is_recording(entry)]
     return [str(Path(source) / entry.name) for entry in found] or [source]
 
 
@@ -301,11 +320,20 @@ def by_flight(sources: Sequence[str]) -> dict[str, str]:
     return flights
 
 
-def _entries(folder: Path) -> list[Path]:
-    """In their natural order; of a file that is also there compressed only one."""
-    entries = [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
-    twins = {f'{entry.name}.zstd' for entry in entries}
-    return sorted((e for e in entries if e.name not in twins), key=natural_key)
+def entries(folder: Path) -> list[Path]:
+    """What is in a folder, in its natural order; of a file that is also there compressed only one.
+
+    Hidden files, as macOS leaves them beside each file (``._1.png``), are left out.
+    """
+    shown = [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
+    twins = {f'{entry.name}.zstd' for entry in shown}
+    return sorted((e for e in shown if e.name not in twins), key=natural_key)
+
+
+def _bag_files(folder: Path) -> Iterator[Path]:
+    for entry in entries(folder):
+        if entry.suffix.lower() not in _NEVER_BAGS and is_bag_file(entry):
+            yield entry
 
 
 def _is_recording(entry: Path) -> bool:
@@ -316,23 +344,22 @@ def _is_recording(entry: Path) -> bool:
 
 def _is_one(folder: Path) -> bool:
     try:
-        entries = _entries(folder)
+        inside = entries(folder)
     except OSError:
         return False
-    if METADATA in [entry.name for entry in entries]:
+    if METADATA in [entry.name for entry in inside]:
         return True
-    files = [entry for entry in entries if entry.is_file()]
+    files = [entry for entry in inside if entry.is_file()]
     found = [file for file in files if _is_recording(file)]
     if not found:
         return any(entry.suffix.lower() in IMAGE_SUFFIXES for entry in files)
     bags = [file.name for file in found if is_bag_file(file)]
     if len(bags) == 1:
-        return len(found) == 1 and not any((entry / METADATA).exists() for entry in entries)
-    parts = [_PART.fullmatch(plain_name(bag)) for bag in bags]
-    # ROS 1 gives each part the date at which it begins.
-    stems = {_DATE.sub('DATE', part[1]) if part else '' for part in parts}
-    own = _DATE.sub('DATE', folder.absolute().name.lower())
-    return stems == {own} or (len(stems) == 1 and 'DATE' in min(stems))
+        return len(found) == 1 and not any((entry / METADATA).exists() for entry in inside)
+    if not (_are_parts(bags) and all(_part(bag)[1] for bag in bags)):
+        return False
+    named = Path(_part(bags[0])[0]).stem == folder.absolute().name.lower()
+    return named or bool(_DATE.search(bags[0]))
 
 
 def shipped_folder(name: str) -> Path | None:

@@ -67,11 +67,6 @@ _PARSERS: dict[int, Any] = {
 }
 _IN_CHUNK = {Opcode.SCHEMA: 8, Opcode.CHANNEL: 12, Opcode.MESSAGE: MESSAGE_HEADER.size}
 """The records of a chunk that count, and how long they are at least."""
-_IN_SUMMARY = (
-    *_DEFINITIONS,
-    *(Opcode.STATISTICS, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
-    *(Opcode.SUMMARY_OFFSET, Opcode.FOOTER, *range(_PRIVATE_OPCODES, 0x100)),
-)
 _PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
 _CANDIDATE = re.compile(rb'[\x01-\x0f](?=.{4}\0{4})', re.DOTALL)
 _BLOCK = 1 << 20
@@ -117,35 +112,36 @@ class McapFile(RecordingFile):
 
     def _read_index(self, stream: BinaryIO) -> bool:
         """Whether the channels could be taken from the file's end."""
-        found = _Records(stream, self).summary()
+        walk = _Records(stream, self)
+        found = walk.summary()
         if found is None:
             self.lose('index', 'its index is missing (was the recording cut off?)')
             return False
-        start, is_intact = found
-        statistics, end = None, stream.seek(0, 2) - len(MAGIC)
-        while is_intact and start + HEADER.size <= end:
-            stream.seek(start)
-            opcode, length = HEADER.unpack(stream.read(HEADER.size))
-            start += HEADER.size + length
-            is_intact = opcode in _IN_SUMMARY and start <= end
-            if is_intact and opcode in _DEFINITIONS and length <= _MAX_SCHEMAS:
-                is_intact = self._take(opcode, stream.read(length))
-            elif is_intact and opcode == Opcode.STATISTICS:
-                statistics = _sound(opcode, stream.read(length))
+        (place, is_intact), statistics = found, None
+        while is_intact and place < walk.size - len(MAGIC):
+            span = walk.span_at(place)
+            if span is None or span.length > _MAX_SCHEMAS:
+                is_intact = False
+                break
+            if span.opcode in _DEFINITIONS:
+                is_intact = self._take(span.opcode, walk.read(span.body, span.length))
+            elif span.opcode == Opcode.STATISTICS:
+                statistics = _sound(span.opcode, walk.read(span.body, span.length))
+            place = span.body + span.length
         if not is_intact:
             self.lose('index', 'its index is damaged', 0)
             return False
         if statistics is not None:
             self._channels.take_counts(statistics.channel_message_counts)
-        has_messages = statistics is None or statistics.message_count > 0
-        return len(self._channels) > 0 or not has_messages
+            self._written = statistics.message_count
+        return len(self._channels) > 0 or self._written == 0
 
     def _stored(
         self, stream: BinaryIO, _topics: Container[str] | None, first_ns: int, end_ns: int
     ) -> Iterator[StoredMessage]:
         walk = _Records(stream, self)
         self._schema_bytes = 0
-        chunk, said = ChunkTally(), _SaidByFiles()
+        chunk, in_summary = ChunkTally(), False
         for span in walk.spans():
             if span.opcode == Opcode.MESSAGE_INDEX:
                 entries = (span.length - 6) // _INDEX_ENTRY_SIZE
@@ -162,33 +158,20 @@ class McapFile(RecordingFile):
             elif span.opcode in _IN_CHUNK:
                 records = self._alone(walk, span)
             else:
-                self._follow(walk, span, said)
+                in_summary = span.opcode == Opcode.DATA_END or in_summary
+                if span.opcode == Opcode.HEADER and span.body > _FIRST_BODY:
+                    self.note('joined', 'several, joined in one')
+                    # The numbers of the next file mean something else.
+                    self._channels.known, self._channels.schemas, self._schema_bytes = {}, {}, 0
+                    in_summary = False
                 continue
             for opcode, body in records:
                 if opcode == Opcode.MESSAGE:
                     chunk.got += 1
                     yield *MESSAGE_HEADER.unpack_from(body), body[MESSAGE_HEADER.size :]
                 else:
-                    in_summary = said.in_summary and span.chunk is None
                     self._take(opcode, body, in_summary=in_summary)
         self._end(chunk)
-        self._written = said.messages()
-
-    def _follow(self, walk: _Records, span: _Span, said: _SaidByFiles) -> None:
-        """Where a file that was joined begins and ends, and what its summary says."""
-        if span.opcode == Opcode.HEADER and span.body > _FIRST_BODY:
-            self.note('joined', 'several, joined in one')
-            # The numbers of the next file mean something else.
-            self._channels.known, self._channels.schemas, self._schema_bytes = {}, {}, 0
-            said.begin()
-        elif span.opcode == Opcode.DATA_END:
-            said.in_summary = True
-        elif span.opcode == Opcode.STATISTICS and span.length < _BLOCK:
-            statistics = _sound(span.opcode, walk.read(span.body, span.length))
-            said.newest = None if statistics is None else statistics.message_count
-        elif span.opcode == Opcode.FOOTER:
-            found = walk.summary(span)
-            said.close(is_intact=found is not None and found[1])
 
     def _alone(self, walk: _Records, span: _Span) -> Iterator[tuple[int, memoryview]]:
         """A record that stands in no chunk, unless it is larger than anybody would write."""
@@ -304,31 +287,6 @@ class McapFile(RecordingFile):
         return True
 
 
-class _SaidByFiles:
-    """What the summaries of a file, or of several that were joined, say of their messages."""
-
-    def __init__(self) -> None:
-        self.in_summary = False  # whether the data of the newest file have ended
-        self.newest: int | None = None  # its number of messages; None if it has not said so
-        self._is_closed = False
-        self._counts: list[int | None] = []
-
-    def begin(self) -> None:
-        """The next file begins; one that was not closed has said nothing."""
-        self._counts += [] if self._is_closed else [None]
-        self.in_summary = self._is_closed = False
-
-    def close(self, *, is_intact: bool) -> None:
-        """The newest file ends in a summary, which is believed if it is intact."""
-        self._counts.append(self.newest if is_intact else None)
-        self.newest, self._is_closed = None, True
-
-    def messages(self) -> int | None:
-        """Of all files; None where one has not said so."""
-        self.begin()
-        return None if None in self._counts else sum(filter(None, self._counts))
-
-
 class _ChunkHeader(NamedTuple):
     """What stands before a chunk's data; times in ns, sizes in bytes."""
 
@@ -354,19 +312,18 @@ class _Span(NamedTuple):
 class _Records:
     def __init__(self, stream: BinaryIO, file: RecordingFile) -> None:
         self._stream, self._file = stream, file
-        self._size = stream.seek(0, 2)
-        self._base = 0
+        self.size = stream.seek(0, 2)
 
     def spans(self) -> Iterator[_Span]:
         """Every record, those of files that were joined included; damage is stepped over."""
         offset = search_from = len(MAGIC)
         is_closed = False
-        while offset < self._size:
-            span = self._span_at(offset)
+        while offset < self.size:
+            span = self.span_at(offset)
             if span is None:
                 found = self._next_record(search_from)
                 if found is None:
-                    left = self._size - offset
+                    left = self.size - offset
                     if is_closed:
                         self._file.note('end', f'the {left} bytes behind its end are no records')
                     else:
@@ -379,11 +336,9 @@ class _Records:
             if span.opcode >= _PRIVATE_OPCODES:
                 said = f'record of unknown kind {span.opcode} skipped at byte {offset}'
                 self._file.lose(offset, said, 0)
-            elif span.opcode == Opcode.HEADER:
-                self._base = offset - len(MAGIC)
             yield span
             if span.available < span.length:
-                self._file.lose_end(self._size - offset)
+                self._file.lose_end(self.size - offset)
                 return
             offset = span.body + span.length
             is_closed = span.opcode == Opcode.FOOTER
@@ -401,35 +356,29 @@ class _Records:
         self._stream.seek(offset)
         return self._stream
 
-    def summary(self, footer: _Span | None = None) -> tuple[int, bool] | None:
+    def summary(self) -> tuple[int, bool] | None:
         """Where the summary begins (the footer, if there is none), and whether its checksum holds.
 
         None without a footer; without a checksum the summary is believed.
-
-        Args:
-            footer: of one of several files that were joined; the last one's if None.
         """
-        end, base = self._size, 0
-        if footer is not None:
-            end, base = footer.body + footer.length + len(MAGIC), self._base
-        footer_offset = end - _FOOTER_SIZE
-        if footer_offset < base + len(MAGIC):
+        footer_offset = self.size - _FOOTER_SIZE
+        if footer_offset < len(MAGIC):
             return None
         tail = self.read(footer_offset, _FOOTER_SIZE)
         if tail[-len(MAGIC) :] != MAGIC or tail[: HEADER.size] != _FOOTER_HEAD:
             return None
         said = _parsed(Opcode.FOOTER, tail[HEADER.size :])
-        start: int = base + said.summary_start if said.summary_start else footer_offset
+        start: int = said.summary_start or footer_offset
         if start > footer_offset:
             return None
-        stream, checksum, left = self.stream_at(start), 0, end - len(MAGIC) - 4 - start
+        stream, checksum, left = self.stream_at(start), 0, self.size - len(MAGIC) - 4 - start
         while said.summary_crc and left > 0:
             block = stream.read(min(left, _BLOCK))
             checksum = zlib.crc32(block, checksum)
             left -= len(block)
         return start, bool(checksum == said.summary_crc)
 
-    def _span_at(self, offset: int) -> _Span | None:
+    def span_at(self, offset: int) -> _Span | None:
         """The record there, if its length may be true: a chunk repeats it, others must fit."""
         head = self.read(offset, HEADER.size)
         if len(head) < HEADER.size:
@@ -439,7 +388,7 @@ class _Records:
         if minimum is None or length < minimum:
             return None
         body = offset + HEADER.size
-        available = min(length, self._size - body)
+        available = min(length, self.size - body)
         chunk = self._chunk_header(body, length) if opcode == Opcode.CHUNK else None
         if chunk is None and (opcode == Opcode.CHUNK or available < length):
             return None
@@ -463,7 +412,7 @@ class _Records:
         return _ChunkHeader(start_ns, end_ns, size, crc, compression, body + end, data_size)
 
     def _next_record(self, start: int) -> int | None:
-        for block in range(start, self._size, _BLOCK):
+        for block in range(start, self.size, _BLOCK):
             # 8 bytes more, so that no candidate is split between two blocks.
             for match in _CANDIDATE.finditer(self.read(block, _BLOCK + 8)):
                 if self._convinces(block + match.start()):
@@ -473,13 +422,13 @@ class _Records:
     def _convinces(self, offset: int) -> bool:
         """Whether a chunk, the footer, or three records in a row begin there."""
         for _ in range(3):
-            span = self._span_at(offset)
+            span = self.span_at(offset)
             if span is None or span.chunk is not None:
                 return span is not None
             offset = span.body + span.length
             if span.opcode == Opcode.FOOTER:
                 return self.read(offset, len(MAGIC)) == MAGIC
-            if offset == self._size:
+            if offset == self.size:
                 break
         return True
 

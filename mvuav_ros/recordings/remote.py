@@ -39,27 +39,18 @@ def local_copy(text: str) -> Iterator[Path]:
     """A source's path; of one that lies elsewhere, that of a copy which is removed at the end.
 
     Raises:
-        RecordingError: it cannot be copied.
+        RecordingError: fsspec is missing, or nothing can be read from there.
     """
     if not is_url(text):
         yield Path(text).expanduser()
         return
     with TemporaryDirectory(prefix='mvuav_') as folder:
-        yield fetch(text, Path(folder))
-
-
-def fetch(url: str, folder: Path) -> Path:
-    """Copy a file or folder into a local folder and say where it is now.
-
-    Raises:
-        RecordingError: fsspec is missing, or nothing can be read from there.
-    """
-    target = folder / (_name(url) or 'recording')
-    with reached(url, 'read') as (system, path):
-        is_folder = system.isdir(path) and not system.isfile(path)
-        source = f'{path.rstrip("/")}/' if is_folder else path
-        system.get(source, str(target), recursive=is_folder)
-    return target
+        target = Path(folder) / (_name(text) or 'recording')
+        with reached(text, 'read') as (system, path):
+            is_folder = system.isdir(path) and not system.isfile(path)
+            source = f'{path.rstrip("/")}/' if is_folder else path
+            system.get(source, str(target), recursive=is_folder)
+        yield target
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, Unpacked, unpack
+from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, unpack
 from mvuav_ros.recordings.layout import ROS1_START as MAGIC
 from mvuav_ros.recordings.stored_file import (
     UNKNOWN_ROS1,
@@ -173,44 +173,39 @@ class Ros1File(RecordingFile):
     def _read_chunk(
         self, record: _Record, stream: BinaryIO, end: int, chunk: ChunkTally, is_cut: bool
     ) -> Iterator[StoredMessage]:
+        """The messages of a chunk: those that are there if it is cut, none if it is damaged."""
         if self._limit.left <= 0:
             chunk.offset, chunk.reason = -1, self._limit.reason
             self.lose('limit', chunk.reason)
             return
-        stream.seek(record.data)
-        raw, chunk.reason = self._chunk(record, stream, end - record.data, cut=is_cut)
-        yield from self._records(raw, chunk)
-        if is_cut:
-            chunk.reason = 'it is cut off'
-
-    def _chunk(self, record: _Record, stream: BinaryIO, length: int, *, cut: bool) -> Unpacked:
-        """What a chunk holds; of one that is cut, what there is of it, of a damaged one nothing."""
         try:
             compression = record.header.get_string('compression')
             size = record.header.get_uint32('size')
         except ReaderError:
-            return Unpacked(memoryview(b''), 'its header is damaged')
+            chunk.reason = 'its header is damaged'
+            return
         if size > SIZE_LIMIT:
-            return Unpacked(memoryview(b''), f'it is larger than 1 GB ({size} bytes)')
-        raw, problem = unpack(stream, length, compression, size, size)
+            chunk.reason = f'it is larger than 1 GB ({size} bytes)'
+            return
+        stream.seek(record.data)
+        raw, chunk.reason = unpack(stream, end - record.data, compression, size, size)
         self._limit.left -= len(raw)
-        if not problem and len(raw) != size:
-            problem = 'its size is wrong'
-        if cut:
-            problem = ''
-        return Unpacked(raw[: 0 if problem else None], problem)
-
-    def _records(self, raw: memoryview, chunk: ChunkTally) -> Iterator[StoredMessage]:
+        if not chunk.reason and len(raw) != size:
+            chunk.reason = 'its size is wrong'
+        if is_cut:
+            chunk.reason = 'it is cut off'
+        elif chunk.reason:
+            return
         position = 0
         while position < len(raw):
-            record = _record_at(lambda at, size: bytes(raw[at : at + size]), position)
-            is_whole = record is not None and record.data + record.size <= len(raw)
-            if record is None or not is_whole or record.kind not in _IN_CHUNK:
-                chunk.reason = 'it holds what is no record'
+            inner = _record_at(lambda at, size: bytes(raw[at : at + size]), position)
+            is_whole = inner is not None and inner.data + inner.size <= len(raw)
+            if inner is None or not is_whole or inner.kind not in _IN_CHUNK:
+                chunk.reason = chunk.reason or 'it holds what is no record'
                 return
-            chunk.got += record.kind == RecordType.MSGDATA
-            yield from self._record(record, raw[record.data : record.data + record.size])
-            position = record.data + record.size
+            chunk.got += inner.kind == RecordType.MSGDATA
+            yield from self._record(inner, raw[inner.data : inner.data + inner.size])
+            position = inner.data + inner.size
 
     def _record(
         self, record: _Record, data: memoryview, *, in_index: bool = False

@@ -207,7 +207,7 @@ class RecordingFile(ABC):
         if self._is_indexed:  # the data must begin likewise
             next(self._pass(stream), None)
         if not self._is_indexed or self._channels.is_contradicted:
-            self._is_indexed, self._written, self._channels = False, None, Channels()
+            self._is_indexed, self._channels = False, Channels()
             self._channels.count(number for number, *_ in self._pass(stream))
 
     def _read_index(self, stream: BinaryIO) -> bool:

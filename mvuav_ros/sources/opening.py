@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl
@@ -14,9 +14,10 @@ from mvuav_ros.messages.images import OPTICAL_FRAME, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.parameters.yaml_text import read_yaml
-from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, SIMULATED, is_bag_file, matching
-from mvuav_ros.recordings.remote import fetch, is_url
+from mvuav_ros.recordings.account import Account, needed_for
+from mvuav_ros.recordings.layout import SIMULATED, entries, matching
+from mvuav_ros.recordings.layout import looks_like_bag as looks_like_bag
+from mvuav_ros.recordings.remote import local_copy
 from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.sources.v4l2_camera import Camera
@@ -71,18 +72,20 @@ def open_source(
         return SimulatedFlight(text, planned_flight(text, {} if rate is None else {'fps': rate}))
     if cameras and (text.isdecimal() or text.startswith('/dev/')):
         return Camera(int(text) if text.isdecimal() else text, camera)
-    return _stored(text, (topic, imu_topic, camera_info_topic), rate)
+    with ExitStack() as copy:
+        path = copy.enter_context(local_copy(text))
+        source = _stored(text, path, (topic, imu_topic, camera_info_topic), rate)
+        # What lies elsewhere is copied for as long as the source is used.
+        weakref.finalize(source, copy.pop_all().close)
+    return source
 
 
 _Topics = tuple[str | None, str | None, str | None]
 """Of a bag's images, attitude and calibration."""
 
 
-def _stored(text: str, topics: _Topics, rate: float | None) -> FrameSource:
-    """What lies in files, here or elsewhere."""
-    if is_url(text):
-        return _remote(text, topics, rate)
-    path = Path(text).expanduser()
+def _stored(text: str, path: Path, topics: _Topics, rate: float | None) -> FrameSource:
+    """What lies in files, which is ``text`` for people."""
     if any(sign in text for sign in '*?[') and not path.exists():
         return ImageFolder(text, matching(path), rate)
     if not path.exists():
@@ -90,7 +93,7 @@ def _stored(text: str, topics: _Topics, rate: float | None) -> FrameSource:
     if looks_like_bag(path):
         return _bag(path, topics)
     if path.is_dir():
-        return ImageFolder(text, _visible(path), rate)
+        return ImageFolder(text, entries(path), rate)
     if not path.is_file():
         raise SourceError(f'{text} is neither a file nor a folder')
     if path.stat().st_size == 0:
@@ -100,46 +103,10 @@ def _stored(text: str, topics: _Topics, rate: float | None) -> FrameSource:
     return VideoFile(path, rate)
 
 
-def _remote(url: str, topics: _Topics, rate: float | None) -> FrameSource:
-    """A copy of what lies elsewhere, for as long as the source is used."""
-    folder = TemporaryDirectory(prefix='mvuav_')
-    source = _stored(str(fetch(url, Path(folder.name))), topics, rate)
-    weakref.finalize(source, folder.cleanup)
-    return source
-
-
-def looks_like_bag(path: Path) -> bool:
-    """Whether a path is a bag and not images; content decides where it is not damaged.
-
-    Raises:
-        SourceError: it is a folder that cannot be read.
-    """
-    if path.is_dir():
-        try:
-            entries = _visible(path)
-        except OSError as error:
-            raise SourceError(f'{path} cannot be read: {error.strerror or error}') from error
-        return any(
-            entry.name == 'metadata.yaml'
-            or (entry.suffix.lower() not in IMAGE_SUFFIXES and is_bag_file(entry))
-            for entry in entries
-        )
-    return path.name == 'metadata.yaml' or is_bag_file(path)
-
-
-def _visible(folder: Path) -> list[Path]:
-    """What is in a folder, without what macOS leaves beside each file (``._1.png``)."""
-    return [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
-
-
 def _bag(path: Path, topics: _Topics) -> FrameSource:
     # The bag libraries come from PyPI; cameras and videos work on a robot that lacks them.
-    try:
+    with needed_for(f'bag {path}'):
         from mvuav_ros.sources.bag import BagImages
-    except ImportError as error:
-        raise SourceError(
-            f'{path}: reading bags needs rosbags and mcap (pip install rosbags mcap): {error}'
-        ) from error
     return BagImages(path, *topics)
 
 

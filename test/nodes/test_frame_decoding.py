@@ -90,7 +90,7 @@ def test_packets_that_never_become_frames_are_not_kept_for_ever() -> None:
     for number in range(200):
         message = compressed_image(data, 'h264', stamp_of(number))
         assert list(decoder.frames(received(message, skipped=True))) == []
-    assert len(decoder._received) <= 64
+    assert len(decoder._video._waiting) <= 64
 
 
 def test_after_a_pause_no_image_is_made_of_what_needs_those_before() -> None:

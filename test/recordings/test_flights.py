@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 from support.commands import mvuav, stamps
-from support.recording_samples import image_samples, write_mcap, write_rosbag2
+from support.recording_samples import image_samples, write_mcap, write_ros1, write_rosbag2
 
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import by_flight, recordings_in
+from mvuav_ros.recordings.reading import open_recording
 
 NODE = ('--nodes', 'marker_tracker', '--param', 'marker_tracker:mode:=detect_any')
 
@@ -27,6 +28,9 @@ def touch(folder: Path, *names: str) -> Path:
         (['a.mcap', 'b.bag', 'c.db3', 'd.mp4', '.hidden.mcap'], 4),
         (['a.mcap', 'a.mcap.zstd', 'b.mcap.zstd'], 2),
         (['a.mcap', 'b.mp4'], 2),
+        (['a.mp4', 'b.mp4'], 2),
+        (['rosbag2_2026_01_02-03_04_05_0.db3', 'rosbag2_2026_01_03-03_04_05_0.db3'], 2),
+        (['2026-01-02-03-04-05_0.bag', '2026-01-03-03-04-05_0.bag'], 2),
         # One recording.
         (['season_0.mcap', 'season_1.mcap'], 0),
         (['rosbag2_2026_01_02-03_04_05_0.db3', 'rosbag2_2026_01_02-03_04_05_1.db3'], 0),
@@ -46,6 +50,18 @@ def test_a_folder_is_one_recording_or_several(
     assert [Path(f).name for f in found] == sorted(
         (Path(f).name for f in found), key=lambda name: (name[0], len(name))
     )
+
+
+def test_parts_that_ros1_names_by_the_time_alone_are_one_recording(tmp_path: Path) -> None:
+    samples = image_samples(6)
+    for number, name in enumerate(('2026-01-02-03-04-05_0.bag', '2026-01-02-03-14-05_1.bag')):
+        write_ros1(tmp_path / name, samples[3 * number : 3 * number + 3])
+    assert recordings_in(str(tmp_path)) == [str(tmp_path)]
+    with open_recording(tmp_path) as recording:
+        assert len(list(recording.messages())) == 6
+    (tmp_path / '2026-01-02-03-14-05_1.bag').rename(tmp_path / '2026-01-03-03-14-05_0.bag')
+    with pytest.raises(RecordingError, match='several recordings'):
+        open_recording(tmp_path)
 
 
 def test_folders_of_images_and_rosbag2_folders_are_recordings_of_a_folder(tmp_path: Path) -> None:

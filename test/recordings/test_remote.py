@@ -17,7 +17,6 @@ from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import fingerprint
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.remote import (
-    fetch,
     is_url,
     local_copy,
     local_output,
@@ -65,8 +64,8 @@ def test_https_and_what_is_removed_afterwards(tmp_path: Path) -> None:
         with local_copy(url) as path:
             assert path.read_bytes() == (tmp_path / 'a.mcap').read_bytes()
         assert not path.exists()
-        with pytest.raises(RecordingError, match='cannot be read'):
-            fetch(f'{url}.missing', tmp_path / 'copy')
+        with pytest.raises(RecordingError, match='cannot be read'), local_copy(f'{url}.missing'):
+            pass
         server.shutdown()
 
 

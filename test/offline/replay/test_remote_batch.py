@@ -25,7 +25,7 @@ from support.commands import (
 )
 from support.s3_server import fsspec, s3_bucket
 
-from mvuav_ros.recordings.remote import fetch, read_text
+from mvuav_ros.recordings.remote import local_copy, read_text
 
 distributed = pytest.importorskip('distributed', reason='Dask is not installed')
 NODE = ('--nodes', 'marker_tracker')
@@ -60,7 +60,8 @@ def test_a_batch_in_processes_and_once_more(s3: str, tmp_path: Path) -> None:
     assert outcomes(out) == {'a.mcap': 'finished', 'b.mcap': 'finished'}
     local = tmp_path / 'b.mcap'
     assert mvuav_process('replay', tmp_path / 'in' / 'b.mcap', '-o', local, *NODE).status == 0
-    assert read(fetch(f'{out}/b.mcap', tmp_path / 'fetched')) == read(local)
+    with local_copy(f'{out}/b.mcap') as fetched:
+        assert read(fetched) == read(local)
     again = mvuav_process('replay', *flights, '-o', out, *NODE)
     assert again.out.count('finished before') == 2
 
@@ -85,8 +86,8 @@ def test_two_workers_of_which_one_is_killed_in_the_middle(s3: str, tmp_path: Pat
         assert sorted(err.splitlines()) == notes_of(flights, NO_LIGHT)
         assert outcomes(out) == dict.fromkeys((f'{name}.mcap' for name in LENGTHS), 'finished')
         for name in LENGTHS:
-            fetched = fetch(f'{out}/{name}.mcap', tmp_path / 'fetched')
-            assert read(fetched) == read(local / f'{name}.mcap')
+            with local_copy(f'{out}/{name}.mcap') as fetched:
+                assert read(fetched) == read(local / f'{name}.mcap')
         # One is lost, one is not finished: those two are done again.
         system = fsspec.filesystem('s3')
         system.rm_file(f'{out}/middle.mcap')
@@ -102,7 +103,8 @@ def test_two_workers_of_which_one_is_killed_in_the_middle(s3: str, tmp_path: Pat
     assert {line.split(':')[1] for line in again.out.splitlines() if 'before' in line} == {
         f'{out}/{name}.mcap'.split(':')[1] for name in ('long', 'other')
     }
-    assert read(fetch(f'{out}/middle.mcap', tmp_path / 'twice')) == read(local / 'middle.mcap')
+    with local_copy(f'{out}/middle.mcap') as fetched:
+        assert read(fetched) == read(local / 'middle.mcap')
 
 
 def worker_with_the_long_one(cluster: distributed.LocalCluster) -> int:
