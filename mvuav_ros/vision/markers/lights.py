@@ -270,32 +270,6 @@ MIN_SHARE = 0.2
 """Of the n-th largest spot's area: what is smaller is no marker of a body with n of them."""
 
 
-class Frame:
-    """One image of a time (s), and how its lights are measured; of a size, px."""
-
-    def __init__(
-        self, image: Image, time: float, number: int, parameters: MarkerTrackerParameters
-    ) -> None:
-        self.image, self.time, self.number, self.parameters = image, time, number, parameters
-        self.meter = CentroidMeter(image, parameters.threshold, parameters.weighted)
-        self.size = self.meter.size
-        self._spots: dict[float, list[Detection]] = {}
-
-    @cached_property
-    def blobs(self) -> Blobs:
-        """Its bright pieces, however often they are looked at."""
-        return Blobs(self.image.gray(), self.parameters)
-
-    def spots(self, least: float) -> list[Detection]:
-        """Those of its bright pieces that may be lights, of an area (px) at least, measured.
-
-        However often they are asked for.
-        """
-        if least not in self._spots:
-            self._spots[least] = self.blobs.measure(self.blobs.may_be_lights(least))
-        return self._spots[least]
-
-
 class Light(NamedTuple):
     """A light: x and y (px) where a lens without distortion would show it, and as it is seen."""
 
@@ -304,12 +278,40 @@ class Light(NamedTuple):
     seen: Detection
 
 
-def find_spots(frame: Frame, lens: Lens, least: float = 0.0) -> list[Light]:
-    """The lights of a whole frame, of an area (px) at least, measured."""
-    spots = frame.spots(least)
-    return [
-        Light(*place, spot) for place, spot in zip(lens.straightened(spots), spots, strict=True)
-    ]
+class Frame:
+    """One image of a time (s), and how its lights are measured; of a size, px."""
+
+    def __init__(
+        self,
+        image: Image,
+        time: float,
+        number: int,
+        parameters: MarkerTrackerParameters,
+        lens: Lens,
+    ) -> None:
+        self.image, self.time, self.number, self.parameters = image, time, number, parameters
+        self.meter = CentroidMeter(image, parameters.threshold, parameters.weighted)
+        self.size = self.meter.size
+        self._lens = lens
+        self._lights: dict[float, list[Light]] = {}
+
+    @cached_property
+    def blobs(self) -> Blobs:
+        """Its bright pieces, however often they are looked at."""
+        return Blobs(self.image.gray(), self.parameters)
+
+    def lights(self, least: float = 0.0) -> list[Light]:
+        """Those of its bright pieces that may be lights, of an area (px) at least, measured.
+
+        However often they are asked for.
+        """
+        if least not in self._lights:
+            spots = self.blobs.measure(self.blobs.may_be_lights(least))
+            places = self._lens.straightened(spots)
+            self._lights[least] = [
+                Light(*place, spot) for place, spot in zip(places, spots, strict=True)
+            ]
+        return self._lights[least]
 
 
 def by_size(lights: Sequence[Light]) -> list[Light]:

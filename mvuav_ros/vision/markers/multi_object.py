@@ -46,26 +46,15 @@ def assign(cost: Array, number: Integers) -> Integers:
     """Give detections to known lights so that most have one, and the sum of costs is least.
 
     The cost (n, k) of each light's choices is `IMPOSSIBLE` where they cannot be a pair; the numbers
-    (n, k) are the detections'. Pairs without another choice are taken at once, the rest by the
-    Hungarian method. Returns each light's detection, (n,), or -1.
+    (n, k) are the detections'. Returns each light's detection, (n,), or -1.
     """
-    given = np.full(len(cost), -1)
-    possible = cost < IMPOSSIBLE
-    rivals = np.bincount(number[possible], minlength=int(number.max(initial=0)) + 1)
-    only = possible.argmax(axis=1)
-    first = number[np.arange(len(cost)), only]
-    sure = (possible.sum(axis=1) == 1) & (rivals[first] == 1)
-    given[sure] = first[sure]
-    rows = np.flatnonzero(possible.any(axis=1) & ~sure)
-    if len(rows) == 0:
-        return given
-    light, choice = np.nonzero(possible[rows])
-    columns, column = np.unique(number[rows[light], choice], return_inverse=True)
-    dense = np.full((len(rows), len(columns)), IMPOSSIBLE)
-    dense[light, column] = cost[rows[light], choice]
+    light, choice = np.nonzero(cost < IMPOSSIBLE)
+    dense = np.full((len(cost), int(number.max()) + 1), IMPOSSIBLE)
+    dense[light, number[light, choice]] = cost[light, choice]
+    # By the Hungarian method.
     chosen, taken = linear_sum_assignment(dense)
-    valid = dense[chosen, taken] < IMPOSSIBLE
-    given[rows[chosen[valid]]] = columns[taken[valid]]
+    given = np.full(len(cost), -1)
+    given[chosen] = np.where(dense[chosen, taken] < IMPOSSIBLE, taken, -1)
     return given
 
 
