@@ -28,25 +28,20 @@ MIN_LIGHTS = 4
 """In an image: a pose takes six of the six numbers of three lights, and leaves none for the rig."""
 
 
-@dataclass(frozen=True)
-class RigCalibrationTuning:
-    """What counts as an outlier, and when a flight does not determine the rig."""
+# What counts as an outlier, and when a flight does not determine the rig.
 
-    most_frames: int = 300  # those that differ most are taken
-    fewest_frames: int = 10
-    # An image is looked into for a wrong name where noise alone leaves such residuals in one of
-    # so many.
-    one_of: float = 2000.0
-    # Of the noise per axis: residuals count less and less from about there on.
-    outlying: float = 3.7
-    # px, per axis: the least noise that is expected of a light's place.
-    least_noise: float = 0.02
-    # Of the span (1 sigma): from where on the motion does not determine where a light is.
-    most_deviation: float = 0.005
-    rounds: int = 6  # of adjustment, and naming outliers
-
-
-TUNING = RigCalibrationTuning()
+MAX_FRAMES = 300  # those that differ most are taken
+MIN_FRAMES = 10
+# An image is looked into for a wrong name where noise alone leaves such residuals in one of
+# so many.
+ONE_OF = 2000.0
+# Of the noise per axis: residuals count less and less from about there on.
+OUTLYING = 3.7
+# px, per axis: the least noise that is expected of a light's place.
+MIN_NOISE = 0.02
+# Of the span (1 sigma): from where on the motion does not determine where a light is.
+MAX_DEVIATION = 0.005
+MAX_ROUNDS = 6  # of adjustment, and naming outliers
 _FITS = 2.0  # px, rms per axis, to which the last pose is gone on with
 
 
@@ -111,10 +106,10 @@ def calibrate_rig(
     bundle.locate()
     bundle.choose_frames()
     bound = math.inf
-    for _ in range(TUNING.rounds):
+    for _ in range(MAX_ROUNDS):
         bundle.adjust(bound)
         # Another light may pull the rig to itself as long as nobody knows the noise.
-        bound = TUNING.outlying * bundle.noise(of_most=True)
+        bound = OUTLYING * bundle.noise(of_most=True)
         bundle.adjust(bound)
         before = bundle.used.copy()
         bundle.locate()
@@ -169,7 +164,7 @@ class _Bundle:
         usual = [s.squares / _usual(len(self._rows[f])) for f, s in solved.items() if s]
         if not usual:
             raise RigCalibrationError('no pose fits the lights in any image: is it this rig?')
-        variance = max(float(np.median(usual)), TUNING.least_noise**2)
+        variance = max(float(np.median(usual)), MIN_NOISE**2)
         self._poses, self.used[:] = {}, False
         for frame, rows in self._rows.items():
             found, chosen = solved[frame], rows
@@ -211,12 +206,12 @@ class _Bundle:
 
     def choose_frames(self) -> None:
         """Of too many images keep those whose poses differ most."""
-        if len(self._poses) > TUNING.most_frames:
+        if len(self._poses) > MAX_FRAMES:
             frames, poses = list(self._poses), np.array(list(self._poses.values()))
             depth = np.linalg.norm(poses[:, 3:], axis=1)[:, None]
             turns = np.array([rotation_of(pose[:3]).ravel() for pose in poses])
             views = np.hstack((turns, poses[:, 3:] / depth, np.log(depth)))
-            chosen = sorted(farthest_first(views, 0, TUNING.most_frames))
+            chosen = sorted(farthest_first(views, 0, MAX_FRAMES))
             self._poses = {frames[index]: poses[index] for index in chosen}
         self._rows = {frame: rows for frame, rows in self._rows.items() if frame in self._poses}
         self.used &= np.isin(self._all.frames, list(self._poses))
@@ -263,7 +258,7 @@ class _Bundle:
         if of_most:
             ratios = [one / _usual(len(r) // 2) for one, r in zip(each, views, strict=True)]
             squares = float(np.median(ratios)) * count
-        return max(math.sqrt(squares / rest), TUNING.least_noise)
+        return max(math.sqrt(squares / rest), MIN_NOISE)
 
     def residuals(self) -> Array:
         """(m, 2) of all detections, px; NaN without a pose."""
@@ -277,17 +272,17 @@ class _Bundle:
     def refuse_few(self, names: Sequence[str]) -> None:
         """Say what is seen too rarely."""
         frames = len(self._poses)
-        if frames < TUNING.fewest_frames:
+        if frames < MIN_FRAMES:
             raise RigCalibrationError(
                 f'{frames} images show {MIN_LIGHTS} lights and more that fit together; '
-                f'{TUNING.fewest_frames} are needed, and 100 are good'
+                f'{MIN_FRAMES} are needed, and 100 are good'
             )
         counts = np.bincount(self._all.markers[self.used], minlength=len(self.points))
-        if counts.min() < TUNING.fewest_frames:
+        if counts.min() < MIN_FRAMES:
             rarest = int(counts.argmin())
             raise RigCalibrationError(
                 f'{names[rarest]} is seen in {counts[rarest]} images, of {frames}: '
-                f'{TUNING.fewest_frames} are needed'
+                f'{MIN_FRAMES} are needed'
             )
 
     def in_frame_of(
@@ -331,7 +326,7 @@ def _usual(lights: int) -> float:
 
 def _most(lights: int) -> float:
     """The most that noise leaves of them, but for one image of many."""
-    return float(chdtri(2 * lights - 6, 1.0 / TUNING.one_of))
+    return float(chdtri(2 * lights - 6, 1.0 / ONE_OF))
 
 
 def _gauge(points: Array) -> Array:
@@ -359,7 +354,7 @@ def _refuse_untold(positions: Array, covariance: Array, names: Sequence[str]) ->
     variances, axes = np.linalg.eigh(covariance.reshape(-1, 3, len(names), 3)[count, :, count])
     worst = int(variances[:, -1].argmax())
     deviation = math.sqrt(max(float(variances[worst, -1]), 0.0))
-    if deviation > TUNING.most_deviation * span:
+    if deviation > MAX_DEVIATION * span:
         where = ', '.join(f'{abs(part):.2f}' for part in axes[worst, :, -1])
         raise RigCalibrationError(
             f'the motion does not determine the shape: {names[worst]} is known to '

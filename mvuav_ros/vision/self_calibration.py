@@ -20,37 +20,30 @@ from mvuav_ros.vision.rig import MarkerRig
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class CalibrationTuning:
-    """How well rigs and lights are measured, and what contradicts a calibration.
+# How well rigs and lights are measured, and what contradicts a calibration. Chosen on seeds 100 to
+# 105 and 20000 to 20008 of `test/support/marker_flights.py`.
 
-    Chosen on seeds 100 to 105 and 20000 to 20008 of `test/support/marker_flights.py`.
-    """
-
-    fewest: int = 4  # markers of a frame that says anything: it has eight numbers, a pose six
-    noise: float = 0.15  # px (1 sigma), of a light's place per axis
-    # Of a marker's place on the rig per axis, in parts of the rig's size (1 sigma): as a rig is
-    # measured well, and, where the lights do not fit that, badly.
-    rig_errors: tuple[float, ...] = (0.002, 0.006)
-    # Of the focal length's logarithm before anything was seen (1 sigma).
-    focal_error: float = 0.5
-    contradiction: float = 3.0  # deviations from the calibration, and
-    min_contradiction: float = 0.04  # part of it, from which on the lights contradict it
-    # Of the squared residuals over their variances, per degree of freedom: with more, the names
-    # are wrong or the camera is another one altogether.
-    max_reduced_chi2: float = 6.0
-    frames: int = 12  # that are kept
-    # Frames by which rig and camera are known well enough to see that a further one does not fit
-    # them: its squared residuals are above `max_odd` and by a factor above those before.
-    known: int = 3
-    max_odd: float = 2.0
-    odd: float = 4.0
-    # Such frames in a row, after which it was not one of the lights but what was known.
-    max_refused: int = 8
-    step: float = 1e-4  # of the logarithm, after which the next one would change nothing
-
-
-TUNING = CalibrationTuning()
+MIN_LIGHTS = 4  # markers of a frame that says anything: it has eight numbers, a pose six
+NOISE = 0.15  # px (1 sigma), of a light's place per axis
+# Of a marker's place on the rig per axis, in parts of the rig's size (1 sigma): as a rig is
+# measured well, and, where the lights do not fit that, badly.
+RIG_ERRORS = (0.002, 0.006)
+# Of the focal length's logarithm before anything was seen (1 sigma).
+FOCAL_ERROR = 0.5
+CONTRADICTION = 3.0  # deviations from the calibration, and
+MIN_CONTRADICTION = 0.04  # part of it, from which on the lights contradict it
+# Of the squared residuals over their variances, per degree of freedom: with more, the names
+# are wrong or the camera is another one altogether.
+MAX_REDUCED_CHI2 = 6.0
+MAX_FRAMES = 12  # that are kept
+# Frames by which rig and camera are known well enough to see that a further one does not fit
+# them: its squared residuals are above `MAX_ODD` and by a factor above those before.
+KNOWN_BY = 3
+MAX_ODD = 2.0
+ODD = 4.0
+# Such frames in a row, after which it was not one of the lights but what was known.
+MAX_REFUSED = 8
+SETTLED = 1e-4  # of the logarithm, after which the next one would change nothing
 _MAX_ITERATIONS = 12
 _MAX_STEP, _FARTHEST = 0.25, 3.0
 _NOWHERE: Array = np.zeros(3)
@@ -100,12 +93,12 @@ class Estimate:
     @property
     def fits(self) -> bool:
         """Whether some focal length explains the lights."""
-        return self.reduced_chi2 <= TUNING.max_reduced_chi2
+        return self.reduced_chi2 <= MAX_REDUCED_CHI2
 
     @property
     def contradicts(self) -> bool:
         """Whether it is another one than that of the calibration."""
-        limit = max(TUNING.contradiction * self.deviation, TUNING.min_contradiction)
+        limit = max(CONTRADICTION * self.deviation, MIN_CONTRADICTION)
         return self.fits and abs(self.shift) > limit
 
     def of_camera(self, camera: CameraModel) -> CameraModel:
@@ -166,7 +159,7 @@ class SelfCalibration:
         Of many frames the newest are kept. Not taken (False) are frames with too few lights, and
         such as do not fit the others, unless they keep coming: a light may be another one.
         """
-        if len(labels) < TUNING.fewest:
+        if len(labels) < MIN_LIGHTS:
             return False
         seen = np.array(pixels, np.float64).reshape(-1, 2)
         frame = _Frame(np.array(labels, np.intp), seen, np.eye(3), np.zeros(3))
@@ -177,11 +170,11 @@ class SelfCalibration:
         frame = frame._replace(rotation=poses[0][0], translation=poses[0][1])
         if not frame.rotation[2].dot(self._middle) + frame.translation[2] > 0.0:
             return False
-        if self._is_odd(frame, model) and self._refused < TUNING.max_refused:
+        if self._is_odd(frame, model) and self._refused < MAX_REFUSED:
             self._refused += 1
             return False
         self._refused = 0
-        self._frames = [*self._frames[1 - TUNING.frames :], frame]
+        self._frames = [*self._frames[1 - MAX_FRAMES :], frame]
         self._estimate = None
         return True
 
@@ -195,12 +188,12 @@ class SelfCalibration:
         for frame in self._frames:
             solution = frame.view(*model).refine(frame.rotation, frame.translation)
             squares = math.inf if solution is None else solution.squares
-            found.append(squares / TUNING.noise**2 / (2 * len(frame.labels) - 6))
+            found.append(squares / NOISE**2 / (2 * len(frame.labels) - 6))
         return np.array(found)
 
     def _is_odd(self, frame: _Frame, model: tuple[CameraModel, Array]) -> bool:
         estimated = self.estimate()
-        if len(self._frames) < TUNING.known or estimated is None or not estimated.fits:
+        if len(self._frames) < KNOWN_BY or estimated is None or not estimated.fits:
             return False
         try:
             first = self._linearize([frame], *model)
@@ -213,13 +206,13 @@ class SelfCalibration:
         spread = np.eye(len(left)) + rest @ self._covariance @ rest.T
         freedom = max(2 * len(frame.labels) - 6, 1)
         reduced_chi2 = float(left @ np.linalg.solve(spread, left)) / freedom
-        return reduced_chi2 > max(TUNING.max_odd, TUNING.odd * estimated.reduced_chi2)
+        return reduced_chi2 > max(MAX_ODD, ODD * estimated.reduced_chi2)
 
     def estimate(self) -> Estimate | None:
         """What the frames say; None where there are none, or nothing follows from them."""
         if self._estimate is None and self._frames:
             try:
-                for rig_error in TUNING.rig_errors:
+                for rig_error in RIG_ERRORS:
                     self._estimate = self._adjust(rig_error)
                     if self._estimate.fits:
                         break
@@ -234,7 +227,7 @@ class SelfCalibration:
     def _adjust(self, rig_error: float) -> Estimate:
         """Gauss-Newton steps in which the poses are eliminated; a LinAlgError where that fails."""
         deviations = np.full(len(self._value), rig_error * self._size)
-        deviations[0] = TUNING.focal_error
+        deviations[0] = FOCAL_ERROR
         weight = deviations**-2
         value, frames = self._value, self._frames
         for _ in range(_MAX_ITERATIONS):
@@ -250,7 +243,7 @@ class SelfCalibration:
             value = value + step
             steps = equations.steps(step)
             frames = [frame.moved(own) for frame, own in zip(frames, steps, strict=True)]
-            if abs(float(step[0])) < TUNING.step:
+            if abs(float(step[0])) < SETTLED:
                 break
         if not covariance[0, 0] > 0:
             raise np.linalg.LinAlgError('nothing follows for the focal length')
@@ -290,7 +283,7 @@ class SelfCalibration:
         by_points[:, markers, :, markers] = (by_place @ rotations[:, None]).transpose(1, 0, 2, 3)
 
         def rows(one: Array) -> Array:
-            seen_ones = np.where(is_seen[(..., *[None] * (one.ndim - 2))], one / TUNING.noise, 0.0)
+            seen_ones = np.where(is_seen[(..., *[None] * (one.ndim - 2))], one / NOISE, 0.0)
             return seen_ones.reshape(count, 2 * len(points), *one.shape[3:])
 
         residual, own, common = rows(pixels - seen), rows(own), rows(common)

@@ -12,8 +12,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
-from mvuav_ros.vision.markers.fault_detection import FaultDetector
+from mvuav_ros.vision.markers.fault_detection import MIN_AGREEING, FaultDetector
 from mvuav_ros.vision.markers.initialization import Attempts, Trial, fewest_at_start, initialize
 from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
@@ -210,7 +209,7 @@ class IdentityTracker:
         memory.weigh(search.found, evidence, search.given, others, search.reacquired, landmarks)
         faults.doubtful = memory.doubtful
         faults.commit(places)
-        if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:
+        if len(search.found.keys() - search.suspects - memory.doubtful) >= MIN_AGREEING:
             self._is_sure = True
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
