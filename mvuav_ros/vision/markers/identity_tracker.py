@@ -11,11 +11,11 @@ import numpy as np
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import MIN_AGREEING, FaultDetector
 from mvuav_ros.vision.markers.initialization import Attempts, Trial, fewest_at_start, initialize
 from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
+    Detection,
     Frame,
     Lens,
     Light,

@@ -7,9 +7,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mvuav_ros.vision.markers.centroid import Detection, Pull
 from mvuav_ros.vision.markers.fault_detection import MIN_AGREEING, MIN_FIRM, Evidence
-from mvuav_ros.vision.markers.lights import Frame, Light, area_fits
+from mvuav_ros.vision.markers.lights import Detection, Frame, Light, Pull, area_fits
 from mvuav_ros.vision.markers.marker_results import NO_WINDOW, Window
 from mvuav_ros.vision.markers.motion import MotionPredictor
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import (
     DOUBT,
     GATE,
@@ -31,6 +30,7 @@ from mvuav_ros.vision.markers.hypotheses import (
 from mvuav_ros.vision.markers.initialization import MAX_AT_START
 from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
+    Detection,
     Light,
     apart_from,
     are_close,

@@ -10,8 +10,14 @@ import cv2
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import CentroidMeter
-from mvuav_ros.vision.markers.lights import GroupingError, Light, Point, area_fits, find_lights
+from mvuav_ros.vision.markers.lights import (
+    CentroidMeter,
+    GroupingError,
+    Light,
+    Point,
+    area_fits,
+    find_lights,
+)
 from mvuav_ros.vision.markers.marker_results import (
     LOST_TANKER,
     NO_WINDOW,

@@ -7,9 +7,8 @@ import pytest
 from support.marker_flights import SCENES, MarkerFlight, Scene, track_flight
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.lamps import MIN_SEEN, Lamps
-from mvuav_ros.vision.markers.lights import Frame, Lens, Light
+from mvuav_ros.vision.markers.lights import Detection, Frame, Lens, Light
 from mvuav_ros.vision.markers.rig_view import PITCH, ROLL, ViewState, WeakPerspective, X, Y
 from mvuav_ros.vision.markers.view_correction import Belief
 from mvuav_ros.vision.rig import TANKER_747

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_t
 
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import Evidence
-from mvuav_ros.vision.markers.lights import Light
+from mvuav_ros.vision.markers.lights import Detection, Light
 from mvuav_ros.vision.markers.marker_memory import (
     FIRST_ODDS,
     Expectation,

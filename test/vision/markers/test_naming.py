@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.lamps import Lamps
-from mvuav_ros.vision.markers.lights import Lens, Light
+from mvuav_ros.vision.markers.lights import Detection, Lens, Light
 from mvuav_ros.vision.markers.marker_memory import FIRST_ODDS, Expectation, KnownMarker
 from mvuav_ros.vision.markers.naming import UNLIKELY_COST, Clutter, Search, assign
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective

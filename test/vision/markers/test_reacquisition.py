@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.hypotheses import Prior, body_hypotheses, log_odds_of
-from mvuav_ros.vision.markers.lights import Lens, Light
+from mvuav_ros.vision.markers.lights import Detection, Lens, Light
 from mvuav_ros.vision.markers.marker_memory import MIN_ODDS
 from mvuav_ros.vision.markers.naming import JOLT, reacquire
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
