@@ -49,6 +49,7 @@ whole pixels included): the rest is a margin for other flights.
 See tools/evaluate_runway_levels.py."""
 MAX_ROLL_SIGMA = math.radians(9.0)
 """rad, of the roll, above which nothing is promised of offset and heading: no horizon shows it."""
+MIN_NOISE = 0.05  # px (1 sigma) per axis, of a light's place: less is not believed of residuals
 _COORDINATES = 6
 _RIDGE = 1e-12
 """Of the information's scale: makes that of a degenerate set of lights invertible, and its
@@ -67,10 +68,8 @@ class IntegrityState(IntEnum):
 class IntegrityBudget:
     """What is assumed of faults, and what may remain; errors are standard deviations.
 
-    Why they are what they are is in docs/integrity.md.
-
-    Raises:
-        ValueError: a number is no probability or no deviation.
+    Why they are what they are is in docs/integrity.md. The node's parameters have the limits of
+    each.
     """
 
     risk: float = 1e-7  # probability per frame that the error of any coordinate exceeds its level
@@ -78,15 +77,6 @@ class IntegrityBudget:
     light_prior: float = 1e-4
     focal_error: float = 0.001  # of the calibrated focal length, as a part of it
     center_error: float = 0.2  # of the calibrated principal point, px per axis
-    # Of a light's place, px per axis: below it that of the residuals is not believed.
-    min_noise: float = 0.05
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.risk < 0.5 and 0.0 <= self.light_prior < 0.5):
-            raise ValueError('the integrity risk and the prior are probabilities below 0.5')
-        errors = (self.focal_error, self.center_error, self.min_noise)
-        if not all(0.0 <= error < math.inf for error in errors) or not self.min_noise:
-            raise ValueError('errors are standard deviations: positive numbers')
 
 
 class Levels:
@@ -244,7 +234,7 @@ def protection_levels(
         )
     view = Reprojection(camera, rig.positions[used] - rig.dock, pixels[:count])
     at_dock = view.look(rotation, translation + rotation.dot(rig.dock))
-    design = _design(camera, view.image, *at_dock, budget) / max(noise, budget.min_noise)
+    design = _design(camera, view.image, *at_dock, budget) / max(noise, MIN_NOISE)
     # Each light's part of the normal equations, six rows of ten.
     terms = (design[:, :, :6].transpose(0, 2, 1) @ design).reshape(count, 60)
     sums = _hypotheses(count)[0] @ terms

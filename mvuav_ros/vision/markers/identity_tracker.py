@@ -102,10 +102,9 @@ class IdentityTracker:
         if named.view is None:
             self._attempts.fail()
             return self._nothing(named.remark)
-        if not self._attempts.succeed(named):
-            # Another way of naming the same lights than a frame ago: neither can be believed.
-            return self._nothing('the markers were named in two ways')
-        if not self._attempts.confirmed(named, self._lens.focal is not None):
+        # Of two ways of naming the same lights in following frames neither can be believed.
+        is_alike = self._attempts.succeed(named)
+        if not (is_alike and self._attempts.confirmed(named, self._lens.focal is not None)):
             return self._nothing(f'{seen} lights in view, not yet certain')
         self._start_again(self._attempts.was_wrong)
         memory = MarkerMemory(frame.time, named.lights, self._count, self._is_redundant)
