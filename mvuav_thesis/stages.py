@@ -20,9 +20,14 @@ from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.lights import area_fits, group_mask
+from mvuav_ros.vision.markers.lights import Detection, area_fits, group_mask
 from mvuav_ros.vision.markers.marker_results import TANKER_LABELS, Cluster, Window
-from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, Motion, label_five, measure_window
+from mvuav_ros.vision.markers.thesis_tracker import (
+    WHOLE_FRAMES,
+    Motion,
+    label_five,
+    measure_windows,
+)
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 from mvuav_thesis import known
@@ -175,6 +180,7 @@ def _time_stages(
     motions = [Motion() for _ in TANKER_LABELS]
     for number, frame in enumerate(frames):
         time = (frame.stamp_ns - frames[0].stamp_ns) * 1e-9
+        named: Sequence[Cluster | Detection]
         if parameters.mode == 'detect' or number < WHOLE_FRAMES:
             named = _whole_frame(number, frame.image, parameters, times)
         else:
@@ -217,15 +223,11 @@ def _windows(
 
 def _measure_windows(
     motions: Sequence[Motion], time: float, image: Image, parameters: MarkerTrackerParameters
-) -> list[Cluster]:
+) -> list[Detection]:
     """Predict, cut, threshold and take the moments of five windows."""
-    lights = []
-    for window in _windows(motions, time, image, parameters):
-        light = measure_window(image, window, parameters)
-        # Of an undisturbed flight: every light is in its window.
-        assert light is not None
-        lights.append(light)
-    return lights
+    lights = measure_windows(image, _windows(motions, time, image, parameters), parameters)
+    # Of an undisturbed flight: every light is in its window.
+    return [light for light in lights if light is not None]
 
 
 def table_5_2(times: Mapping[str, ProgramTimes], plan: Plan) -> Table:
