@@ -50,15 +50,6 @@ class RigCalibrationError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class MarkerDetections:
-    """Named lights in the images of a flight, one row for each."""
-
-    frames: Indices  # (m,), number of the image
-    markers: Indices  # (m,), place of the light in the rig
-    pixels: Array  # (m, 2), where it is seen, px
-
-
-@dataclass(frozen=True, eq=False)
 class RigCalibration:
     """A rig with the figures of how good it is."""
 
@@ -67,8 +58,8 @@ class RigCalibration:
     # frame, are no part of it.
     covariance: Array
     scale_deviation: float  # standard deviation of the scale, as a part of it; 0 with a distance
-    residuals: Array  # (m, 2), seen minus projected, px; NaN where an image has no pose
-    used: NDArray[np.bool_]  # (m,), detections that made the rig: no outliers, of no image left out
+    residuals: Array  # (f, n, 2), seen minus projected, px; NaN where an image has no pose
+    used: NDArray[np.bool_]  # (f, n), lights that made the rig: no outliers, of no image left out
     frames: int  # number of images used
     noise: float  # of a light's place per axis, from the residuals, px
 
@@ -81,28 +72,29 @@ class RigCalibration:
 def calibrate_rig(
     rough: Array,
     camera: CameraModel,
-    detections: MarkerDetections,
+    pixels: Array,
     distance: tuple[int, int, float] | None = None,
     names: Sequence[str] = (),
 ) -> RigCalibration:
     """Find the positions of a rig's lights that explain the images of a flight best.
 
-    Detections that the others contradict (another light, a wrong name) are left out.
+    Lights that the others contradict (another light, a wrong name) are left out.
 
     Args:
         rough: (n, 3), positions that are about right, m.
         camera: calibrated.
-        detections: four lights and more in each image that counts.
+        pixels: (f, n, 2), where each light is seen in each image, px, NaN where it is not; an image
+            with fewer than four lights does not count.
         distance: two lights and their distance, m, taken as exact; without, the rig keeps the
             rough one's scale.
         names: of the lights, for messages.
 
     Raises:
-        RigCalibrationError: the detections are too few or too much alike to determine the rig.
+        RigCalibrationError: the lights seen are too few or too much alike to determine the rig.
     """
     names = names or [f'light {number}' for number in range(len(rough))]
     refuse_few_lights(len(rough))
-    bundle = _Bundle(camera, np.array(rough, np.float64), detections)
+    bundle = _Bundle(camera, np.array(rough, np.float64), pixels)
     bundle.locate()
     bundle.choose_frames()
     bound = math.inf
@@ -129,7 +121,7 @@ def calibrate_rig(
         scale_deviation,
         bundle.residuals(),
         bundle.used,
-        len(np.unique(detections.frames[bundle.used])),
+        int(bundle.used.any(axis=1).sum()),
         bundle.noise(),
     )
 
@@ -145,107 +137,101 @@ def refuse_few_lights(count: int) -> None:
 class _Bundle:
     """The adjustment on its way."""
 
-    def __init__(self, camera: CameraModel, points: Array, detections: MarkerDetections) -> None:
+    def __init__(self, camera: CameraModel, points: Array, pixels: Array) -> None:
         self._camera = camera
         self.points = points  # (n, 3), the positions, m, in any frame and scale
-        self._all = detections
-        self.used = np.zeros(len(detections.frames), np.bool_)  # (m,), the detections that count
-        order = np.argsort(detections.frames, kind='stable')
-        frames, starts = np.unique(detections.frames[order], return_index=True)
-        # Nothing is split into one part, which has no frame.
-        rows = zip(frames.tolist(), np.split(order, starts[1:]), strict=False)
-        # Of each image the rows of its detections.
-        self._rows = {frame: seen for frame, seen in rows if len(seen) >= MIN_LIGHTS}
+        self._pixels = pixels
+        self._is_seen = np.isfinite(pixels[..., 0])
+        self.used = np.zeros_like(self._is_seen)  # (f, n), the lights that count
+        self._images = np.flatnonzero(self._is_seen.sum(axis=1) >= MIN_LIGHTS).tolist()
         self._poses: dict[int, Array] = {}
 
     def locate(self) -> None:
         """The pose of every image, and which of its lights fit it."""
-        solved = {frame: self._solve(rows, frame) for frame, rows in self._rows.items()}
-        usual = [s.squares / _usual(len(self._rows[f])) for f, s in solved.items() if s]
+        lights = {image: np.flatnonzero(self._is_seen[image]) for image in self._images}
+        solved = {image: self._solve(image, seen) for image, seen in lights.items()}
+        usual = [s.squares / _usual(len(lights[image])) for image, s in solved.items() if s]
         if not usual:
             raise RigCalibrationError('no pose fits the lights in any image: is it this rig?')
         variance = max(float(np.median(usual)), MIN_NOISE**2)
         self._poses, self.used[:] = {}, False
-        for frame, rows in self._rows.items():
-            found, chosen = solved[frame], rows
-            if found is None or found.squares > variance * _most(len(rows)):
-                found, chosen = self._without_wrong(rows, frame, variance)
+        for image, seen in lights.items():
+            found, chosen = solved[image], seen
+            if found is None or found.squares > variance * _most(len(seen)):
+                found, chosen = self._without_wrong(image, seen, variance)
             if found is not None:
                 rvec = cv2.Rodrigues(found.rotation)[0].ravel()
-                self._poses[frame] = np.concatenate((rvec, found.translation))
-                self.used[chosen] = True
+                self._poses[image] = np.concatenate((rvec, found.translation))
+                self.used[image, chosen] = True
 
-    def _solve(self, rows: Indices, frame: int, thorough: bool = True) -> Solution | None:
-        """The best pose of an image; thorough: from tilted starts as well."""
-        points = np.ascontiguousarray(self.points[self._all.markers[rows]])
-        view = Reprojection(self._camera, points, np.ascontiguousarray(self._all.pixels[rows]))
-        last = self._poses.get(frame)
+    def _solve(self, image: int, lights: Indices, thorough: bool = True) -> Solution | None:
+        """The best pose of an image by some lights; thorough: from tilted starts as well."""
+        view = Reprojection(self._camera, self.points[lights], self._pixels[image, lights])
+        last = self._poses.get(image)
         solutions = [] if last is None else view.refined([(rotation_of(last[:3]), last[3:])])
         if thorough and not solutions:
             solutions = view.solve()
-        elif not solutions or solutions[0].squares > 2 * len(rows) * _FITS**2:
+        elif not solutions or solutions[0].squares > 2 * len(lights) * _FITS**2:
             solutions += view.refined(view.closed_forms())
         return min(solutions, key=lambda solution: solution.squares, default=None)
 
     def _without_wrong(
-        self, rows: Indices, frame: int, variance: float
+        self, image: int, lights: Indices, variance: float
     ) -> tuple[Solution | None, Indices]:
         """The pose of an image without the one or two lights that the others contradict."""
         for out in (1, 2):
-            if len(rows) - out <= MIN_LIGHTS - 1:
+            if len(lights) - out <= MIN_LIGHTS - 1:
                 break
             tried = []
-            for wrong in combinations(range(len(rows)), out):
-                rest = np.delete(rows, wrong)
-                found = self._solve(rest, frame, thorough=False)
+            for wrong in combinations(range(len(lights)), out):
+                rest = np.delete(lights, wrong)
+                found = self._solve(image, rest, thorough=False)
                 if found is not None and found.squares <= variance * _most(len(rest)):
                     tried.append((found, rest))
             if tried:
                 return min(tried, key=lambda each: each[0].squares)
-        return None, rows
+        return None, lights
 
     def choose_frames(self) -> None:
         """Of too many images keep those whose poses differ most."""
         if len(self._poses) > MAX_FRAMES:
-            frames, poses = list(self._poses), np.array(list(self._poses.values()))
+            images, poses = list(self._poses), np.array(list(self._poses.values()))
             depth = np.linalg.norm(poses[:, 3:], axis=1)[:, None]
             turns = np.array([rotation_of(pose[:3]).ravel() for pose in poses])
             views = np.hstack((turns, poses[:, 3:] / depth, np.log(depth)))
             chosen = sorted(farthest_first(views, 0, MAX_FRAMES))
-            self._poses = {frames[index]: poses[index] for index in chosen}
-        self._rows = {frame: rows for frame, rows in self._rows.items() if frame in self._poses}
-        self.used &= np.isin(self._all.frames, list(self._poses))
+            self._poses = {images[index]: poses[index] for index in chosen}
+        self._images = list(self._poses)
+        self.used[np.setdiff1d(np.arange(len(self.used)), self._images)] = False
 
     def adjust(self, bound: float = math.inf) -> None:
         """Move points and poses; residuals count less and less from a bound (px) on."""
-        frames = list(self._poses)
+        images = list(self._poses)
         shared, poses, _ = adjust(
-            lambda number, points, pose: self._view(frames[number], points, pose),
+            lambda number, points, pose: self._view(images[number], points, pose),
             self.points.ravel(),
             list(self._poses.values()),
             bound,
             _gauge,
         )
         self.points = shared.reshape(-1, 3)
-        self._poses = dict(zip(frames, poses, strict=True))
+        self._poses = dict(zip(images, poses, strict=True))
 
-    def _view(self, frame: int, points: Array, pose: Array) -> Equations:
-        """Of the detections that count, with the points (3n,) as what images share."""
-        rows = self._rows[frame]
-        rows = rows[self.used[rows]]
-        markers = self._all.markers[rows]
-        own = points.reshape(-1, 3)[markers]
+    def _view(self, image: int, points: Array, pose: Array) -> Equations:
+        """Of the lights that count, with the points (3n,) as what images share."""
+        lights = np.flatnonzero(self.used[image])
+        own = points.reshape(-1, 3)[lights]
         seen, by_pose, _ = self._camera.project_with_jacobians(own, pose[:3], pose[3:])
-        by_points = np.zeros((len(rows), 2, len(self.points), 3))
+        by_points = np.zeros((len(lights), 2, len(self.points), 3))
         # A point moves before the camera as the body does, but for the body's turn.
         slopes = (by_pose[:, 3:] @ rotation_of(pose[:3])).reshape(-1, 2, 3)
-        by_points[np.arange(len(rows)), :, markers] = slopes
-        residuals = (self._all.pixels[rows] - seen).ravel()
+        by_points[np.arange(len(lights)), :, lights] = slopes
+        residuals = (self._pixels[image, lights] - seen).ravel()
         return Equations(residuals, by_pose, by_points.reshape(-1, points.size))
 
     def _views(self) -> list[Equations]:
         points = self.points.ravel()
-        return [self._view(frame, points, pose) for frame, pose in self._poses.items()]
+        return [self._view(image, points, pose) for image, pose in self._poses.items()]
 
     def noise(self, *, of_most: bool = False) -> float:
         """Of a light's place per axis, from the residuals, px; of most images, or of all."""
@@ -261,12 +247,11 @@ class _Bundle:
         return max(math.sqrt(squares / rest), MIN_NOISE)
 
     def residuals(self) -> Array:
-        """(m, 2) of all detections, px; NaN without a pose."""
-        found = np.full((len(self._all.frames), 2), np.nan)
-        for frame, pose in self._poses.items():
-            rows = self._rows[frame]
-            seen = self._camera.project(self.points[self._all.markers[rows]], pose[:3], pose[3:])
-            found[rows] = self._all.pixels[rows] - seen
+        """(f, n, 2) of all lights, px; NaN where one is not seen, or without a pose."""
+        found = np.full_like(self._pixels, np.nan)
+        for image, pose in self._poses.items():
+            seen = self._camera.project(self.points, pose[:3], pose[3:])
+            found[image] = self._pixels[image] - seen
         return found
 
     def refuse_few(self, names: Sequence[str]) -> None:
@@ -277,7 +262,7 @@ class _Bundle:
                 f'{frames} images show {MIN_LIGHTS} lights and more that fit together; '
                 f'{MIN_FRAMES} are needed, and 100 are good'
             )
-        counts = np.bincount(self._all.markers[self.used], minlength=len(self.points))
+        counts = self.used.sum(axis=0)
         if counts.min() < MIN_FRAMES:
             rarest = int(counts.argmin())
             raise RigCalibrationError(
