@@ -21,7 +21,7 @@ from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.lights import Detection, area_fits, group_mask
-from mvuav_ros.vision.markers.marker_results import TANKER_LABELS, Cluster, Window
+from mvuav_ros.vision.markers.marker_results import TANKER_LABELS, Window
 from mvuav_ros.vision.markers.thesis_tracker import (
     WHOLE_FRAMES,
     Motion,
@@ -180,7 +180,6 @@ def _time_stages(
     motions = [Motion() for _ in TANKER_LABELS]
     for number, frame in enumerate(frames):
         time = (frame.stamp_ns - frames[0].stamp_ns) * 1e-9
-        named: Sequence[Cluster | Detection]
         if parameters.mode == 'detect' or number < WHOLE_FRAMES:
             named = _whole_frame(number, frame.image, parameters, times)
         else:
@@ -194,13 +193,13 @@ def _time_stages(
 
 def _whole_frame(
     number: int, image: Image, parameters: MarkerTrackerParameters, times: ProgramTimes
-) -> list[Cluster]:
+) -> list[Detection]:
     """Appendix A's stages on one frame."""
     watch = times.watch
     mask = watch.time(PREPARING, number, _prepare, image, parameters)
     bright = watch.time(SCANNING, number, cv2.findNonZero, mask)
     found = watch.time(CENTROIDS, number, group_mask, mask, parameters.grouping_distance)
-    groups = [Cluster(*group) for group in found.tolist() if area_fits(group[2], parameters)]
+    groups = [Detection(*group) for group in found.tolist() if area_fits(group[2], parameters)]
     order = watch.time(NAMING, number, label_five, groups)
     times.executions.update({PREPARING: 1, SCANNING: mask.size, CENTROIDS: len(bright), NAMING: 1})
     return [groups[i] for i in order]

@@ -41,8 +41,9 @@ class Detection(NamedTuple):
     x: float
     y: float
     area: int  # pixels above the threshold
-    # Second moment over that of a disc of this area: 1 for a disc, more for anything long or torn.
-    spread: float
+    # Second moment over that of a disc of this area: 1 for a disc, more for anything long or torn;
+    # NaN of the thesis's groups.
+    spread: float = math.nan
 
     @property
     def radius(self) -> float:

@@ -20,7 +20,6 @@ from mvuav_ros.vision.markers.lights import (
 from mvuav_ros.vision.markers.marker_results import (
     LOST_TANKER,
     TANKER_LABELS,
-    Cluster,
     Label,
     Marker,
     MarkerResult,
@@ -34,7 +33,7 @@ DOUBTFUL_AREA = 0.5
 """A sixth cluster larger than this part of the fifth could be a marker just as well."""
 
 
-def label_five(clusters: Sequence[Cluster | Light]) -> tuple[int, int, int, int, int]:
+def label_five(clusters: Sequence[Detection | Light]) -> tuple[int, int, int, int, int]:
     """Name five clusters by the ten distances between them.
 
     The greatest distance of all joins the wings, the greatest among the other three points the
@@ -61,8 +60,8 @@ def label_five(clusters: Sequence[Cluster | Light]) -> tuple[int, int, int, int,
     return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing
 
 
-def _clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Cluster]:
-    return [Cluster(x, y, int(area)) for x, y, area in find_lights(image, parameters).tolist()]
+def _clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Detection]:
+    return [Detection(x, y, int(area)) for x, y, area in find_lights(image, parameters).tolist()]
 
 
 def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -104,7 +103,7 @@ def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResul
     return MarkerResult(markers, status='' if markers else 'no cluster in view')
 
 
-def _detected(label: int, cluster: Cluster | Detection) -> Marker:
+def _detected(label: int, cluster: Detection) -> Marker:
     """A cluster as a marker that does not move."""
     return Marker(label, MarkerState.DETECTED, cluster.x, cluster.y, area=cluster.area)
 
