@@ -46,6 +46,11 @@ class CalibratedRig:
     frames: int
     passes: int
 
+    @property
+    def detections(self) -> int:
+        """How many lights are seen in all images."""
+        return _count(self.pixels)
+
 
 _MAX_OFF = 1.5
 """Times the rough rig's: a measured distance beyond is in another unit, or of other lights."""
@@ -190,13 +195,13 @@ def report_of(name: str, made: CalibratedRig) -> Report:
         )
         + ' Moved is the distance to the rough position.',
     )
-    seen = _count(made.pixels)
     figures = (_residual_figure(made), _shape_figure(made))
     return Report(
         f'Calibration of {made.rig.name}',
         (
             f'{len(made.rig.names)} lights from {found.frames} images; noise of a light '
-            f'{found.noise:.3f} px per axis; {int(found.used.sum())} of {seen} detections used.',
+            f'{found.noise:.3f} px per axis; {int(found.used.sum())} of {made.detections} '
+            'detections used.',
         ),
         {
             'source': name,
