@@ -22,12 +22,7 @@ from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.lights import Detection, area_fits, group_mask
 from mvuav_ros.vision.markers.marker_results import TANKER_LABELS, Window
-from mvuav_ros.vision.markers.thesis_tracker import (
-    WHOLE_FRAMES,
-    Motion,
-    label_five,
-    measure_windows,
-)
+from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, Motion, label_five, measure_window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 from mvuav_thesis import known
@@ -224,9 +219,13 @@ def _measure_windows(
     motions: Sequence[Motion], time: float, image: Image, parameters: MarkerTrackerParameters
 ) -> list[Detection]:
     """Predict, cut, threshold and take the moments of five windows."""
-    lights = measure_windows(image, _windows(motions, time, image, parameters), parameters)
-    # Of an undisturbed flight: every light is in its window.
-    return [light for light in lights if light is not None]
+    lights = []
+    for window in _windows(motions, time, image, parameters):
+        light = measure_window(image, window, parameters)
+        # Of an undisturbed flight: every light is in its window.
+        assert light is not None
+        lights.append(light)
+    return lights
 
 
 def table_5_2(times: Mapping[str, ProgramTimes], plan: Plan) -> Table:

@@ -76,6 +76,11 @@ class CentroidMeter:
             return self._gray[y0 : y1 + 1, x0 : x1 + 1]
         return self._image.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
 
+    def measure(self, window: Window) -> Detection | None:
+        """The light in a window; None where no pixel is above the threshold."""
+        found = self.measure_all([window], [None])[0]
+        return found[0] if found else None
+
     def measure_all(
         self, windows: Sequence[Window], pulls: Sequence[Pull | None]
     ) -> list[Measured | None]:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from itertools import combinations
 
+import cv2
+
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.lights import (
@@ -19,6 +21,7 @@ from mvuav_ros.vision.markers.lights import (
 )
 from mvuav_ros.vision.markers.marker_results import (
     LOST_TANKER,
+    NO_WINDOW,
     TANKER_LABELS,
     Label,
     Marker,
@@ -28,6 +31,7 @@ from mvuav_ros.vision.markers.marker_results import (
     counts_of,
     roll_of,
 )
+from mvuav_ros.vision.point_operations import threshold
 
 DOUBTFUL_AREA = 0.5
 """A sixth cluster larger than this part of the fifth could be a marker just as well."""
@@ -220,15 +224,8 @@ class ThesisTracker:
     def _search_windows(
         self, image: Image, time: float, parameters: MarkerTrackerParameters
     ) -> MarkerResult:
-        size, radius = (image.width, image.height), parameters.search_radius
-        predictions = tuple(
-            UNKNOWN if motion.is_lost else motion.predict(time, parameters.prediction)
-            for motion in self._motions
-        )
-        windows = tuple(Window.around(*place, radius, size) for place in predictions)
-        found = measure_windows(image, windows, parameters)
-        rows = zip(TANKER_LABELS, self._motions, predictions, found, strict=True)
-        markers = tuple(_followed(*row, time, parameters.lost_timeout) for row in rows)
+        rows = [self._look_for(label, image, time, parameters) for label in TANKER_LABELS]
+        markers, windows, predictions = zip(*rows, strict=True)
         lights = [marker[2:4] for marker in markers if marker.state is MarkerState.DETECTED]
         status = '' if len(lights) == len(markers) else counts_of(markers)
         roll = roll_of(markers[0], markers[-1])
@@ -238,34 +235,48 @@ class ThesisTracker:
         remark = f"{shared} of the names are on another one's light"
         return result.remarked(remark) if shared else result
 
+    def _look_for(
+        self, label: Label, image: Image, time: float, parameters: MarkerTrackerParameters
+    ) -> tuple[Marker, Window, Point]:
+        """One marker, its window, and where it was expected."""
+        motion = self._motions[label]
+        if motion.is_lost:
+            return LOST_TANKER[label], NO_WINDOW, UNKNOWN
+        x, y = motion.predict(time, parameters.prediction)
+        window = Window.around(x, y, parameters.search_radius, (image.width, image.height))
+        cluster = measure_window(image, window, parameters)
+        if cluster is not None:
+            motion.add(time, cluster.x, cluster.y)
+            marker = _detected(label, cluster)
+        elif time - motion.last_seen > parameters.lost_timeout:
+            motion.is_lost = True
+            return LOST_TANKER[label], window, (x, y)
+        else:
+            motion.unseen += 1
+            marker = Marker(label, MarkerState.PREDICTED, x, y)
+        return _moving(marker, motion), window, (x, y)
 
-def _followed(
-    label: int,
-    motion: Motion,
-    expected: Point,
-    light: Detection | None,
-    time: float,
-    timeout: float,
-) -> Marker:
-    """One marker by the light in its window, if there is one."""
-    if light is not None:
-        motion.add(time, light.x, light.y)
-        return _moving(_detected(label, light), motion)
-    motion.is_lost = motion.is_lost or time - motion.last_seen > timeout
-    if motion.is_lost:
-        return LOST_TANKER[label]
-    motion.unseen += 1
-    return _moving(Marker(label, MarkerState.PREDICTED, *expected), motion)
 
-
-def measure_windows(
-    image: Image, windows: Sequence[Window], parameters: MarkerTrackerParameters
-) -> list[Detection | None]:
-    """The bright pixels of each window as one light; None where they are too few or too many."""
-    meter = CentroidMeter(image, parameters.threshold, parameters.weighted)
-    found = meter.measure_all(windows, [None] * len(windows))
-    lights = (light and light[0] for light in found)
-    return [light if light and area_fits(light.area, parameters) else None for light in lights]
+def measure_window(
+    image: Image, window: Window, parameters: MarkerTrackerParameters
+) -> Detection | None:
+    """The bright pixels of a window as one cluster; None where there are too few or too many."""
+    x0, x1, y0, y1 = window
+    if x1 < x0 or y1 < y0:
+        return None
+    if parameters.weighted:
+        spot = CentroidMeter(image, parameters.threshold, weighted=True).measure(window)
+        if spot is None or not area_fits(spot.area, parameters):
+            return None
+        return spot
+    gray = image.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
+    # Every bright pixel counts 255; OpenCV is slower when it is asked to count ones.
+    moments = cv2.moments(threshold(gray, parameters.threshold))
+    mass = moments['m00']
+    area = int(mass / 255)
+    if area == 0 or not area_fits(area, parameters):
+        return None
+    return Detection(x0 + moments['m10'] / mass, y0 + moments['m01'] / mass, area)
 
 
 def _moving(marker: Marker, motion: Motion) -> Marker:

@@ -20,12 +20,6 @@ def rms(values, axis=None):
     return np.sqrt(np.mean(np.square(values), axis=axis))
 
 
-def measured(meter, window):
-    """The light in one window."""
-    found = meter.measure_all([window], [None])[0]
-    return found and found[0]
-
-
 def errors(frames, truth, centroid, **parameters):
     """Centroids minus truth, px, and the roll's, degrees; tracked at 15 frames/s."""
     pipeline = MarkerTracker(MarkerTrackerParameters(centroid=centroid, **parameters))
@@ -65,7 +59,7 @@ def test_simulated_frames(motion):
         for marker in frame.truth.markers:
             if marker.whole and 25 < marker.x < 614 and 25 < marker.y < 454:
                 x, y = round(marker.x), round(marker.y)
-                spot = measured(meter, Window(x - 10, x + 10, y - 10, y + 10))
+                spot = meter.measure(Window(x - 10, x + 10, y - 10, y + 10))
                 found.append((spot.x - marker.x, spot.y - marker.y))
     assert len(found) > 200
     assert max(rms(found, 0)) <= 0.03
@@ -83,7 +77,7 @@ def light(x, y, size=21, dark=40.0, scale=255, step=0.0):
 def centroid(image, weighted=True, encoding='mono8'):
     height, width = image.shape
     meter = CentroidMeter(Image(image, encoding), 0.7, weighted)
-    return measured(meter, Window(0, width - 1, 0, height - 1))
+    return meter.measure(Window(0, width - 1, 0, height - 1))
 
 
 @pytest.mark.parametrize('shift', [0.0, 0.2, 0.5, 0.8])
@@ -109,8 +103,8 @@ def test_another_light_in_the_ring_is_no_background():
     alone = light(20.0, 20.0, 41)
     beside = np.maximum(alone, light(31.0, 20.0, 41))
     window = Window(14, 26, 14, 26)
-    near = measured(CentroidMeter(Image(beside, 'mono8'), 0.7, weighted=True), window)
-    far = measured(CentroidMeter(Image(alone, 'mono8'), 0.7, weighted=True), window)
+    near = CentroidMeter(Image(beside, 'mono8'), 0.7, weighted=True).measure(window)
+    far = CentroidMeter(Image(alone, 'mono8'), 0.7, weighted=True).measure(window)
     assert near.x == pytest.approx(far.x, abs=0.02)
 
 
@@ -154,7 +148,7 @@ def test_windows_of_any_size_are_measured_as_each_alone():
     found = meter.measure_all(windows, pulls)
     assert found[2:4] == [None, None]
     for index in (0, 1):
-        alone = measured(meter, windows[index])
+        alone = meter.measure(windows[index])
         assert found[index][0] == pytest.approx(alone, abs=1e-4)
     spot, pull = found[4]
     bare = meter.measure_all(windows[4:], [(0.0, 0.0)])[0][0]
