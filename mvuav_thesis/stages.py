@@ -20,8 +20,8 @@ from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.lights import area_fits, group_mask
-from mvuav_ros.vision.markers.marker_results import TANKER_LABELS, Cluster, Window
+from mvuav_ros.vision.markers.lights import Detection, area_fits, group_mask
+from mvuav_ros.vision.markers.marker_results import TANKER_LABELS, Window
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, Motion, label_five, measure_window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
@@ -188,13 +188,13 @@ def _time_stages(
 
 def _whole_frame(
     number: int, image: Image, parameters: MarkerTrackerParameters, times: ProgramTimes
-) -> list[Cluster]:
+) -> list[Detection]:
     """Appendix A's stages on one frame."""
     watch = times.watch
     mask = watch.time(PREPARING, number, _prepare, image, parameters)
     bright = watch.time(SCANNING, number, cv2.findNonZero, mask)
     found = watch.time(CENTROIDS, number, group_mask, mask, parameters.grouping_distance)
-    groups = [Cluster(*group) for group in found.tolist() if area_fits(group[2], parameters)]
+    groups = [Detection(*group) for group in found.tolist() if area_fits(group[2], parameters)]
     order = watch.time(NAMING, number, label_five, groups)
     times.executions.update({PREPARING: 1, SCANNING: mask.size, CENTROIDS: len(bright), NAMING: 1})
     return [groups[i] for i in order]
@@ -217,7 +217,7 @@ def _windows(
 
 def _measure_windows(
     motions: Sequence[Motion], time: float, image: Image, parameters: MarkerTrackerParameters
-) -> list[Cluster]:
+) -> list[Detection]:
     """Predict, cut, threshold and take the moments of five windows."""
     lights = []
     for window in _windows(motions, time, image, parameters):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -36,15 +35,18 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'distrust': [(MarkerMemory, 'distrust', _returns({}))],
     'probation': [(marker_memory, 'PROBATION', 0)],
     'longer probation where nothing checks': [(marker_memory, 'UNCHECKED', 15)],
-    'names in doubt withheld': [(marker_memory.CONFIDENCE, 'min_odds', -math.inf)],
+    'names in doubt withheld': [
+        (marker_memory, 'MIN_ODDS', -math.inf),
+        (naming, 'MIN_ODDS', -math.inf),
+    ],
     'doubt only with clutter': [(Clutter, 'is_about', property(_returns(True)))],
-    'clutter at any place': [(marker_memory.CONFIDENCE, 'density', (0.0, 0.0))],
+    'clutter at any place': [(marker_memory, 'STRANGE_DENSITY', (0.0, 0.0))],
     'a steady residual': [(initialization, 'SAME_RESIDUAL', (math.inf, math.inf))],
     'sure place': [(marker_memory, 'SURE_PLACE', 0.0)],
     'returning': [(marker_memory, 'RETURNING', 0)],
     'clutter by age': [(Clutter, 'include', lambda _, lights: np.zeros(len(lights), bool))],
     'suspects by evidence': [(FaultDetector, '_without_suspects', _returns(None))],
-    'bank': [(view_filter.TUNING, 'bending', (1, 0))],
+    'bank': [(view_filter, 'BENDING', (1, 0))],
     'process noise': [(ViewFilter, '_learn_motion', _returns(None))],
     'rig error': [(ViewFilter, '_learn_rig_error', _returns(None))],
     # Not 3: that many frames ask uncertain bodies, which would count as odd ones.
@@ -64,8 +66,4 @@ def switch_off(name: str) -> None:
     for one in name.split(','):
         for place, attribute, value in WITHOUT[one]:
             assert hasattr(place, attribute), (place, attribute)
-            if isinstance(place, type | ModuleType):
-                setattr(place, attribute, value)
-            else:
-                # The constants are frozen.
-                object.__setattr__(place, attribute, value)
+            setattr(place, attribute, value)

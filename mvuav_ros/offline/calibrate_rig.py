@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.offline.report import Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import COLORS, residual_figure
@@ -19,7 +20,6 @@ from mvuav_ros.vision.markers.marker_results import named_places
 from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.rig_calibration import (
     MIN_LIGHTS,
-    MarkerDetections,
     RigCalibration,
     RigCalibrationError,
     calibrate_rig,
@@ -35,17 +35,22 @@ _DRAWN = 4000  # Residuals
 class CalibratedRig:
     """A rig, the rough one that it was made from, and how.
 
-    The detections are by the names of the last pass over the flight's frames, of which each had a
-    better rig.
+    The pixels (f, n, 2), NaN where a light is not seen, are by the names of the last pass over the
+    flight's frames, of which each had a better rig.
     """
 
     rig: MarkerRig
     rough: MarkerRig
     camera: CameraModel
-    detections: MarkerDetections
+    pixels: NDArray[np.float64]
     found: RigCalibration
     frames: int
     passes: int
+
+    @property
+    def detections(self) -> int:
+        """How many lights are seen in all images."""
+        return _count(self.pixels)
 
 
 _MAX_OFF = 1.5
@@ -74,18 +79,19 @@ def calibrate_from(
         raise SourceError(f'{source.name}: record the flight first; it is read several times')
     refuse_few_lights(len(rough.names))
     between = None if distance is None else _between(rough, *distance)
-    rig, before, best = rough, 0.0, None
+    rig, before, best = rough, 0, None
     for number in range(1, _MAX_PASSES + 1):
-        frames, used, detections = name_lights(source, rig, camera, parameters, advance)
-        if best is None and not len(detections.frames):
+        used, pixels = name_lights(source, rig, camera, parameters, advance)
+        named, frames = _count(pixels), len(pixels)
+        if not (best or named):
             nameless = f'no light of {rough.name} is named in {frames} images: '
             raise RigCalibrationError(nameless + _signs(source, rough, used, parameters))
-        if best is not None and len(detections.frames) <= _MORE * before:
+        if best is not None and named <= _MORE * before:
             break
-        before = len(detections.frames)
-        found = calibrate_rig(rough.positions, used, detections, between, rough.names)
+        before = named
+        found = calibrate_rig(rough.positions, used, pixels, between, rough.names)
         rig = rough.moved(found.positions)
-        best = CalibratedRig(rig, rough, used, detections, found, frames, number)
+        best = CalibratedRig(rig, rough, used, pixels, found, frames, number)
     assert best is not None
     return best
 
@@ -96,7 +102,7 @@ def _signs(
     """With which signs of a rig's coordinates its lights are named in a flight, in words."""
     for axes, signs in {'y or z': (1, -1, 1), 'x': (-1, 1, 1), 'x and y': (-1, -1, 1)}.items():
         other = rig.moved(rig.positions * signs)
-        if len(name_lights(source, other, camera, parameters, lambda frames: None)[2].frames):
+        if _count(name_lights(source, other, camera, parameters, lambda frames: None)[1]):
             return f'they are with the other sign of {axes}; x is forward, y left, z up'
     return 'see mvuav rig check, and the threshold of marker_tracker (--param)'
 
@@ -124,14 +130,13 @@ def name_lights(
     camera: CameraModel | None,
     parameters: MarkerTrackerParameters,
     advance: Callable[[int], object],
-) -> tuple[int, CameraModel, MarkerDetections]:
-    """The number of frames, their camera, and where the tracker sees which light.
+) -> tuple[CameraModel, NDArray[np.float64]]:
+    """The frames' camera, and where (f, n, 2), px, the tracker sees each light; NaN if not.
 
     Raises:
         SourceError: there are no images, or no calibration of theirs.
     """
-    used, count = None, 0
-    rows: list[tuple[int, int, float, float]] = []
+    used, pixels = None, []
     try:
         for frame in track(source, camera, rig, parameters):
             if frame.image is None:
@@ -142,27 +147,31 @@ def name_lights(
                 raise SourceError(f'{source.name} {said}')
             size = frame.image.width, frame.image.height
             frame.camera.check(*size)
-            used, count = used or frame.camera, count + 1
-            advance(count)
+            used = used or frame.camera
             labels, places = named_places(frame.result, size)
-            rows += [(count, label, *place) for label, place in zip(labels, places, strict=True)]
+            pixels.append(np.full((len(rig.names), 2), np.nan))
+            pixels[-1][labels] = places
+            advance(len(pixels))
     except CalibrationError as error:
         raise SourceError(f'{source.name}: {error}') from error
     if used is None:
         raise nothing_to_read(source)
-    table = np.array(rows).reshape(-1, 4)
-    frames, markers = (table[:, column].astype(np.intp) for column in (0, 1))
-    return count, used, MarkerDetections(frames, markers, table[:, 2:])
+    return used, np.array(pixels)
+
+
+def _count(pixels: NDArray[np.float64]) -> int:
+    """How many lights are seen."""
+    return int(np.isfinite(pixels[..., 0]).sum())
 
 
 def report_of(name: str, made: CalibratedRig) -> Report:
     """The page: the lights, and what they leave unexplained."""
-    found, detections = made.found, made.detections
+    found = made.found
     moved = 1000 * (found.positions - made.rough.positions)
     rows = []
     for index, light in enumerate(made.rig.names):
-        mine = found.used & (detections.markers == index)
-        rms = float(np.sqrt(np.mean(found.residuals[mine] ** 2)))
+        mine = found.used[:, index]
+        rms = float(np.sqrt(np.mean(found.residuals[mine, index] ** 2)))
         rows.append(
             (
                 light,
@@ -189,7 +198,7 @@ def report_of(name: str, made: CalibratedRig) -> Report:
         f'Calibration of {made.rig.name}',
         (
             f'{len(made.rig.names)} lights from {found.frames} images; noise of a light '
-            f'{found.noise:.3f} px per axis; {int(found.used.sum())} of {len(found.used)} '
+            f'{found.noise:.3f} px per axis; {int(found.used.sum())} of {made.detections} '
             'detections used.',
         ),
         {
@@ -204,13 +213,14 @@ def report_of(name: str, made: CalibratedRig) -> Report:
 
 
 def _residual_figure(made: CalibratedRig) -> Figure:
-    found, detections = made.found, made.detections
+    found = made.found
     every = -(-int(found.used.sum()) // _DRAWN)
     residuals = []
     for index, name in enumerate(made.rig.names):
-        mine = np.flatnonzero(found.used & (detections.markers == index))[::every]
+        mine = np.flatnonzero(found.used[:, index])[::every]
         color = COLORS[index % len(COLORS)]
-        residuals.append((detections.pixels[mine], found.residuals[mine], color, name))
+        own = made.pixels[mine, index], found.residuals[mine, index]
+        residuals.append((*own, color, name))
     return residual_figure(
         'Residuals of the lights',
         (made.camera.width, made.camera.height),

@@ -21,7 +21,6 @@ from mvuav_ros.messages.marker_messages import (
 from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.posed_tracker import PosedTracker
 from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
@@ -33,7 +32,7 @@ from mvuav_ros.vision.markers.marker_results import (
     MarkerResult,
     MarkerState,
 )
-from mvuav_ros.vision.markers.tracker import rig_of
+from mvuav_ros.vision.markers.tracker import PosedTracker, rig_of
 from mvuav_ros.vision.pose import Pose
 
 _TOPICS = {

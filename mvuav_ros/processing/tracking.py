@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.posed_tracker import PosedTracker
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource
@@ -23,6 +22,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, ImageError, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, all_lost
+from mvuav_ros.vision.markers.tracker import PosedTracker
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.pose import Pose
 from mvuav_ros.vision.rig import MarkerRig, RigOrFile

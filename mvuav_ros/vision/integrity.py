@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.approach_results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.reprojection import projection_derivatives
+from mvuav_ros.vision.reprojection import Reprojection
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
@@ -49,6 +49,7 @@ whole pixels included): the rest is a margin for other flights.
 See tools/evaluate_runway_levels.py."""
 MAX_ROLL_SIGMA = math.radians(9.0)
 """rad, of the roll, above which nothing is promised of offset and heading: no horizon shows it."""
+MIN_NOISE = 0.05  # px (1 sigma) per axis, of a light's place: less is not believed of residuals
 _COORDINATES = 6
 _RIDGE = 1e-12
 """Of the information's scale: makes that of a degenerate set of lights invertible, and its
@@ -67,10 +68,8 @@ class IntegrityState(IntEnum):
 class IntegrityBudget:
     """What is assumed of faults, and what may remain; errors are standard deviations.
 
-    Why they are what they are is in docs/integrity.md.
-
-    Raises:
-        ValueError: a number is no probability or no deviation.
+    Why they are what they are is in docs/integrity.md. The node's parameters have the limits of
+    each.
     """
 
     risk: float = 1e-7  # probability per frame that the error of any coordinate exceeds its level
@@ -78,15 +77,6 @@ class IntegrityBudget:
     light_prior: float = 1e-4
     focal_error: float = 0.001  # of the calibrated focal length, as a part of it
     center_error: float = 0.2  # of the calibrated principal point, px per axis
-    # Of a light's place, px per axis: below it that of the residuals is not believed.
-    min_noise: float = 0.05
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.risk < 0.5 and 0.0 <= self.light_prior < 0.5):
-            raise ValueError('the integrity risk and the prior are probabilities below 0.5')
-        errors = (self.focal_error, self.center_error, self.min_noise)
-        if not all(0.0 <= error < math.inf for error in errors) or not self.min_noise:
-            raise ValueError('errors are standard deviations: positive numbers')
 
 
 class Levels:
@@ -242,10 +232,12 @@ def protection_levels(
         return ProtectionLevels(
             reason=f'{count} lights cannot check each other: levels need {MIN_LIGHTS}'
         )
-    kept = _hypotheses(count)[0]
-    sigma = max(noise, budget.min_noise)
-    terms = _normal_terms(camera, rig, used, pixels[:count], rotation, translation, sigma, budget)
-    sums = kept @ terms
+    view = Reprojection(camera, rig.positions[used] - rig.dock, pixels[:count])
+    at_dock = view.look(rotation, translation + rotation.dot(rig.dock))
+    design = _design(camera, view.image, *at_dock, budget) / max(noise, MIN_NOISE)
+    # Each light's part of the normal equations, six rows of ten.
+    terms = (design[:, :, :6].transpose(0, 2, 1) @ design).reshape(count, 60)
+    sums = _hypotheses(count)[0] @ terms
     scale = sums[0, :60:11]
     if not scale.min() > 0.0 or not math.isfinite(scale.max()):
         return ProtectionLevels(reason='the lights do not tell a pose')
@@ -305,34 +297,21 @@ def _factors(budget: IntegrityBudget, count: int, monitored: bytes) -> Array | N
     return np.array([[-_GAUSSIAN.inv_cdf(tail)] for tail in tails.tolist()])
 
 
-def _normal_terms(
-    camera: CameraModel,
-    rig: MarkerRig,
-    labels: list[int],
-    pixels: Array,
-    rotation: Array,
-    translation: Array,
-    sigma: float,
-    budget: IntegrityBudget,
+def _design(
+    camera: CameraModel, pixels: Array, seen: Array, slopes: Array, budget: IntegrityBudget
 ) -> Array:
-    """(n, 60), each light's part of the normal equations, in units of the noise: six rows.
+    """(n, 2, 10), of lights that should be seen somewhere with slopes (2n, 6) by turn and place.
 
-    Each has the information about the dock's place and the turns, then the products with the three
-    errors of the calibration, one deviation each, and with the residual.
+    By the place and the turns, by the three errors of the calibration, one deviation each; and the
+    residual.
     """
-    seen, by_place, by_turn = projection_derivatives(
-        camera, rig.positions[labels], rotation, translation, about=rig.dock
-    )
-    count = len(labels)
-    design = np.empty((count, 2, 10))
-    design[:, :, :3] = by_place
-    design[:, :, 3:6] = by_turn
+    design = np.empty((len(seen), 2, 10))
+    design[:, :, :6] = np.roll(slopes.reshape(-1, 2, 6), 3, axis=2)
     # A longer focal length moves a pixel away from the principal point, in proportion.
     design[:, :, 6] = (seen - camera.matrix[:2, 2]) * budget.focal_error
     design[:, :, 7:9] = np.eye(2) * budget.center_error
     design[:, :, 9] = pixels - seen
-    design /= sigma
-    return (design[:, :, :6].transpose(0, 2, 1) @ design).reshape(count, 60)
+    return design
 
 
 def _unmonitored_reason(monitored: NDArray[np.bool_], labels: list[int], rig: MarkerRig) -> str:

@@ -18,49 +18,42 @@ from mvuav_ros.vision.rig import MarkerRig, RigOrFile
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class PoseTuning:
-    """When a pose is believed, which of several is taken, and how the noise follows the residuals.
+# When a pose is believed, which of several is taken, and how the noise follows the residuals.
+# Chosen on the simulator's docking approaches with 0.02 to 0.6 px of noise, and on flights on
+# which other lights take the markers' names; what concerns several solutions of three lights on
+# seeds 0 to 29 of flights of random rigs.
 
-    Chosen on the simulator's docking approaches with 0.02 to 0.6 px of noise, and on flights on
-    which other lights take the markers' names; what concerns several solutions of three lights on
-    seeds 0 to 29 of flights of random rigs.
-    """
-
-    # s, for which the last pose decides which of several solutions is right, and for which three of
-    # four lights or more continue their pose: later, another light in the place of one of them may
-    # have bent it, which none of them shows. Seeds 27607 to 27630 of hard kinds of flights.
-    holds: float = 0.7
-    # px, root mean square per axis, above which the names or the calibration must be wrong; and the
-    # same over the image's span of the markers, for large images.
-    max_residual: float = 1.0
-    max_relative_residual: float = 0.004
-    unusual: float = 4.0  # times the usual noise: a residual from there on is looked into
-    max_distance_error: float = 0.015  # of the distance (1 sigma), above which a pose is kept back
-    max_turn_error: float = math.radians(1.5)  # rad (1 sigma), likewise
-    # Part of both from which on a pose of three lights is kept back: two solutions are about to
-    # meet, and the errors are no longer those of the one.
-    of_three: float = 0.4
-    # Solutions: ratio of two ones' squared residuals up to which both fit, and their difference
-    # over the noise's variance from which on the less one is right.
-    alike: float = 4.0
-    decisive: float = 12.0
-    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
-    nearer: float = math.radians(3.0)  # rad, by which the one nearest to the last pose must be so
-    one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
-    meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
-    # Noise: px, assumed before there are residuals.
-    first_noise: float = 0.3
-    first_weight: float = 4.0  # degrees of freedom that this assumption is worth
-    first_memory: float = 0.9  # of that, per frame
-    memory: float = 0.999  # of the residuals, per frame
-    recent_memory: float = 0.6  # of those that show a sudden rise: back to normal in 15 frames
-    rise: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
-    max_rise: int = 60  # frames after which it is the usual noise that has changed
-    steady_error: float = 0.015  # px, of a centroid in all frames: residuals do not show all of it
-
-
-TUNING = PoseTuning()
+# s, for which the last pose decides which of several solutions is right, and for which three of
+# four lights or more continue their pose: later, another light in the place of one of them may
+# have bent it, which none of them shows. Seeds 27607 to 27630 of hard kinds of flights.
+HOLDS = 0.7
+# px, root mean square per axis, above which the names or the calibration must be wrong; and the
+# same over the image's span of the markers, for large images.
+MAX_RESIDUAL = 1.0
+MAX_RELATIVE_RESIDUAL = 0.004
+UNUSUAL = 4.0  # times the usual noise: a residual from there on is looked into
+MAX_DISTANCE_ERROR = 0.015  # of the distance (1 sigma), above which a pose is kept back
+MAX_TURN_ERROR = math.radians(1.5)  # rad (1 sigma), likewise
+# Part of both from which on a pose of three lights is kept back: two solutions are about to
+# meet, and the errors are no longer those of the one.
+OF_THREE = 0.4
+# Solutions: ratio of two ones' squared residuals up to which both fit, and their difference
+# over the noise's variance from which on the less one is right.
+ALIKE = 4.0
+DECISIVE = 12.0
+SAME_ROTATION = math.radians(5.0)  # rad, up to which two rotations are one solution
+NEARER = math.radians(3.0)  # rad, by which the one nearest to the last pose must be so
+SAME_OF_THREE = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
+MEETING = math.radians(8.0)  # rad, up to which two of them may be taken for each other
+# Noise: px, assumed before there are residuals.
+FIRST_NOISE = 0.3
+FIRST_WEIGHT = 4.0  # degrees of freedom that this assumption is worth
+FIRST_MEMORY = 0.9  # of that, per frame
+MEMORY = 0.999  # of the residuals, per frame
+RECENT_MEMORY = 0.6  # of those that show a sudden rise: back to normal in 15 frames
+RISE = 2.5  # ratio of the recent noise to the usual one from which on it counts
+MAX_RISE = 60  # frames after which it is the usual noise that has changed
+STEADY_ERROR = 0.015  # px, of a centroid in all frames: residuals do not show all of it
 _PLACE_FIRST = np.roll(np.arange(36).reshape(6, 6), (3, 3), axis=(0, 1))
 """Where the elements of `Pose.covariance` are among those by turns and places."""
 
@@ -201,9 +194,9 @@ class PoseEstimator:
 
     def _forget(self, time: float) -> None:
         """What is too old to be continued at a time, s."""
-        if not 0.0 <= time - self._last_time <= TUNING.holds:
+        if not 0.0 <= time - self._last_time <= HOLDS:
             self._last = None
-        if time - self._vouched_time > TUNING.holds:
+        if time - self._vouched_time > HOLDS:
             self._vouched = frozenset()
 
     def _solve(
@@ -213,7 +206,7 @@ class PoseEstimator:
         self.reason = ''
         count = 2 * len(markers)
         solution = self._fit(camera, markers, image)
-        usual = (TUNING.unusual * self._residuals.usual) ** 2
+        usual = (UNUSUAL * self._residuals.usual) ** 2
         is_odd = solution is None or solution.squares > count * usual
         if is_odd and len(markers) >= MIN_MARKERS + 2:
             # Without the one marker that the others contradict, if it is clear which one that is.
@@ -239,14 +232,14 @@ class PoseEstimator:
         last = self._last
         known = last if self._last_seen == (camera, markers) else None
         followed = view.refine(last.rotation, last.translation, known) if last else None
-        most = TUNING.unusual * self.noise
-        if most > TUNING.max_residual:
+        most = UNUSUAL * self.noise
+        if most > MAX_RESIDUAL:
             most = min(most, _max_residual(image))
         if followed is not None and followed.squares <= count * most**2:
             # Another solution of three lights may be so near that either is the right one.
             others = [] if count > 2 * MIN_MARKERS else view.closed_forms()
             angles = [_angle(followed.rotation, rotation) for rotation, _ in others]
-            if not any(TUNING.one < angle < TUNING.meeting for angle in angles):
+            if not any(SAME_OF_THREE < angle < MEETING for angle in angles):
                 return followed
             self._last = None
             self.reason = 'more than one pose fits the markers'
@@ -270,8 +263,8 @@ class PoseEstimator:
         if spread is not None:
             noise = self.noise
             shown = math.sqrt(squares / (count - 6)) if count > 6 else 0.0
-            spread = spread * max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2
-        share = TUNING.of_three if count == 2 * MIN_MARKERS else 1.0
+            spread = spread * max(noise, shown if shown > UNUSUAL * noise else 0.0) ** 2
+        share = OF_THREE if count == 2 * MIN_MARKERS else 1.0
         distance = self._rig.distance(rotation, translation)
         if spread is None or not _is_known(spread, distance, share):
             self.reason = 'the pose is too uncertain'
@@ -296,7 +289,7 @@ def _why_none(image: Array) -> str:
 def _max_residual(image: Array) -> float:
     """px, root mean square per axis."""
     span = float((image.max(axis=0) - image.min(axis=0)).max())
-    return max(TUNING.max_residual, TUNING.max_relative_residual * span)
+    return max(MAX_RESIDUAL, MAX_RELATIVE_RESIDUAL * span)
 
 
 def _is_known(spread: Array, distance: float, share: float) -> bool:
@@ -306,8 +299,8 @@ def _is_known(spread: Array, distance: float, share: float) -> bool:
         return False
     turned = math.sqrt(max(*variances[:3], 0.0))
     moved = math.sqrt(max(*variances[3:], 0.0))
-    known = moved <= share * TUNING.max_distance_error * distance
-    return known and turned <= share * TUNING.max_turn_error
+    known = moved <= share * MAX_DISTANCE_ERROR * distance
+    return known and turned <= share * MAX_TURN_ERROR
 
 
 def _choose(
@@ -315,11 +308,11 @@ def _choose(
 ) -> Solution | None:
     """The right one of all solutions for so many coordinates; None if it is not clear."""
     best = min(solutions, key=lambda solution: solution.squares)
-    limit = TUNING.alike * best.squares + count * noise**2
+    limit = ALIKE * best.squares + count * noise**2
     fitting = [solution for solution in solutions if solution.squares <= limit]
     if last is not None:
         return _nearest(last, fitting)
-    limit = best.squares + TUNING.decisive * noise**2
+    limit = best.squares + DECISIVE * noise**2
     others = [s for s in fitting if s.squares < limit and not _are_alike(best, s)]
     return None if others else best
 
@@ -330,14 +323,14 @@ def _nearest(last: Array, fitting: Sequence[Solution]) -> Solution | None:
     chosen = fitting[int(np.argmin(angles))]
     same = [solution for solution in fitting if _are_alike(chosen, solution)]
     others = [a for a, s in zip(angles, fitting, strict=True) if not _are_alike(chosen, s)]
-    if min(others, default=math.inf) < min(angles) + TUNING.nearer:
+    if min(others, default=math.inf) < min(angles) + NEARER:
         return None
     # Some starts come to a halt before the minimum that they share with others.
     return min(same, key=lambda solution: solution.squares)
 
 
 def _are_alike(a: Solution, b: Solution) -> bool:
-    return _angle(a.rotation, b.rotation) < TUNING.same
+    return _angle(a.rotation, b.rotation) < SAME_ROTATION
 
 
 def _angle(first: Array, second: Array) -> float:
@@ -350,31 +343,31 @@ class _ResidualNoise:
 
     def __init__(self) -> None:
         self._squares = self._freedom = self._recent = 0.0
-        self._doubt = TUNING.first_weight
+        self._doubt = FIRST_WEIGHT
         self._risen_for = 0
         self._note()
 
     def _note(self) -> None:
-        squares = self._squares + self._doubt * TUNING.first_noise**2
+        squares = self._squares + self._doubt * FIRST_NOISE**2
         self._variance = squares / (self._freedom + self._doubt)
         newest = self._recent if self._has_risen() else self._variance
         # Where there is no sudden rise, and in the newest frame.
-        self.usual = math.hypot(math.sqrt(self._variance), TUNING.steady_error)
-        self.noise = math.hypot(math.sqrt(newest), TUNING.steady_error)
+        self.usual = math.hypot(math.sqrt(self._variance), STEADY_ERROR)
+        self.noise = math.hypot(math.sqrt(newest), STEADY_ERROR)
 
     def _has_risen(self) -> bool:
-        return self._recent > TUNING.rise**2 * self._variance
+        return self._recent > RISE**2 * self._variance
 
     def learn(self, squares: float, freedom: int) -> None:
         """Take a frame's squared residuals, px², and their degrees of freedom."""
         if freedom <= 0:
             return
-        self._recent += (1 - TUNING.recent_memory) * (squares / freedom - self._recent)
+        self._recent += (1 - RECENT_MEMORY) * (squares / freedom - self._recent)
         self._risen_for = self._risen_for + 1 if self._has_risen() else 0
         # A sudden rise counts while it lasts, and is soon forgotten.
-        if 0 < self._risen_for < TUNING.max_rise:
+        if 0 < self._risen_for < MAX_RISE:
             squares = min(squares, self._variance * freedom)
-        self._squares = TUNING.memory * self._squares + squares
-        self._freedom = TUNING.memory * self._freedom + freedom
-        self._doubt *= TUNING.first_memory
+        self._squares = MEMORY * self._squares + squares
+        self._freedom = MEMORY * self._freedom + freedom
+        self._doubt *= FIRST_MEMORY
         self._note()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import product
 from typing import NamedTuple
 
@@ -146,23 +146,6 @@ class Reprojection:
                 for rvec, tvec in zip(rvecs, tvecs, strict=True)
             ]
         return found
-
-
-def projection_derivatives(
-    camera: CameraModel, points: Array, rotation: Array, translation: Array, about: Sequence[float]
-) -> tuple[Array, Array, Array]:
-    """Where points (n, 3) of a body are seen, and how that changes with its pose.
-
-    Small turns leave the body's point ``about`` in its place.
-
-    Returns:
-        The pixels (n, 2), and their derivatives by the place (n, 2, 3, px/m) and by small turns
-        about the optical axes (n, 2, 3, px/rad).
-    """
-    arms, place = (points - about).dot(rotation.T), translation + rotation.dot(about)
-    seen, slopes, _ = camera.project_with_jacobians(arms, _NO_TURN, place)
-    slopes = slopes.reshape(-1, 2, 6)
-    return seen, slopes[:, :, 3:], slopes[:, :, :3]
 
 
 def rotation_of(rvec: Array) -> Array:

@@ -28,39 +28,25 @@ MIN_LIGHTS = 4
 """In an image: a pose takes six of the six numbers of three lights, and leaves none for the rig."""
 
 
-@dataclass(frozen=True)
-class RigCalibrationTuning:
-    """What counts as an outlier, and when a flight does not determine the rig."""
+# What counts as an outlier, and when a flight does not determine the rig.
 
-    most_frames: int = 300  # those that differ most are taken
-    fewest_frames: int = 10
-    # An image is looked into for a wrong name where noise alone leaves such residuals in one of
-    # so many.
-    one_of: float = 2000.0
-    # Of the noise per axis: residuals count less and less from about there on.
-    outlying: float = 3.7
-    # px, per axis: the least noise that is expected of a light's place.
-    least_noise: float = 0.02
-    # Of the span (1 sigma): from where on the motion does not determine where a light is.
-    most_deviation: float = 0.005
-    rounds: int = 6  # of adjustment, and naming outliers
-
-
-TUNING = RigCalibrationTuning()
+MAX_FRAMES = 300  # those that differ most are taken
+MIN_FRAMES = 10
+# An image is looked into for a wrong name where noise alone leaves such residuals in one of
+# so many.
+ONE_OF = 2000.0
+# Of the noise per axis: residuals count less and less from about there on.
+OUTLYING = 3.7
+# px, per axis: the least noise that is expected of a light's place.
+MIN_NOISE = 0.02
+# Of the span (1 sigma): from where on the motion does not determine where a light is.
+MAX_DEVIATION = 0.005
+MAX_ROUNDS = 6  # of adjustment, and naming outliers
 _FITS = 2.0  # px, rms per axis, to which the last pose is gone on with
 
 
 class RigCalibrationError(ValueError):
     """A flight that does not determine the rig, with the reason."""
-
-
-@dataclass(frozen=True, eq=False)
-class MarkerDetections:
-    """Named lights in the images of a flight, one row for each."""
-
-    frames: Indices  # (m,), number of the image
-    markers: Indices  # (m,), place of the light in the rig
-    pixels: Array  # (m, 2), where it is seen, px
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +58,8 @@ class RigCalibration:
     # frame, are no part of it.
     covariance: Array
     scale_deviation: float  # standard deviation of the scale, as a part of it; 0 with a distance
-    residuals: Array  # (m, 2), seen minus projected, px; NaN where an image has no pose
-    used: NDArray[np.bool_]  # (m,), detections that made the rig: no outliers, of no image left out
+    residuals: Array  # (f, n, 2), seen minus projected, px; NaN where an image has no pose
+    used: NDArray[np.bool_]  # (f, n), lights that made the rig: no outliers, of no image left out
     frames: int  # number of images used
     noise: float  # of a light's place per axis, from the residuals, px
 
@@ -86,35 +72,36 @@ class RigCalibration:
 def calibrate_rig(
     rough: Array,
     camera: CameraModel,
-    detections: MarkerDetections,
+    pixels: Array,
     distance: tuple[int, int, float] | None = None,
     names: Sequence[str] = (),
 ) -> RigCalibration:
     """Find the positions of a rig's lights that explain the images of a flight best.
 
-    Detections that the others contradict (another light, a wrong name) are left out.
+    Lights that the others contradict (another light, a wrong name) are left out.
 
     Args:
         rough: (n, 3), positions that are about right, m.
         camera: calibrated.
-        detections: four lights and more in each image that counts.
+        pixels: (f, n, 2), where each light is seen in each image, px, NaN where it is not; an image
+            with fewer than four lights does not count.
         distance: two lights and their distance, m, taken as exact; without, the rig keeps the
             rough one's scale.
         names: of the lights, for messages.
 
     Raises:
-        RigCalibrationError: the detections are too few or too much alike to determine the rig.
+        RigCalibrationError: the lights seen are too few or too much alike to determine the rig.
     """
     names = names or [f'light {number}' for number in range(len(rough))]
     refuse_few_lights(len(rough))
-    bundle = _Bundle(camera, np.array(rough, np.float64), detections)
+    bundle = _Bundle(camera, np.array(rough, np.float64), pixels)
     bundle.locate()
     bundle.choose_frames()
     bound = math.inf
-    for _ in range(TUNING.rounds):
+    for _ in range(MAX_ROUNDS):
         bundle.adjust(bound)
         # Another light may pull the rig to itself as long as nobody knows the noise.
-        bound = TUNING.outlying * bundle.noise(of_most=True)
+        bound = OUTLYING * bundle.noise(of_most=True)
         bundle.adjust(bound)
         before = bundle.used.copy()
         bundle.locate()
@@ -134,7 +121,7 @@ def calibrate_rig(
         scale_deviation,
         bundle.residuals(),
         bundle.used,
-        len(np.unique(detections.frames[bundle.used])),
+        int(bundle.used.any(axis=1).sum()),
         bundle.noise(),
     )
 
@@ -150,107 +137,101 @@ def refuse_few_lights(count: int) -> None:
 class _Bundle:
     """The adjustment on its way."""
 
-    def __init__(self, camera: CameraModel, points: Array, detections: MarkerDetections) -> None:
+    def __init__(self, camera: CameraModel, points: Array, pixels: Array) -> None:
         self._camera = camera
         self.points = points  # (n, 3), the positions, m, in any frame and scale
-        self._all = detections
-        self.used = np.zeros(len(detections.frames), np.bool_)  # (m,), the detections that count
-        order = np.argsort(detections.frames, kind='stable')
-        frames, starts = np.unique(detections.frames[order], return_index=True)
-        # Nothing is split into one part, which has no frame.
-        rows = zip(frames.tolist(), np.split(order, starts[1:]), strict=False)
-        # Of each image the rows of its detections.
-        self._rows = {frame: seen for frame, seen in rows if len(seen) >= MIN_LIGHTS}
+        self._pixels = pixels
+        self._is_seen = np.isfinite(pixels[..., 0])
+        self.used = np.zeros_like(self._is_seen)  # (f, n), the lights that count
+        self._images = np.flatnonzero(self._is_seen.sum(axis=1) >= MIN_LIGHTS).tolist()
         self._poses: dict[int, Array] = {}
 
     def locate(self) -> None:
         """The pose of every image, and which of its lights fit it."""
-        solved = {frame: self._solve(rows, frame) for frame, rows in self._rows.items()}
-        usual = [s.squares / _usual(len(self._rows[f])) for f, s in solved.items() if s]
+        lights = {image: np.flatnonzero(self._is_seen[image]) for image in self._images}
+        solved = {image: self._solve(image, seen) for image, seen in lights.items()}
+        usual = [s.squares / _usual(len(lights[image])) for image, s in solved.items() if s]
         if not usual:
             raise RigCalibrationError('no pose fits the lights in any image: is it this rig?')
-        variance = max(float(np.median(usual)), TUNING.least_noise**2)
+        variance = max(float(np.median(usual)), MIN_NOISE**2)
         self._poses, self.used[:] = {}, False
-        for frame, rows in self._rows.items():
-            found, chosen = solved[frame], rows
-            if found is None or found.squares > variance * _most(len(rows)):
-                found, chosen = self._without_wrong(rows, frame, variance)
+        for image, seen in lights.items():
+            found, chosen = solved[image], seen
+            if found is None or found.squares > variance * _most(len(seen)):
+                found, chosen = self._without_wrong(image, seen, variance)
             if found is not None:
                 rvec = cv2.Rodrigues(found.rotation)[0].ravel()
-                self._poses[frame] = np.concatenate((rvec, found.translation))
-                self.used[chosen] = True
+                self._poses[image] = np.concatenate((rvec, found.translation))
+                self.used[image, chosen] = True
 
-    def _solve(self, rows: Indices, frame: int, thorough: bool = True) -> Solution | None:
-        """The best pose of an image; thorough: from tilted starts as well."""
-        points = np.ascontiguousarray(self.points[self._all.markers[rows]])
-        view = Reprojection(self._camera, points, np.ascontiguousarray(self._all.pixels[rows]))
-        last = self._poses.get(frame)
+    def _solve(self, image: int, lights: Indices, thorough: bool = True) -> Solution | None:
+        """The best pose of an image by some lights; thorough: from tilted starts as well."""
+        view = Reprojection(self._camera, self.points[lights], self._pixels[image, lights])
+        last = self._poses.get(image)
         solutions = [] if last is None else view.refined([(rotation_of(last[:3]), last[3:])])
         if thorough and not solutions:
             solutions = view.solve()
-        elif not solutions or solutions[0].squares > 2 * len(rows) * _FITS**2:
+        elif not solutions or solutions[0].squares > 2 * len(lights) * _FITS**2:
             solutions += view.refined(view.closed_forms())
         return min(solutions, key=lambda solution: solution.squares, default=None)
 
     def _without_wrong(
-        self, rows: Indices, frame: int, variance: float
+        self, image: int, lights: Indices, variance: float
     ) -> tuple[Solution | None, Indices]:
         """The pose of an image without the one or two lights that the others contradict."""
         for out in (1, 2):
-            if len(rows) - out <= MIN_LIGHTS - 1:
+            if len(lights) - out <= MIN_LIGHTS - 1:
                 break
             tried = []
-            for wrong in combinations(range(len(rows)), out):
-                rest = np.delete(rows, wrong)
-                found = self._solve(rest, frame, thorough=False)
+            for wrong in combinations(range(len(lights)), out):
+                rest = np.delete(lights, wrong)
+                found = self._solve(image, rest, thorough=False)
                 if found is not None and found.squares <= variance * _most(len(rest)):
                     tried.append((found, rest))
             if tried:
                 return min(tried, key=lambda each: each[0].squares)
-        return None, rows
+        return None, lights
 
     def choose_frames(self) -> None:
         """Of too many images keep those whose poses differ most."""
-        if len(self._poses) > TUNING.most_frames:
-            frames, poses = list(self._poses), np.array(list(self._poses.values()))
+        if len(self._poses) > MAX_FRAMES:
+            images, poses = list(self._poses), np.array(list(self._poses.values()))
             depth = np.linalg.norm(poses[:, 3:], axis=1)[:, None]
             turns = np.array([rotation_of(pose[:3]).ravel() for pose in poses])
             views = np.hstack((turns, poses[:, 3:] / depth, np.log(depth)))
-            chosen = sorted(farthest_first(views, 0, TUNING.most_frames))
-            self._poses = {frames[index]: poses[index] for index in chosen}
-        self._rows = {frame: rows for frame, rows in self._rows.items() if frame in self._poses}
-        self.used &= np.isin(self._all.frames, list(self._poses))
+            chosen = sorted(farthest_first(views, 0, MAX_FRAMES))
+            self._poses = {images[index]: poses[index] for index in chosen}
+        self._images = list(self._poses)
+        self.used[np.setdiff1d(np.arange(len(self.used)), self._images)] = False
 
     def adjust(self, bound: float = math.inf) -> None:
         """Move points and poses; residuals count less and less from a bound (px) on."""
-        frames = list(self._poses)
+        images = list(self._poses)
         shared, poses, _ = adjust(
-            lambda number, points, pose: self._view(frames[number], points, pose),
+            lambda number, points, pose: self._view(images[number], points, pose),
             self.points.ravel(),
             list(self._poses.values()),
             bound,
             _gauge,
         )
         self.points = shared.reshape(-1, 3)
-        self._poses = dict(zip(frames, poses, strict=True))
+        self._poses = dict(zip(images, poses, strict=True))
 
-    def _view(self, frame: int, points: Array, pose: Array) -> Equations:
-        """Of the detections that count, with the points (3n,) as what images share."""
-        rows = self._rows[frame]
-        rows = rows[self.used[rows]]
-        markers = self._all.markers[rows]
-        own = points.reshape(-1, 3)[markers]
+    def _view(self, image: int, points: Array, pose: Array) -> Equations:
+        """Of the lights that count, with the points (3n,) as what images share."""
+        lights = np.flatnonzero(self.used[image])
+        own = points.reshape(-1, 3)[lights]
         seen, by_pose, _ = self._camera.project_with_jacobians(own, pose[:3], pose[3:])
-        by_points = np.zeros((len(rows), 2, len(self.points), 3))
+        by_points = np.zeros((len(lights), 2, len(self.points), 3))
         # A point moves before the camera as the body does, but for the body's turn.
         slopes = (by_pose[:, 3:] @ rotation_of(pose[:3])).reshape(-1, 2, 3)
-        by_points[np.arange(len(rows)), :, markers] = slopes
-        residuals = (self._all.pixels[rows] - seen).ravel()
+        by_points[np.arange(len(lights)), :, lights] = slopes
+        residuals = (self._pixels[image, lights] - seen).ravel()
         return Equations(residuals, by_pose, by_points.reshape(-1, points.size))
 
     def _views(self) -> list[Equations]:
         points = self.points.ravel()
-        return [self._view(frame, points, pose) for frame, pose in self._poses.items()]
+        return [self._view(image, points, pose) for image, pose in self._poses.items()]
 
     def noise(self, *, of_most: bool = False) -> float:
         """Of a light's place per axis, from the residuals, px; of most images, or of all."""
@@ -263,31 +244,30 @@ class _Bundle:
         if of_most:
             ratios = [one / _usual(len(r) // 2) for one, r in zip(each, views, strict=True)]
             squares = float(np.median(ratios)) * count
-        return max(math.sqrt(squares / rest), TUNING.least_noise)
+        return max(math.sqrt(squares / rest), MIN_NOISE)
 
     def residuals(self) -> Array:
-        """(m, 2) of all detections, px; NaN without a pose."""
-        found = np.full((len(self._all.frames), 2), np.nan)
-        for frame, pose in self._poses.items():
-            rows = self._rows[frame]
-            seen = self._camera.project(self.points[self._all.markers[rows]], pose[:3], pose[3:])
-            found[rows] = self._all.pixels[rows] - seen
+        """(f, n, 2) of all lights, px; NaN where one is not seen, or without a pose."""
+        found = np.full_like(self._pixels, np.nan)
+        for image, pose in self._poses.items():
+            seen = self._camera.project(self.points, pose[:3], pose[3:])
+            found[image] = self._pixels[image] - seen
         return found
 
     def refuse_few(self, names: Sequence[str]) -> None:
         """Say what is seen too rarely."""
         frames = len(self._poses)
-        if frames < TUNING.fewest_frames:
+        if frames < MIN_FRAMES:
             raise RigCalibrationError(
                 f'{frames} images show {MIN_LIGHTS} lights and more that fit together; '
-                f'{TUNING.fewest_frames} are needed, and 100 are good'
+                f'{MIN_FRAMES} are needed, and 100 are good'
             )
-        counts = np.bincount(self._all.markers[self.used], minlength=len(self.points))
-        if counts.min() < TUNING.fewest_frames:
+        counts = self.used.sum(axis=0)
+        if counts.min() < MIN_FRAMES:
             rarest = int(counts.argmin())
             raise RigCalibrationError(
                 f'{names[rarest]} is seen in {counts[rarest]} images, of {frames}: '
-                f'{TUNING.fewest_frames} are needed'
+                f'{MIN_FRAMES} are needed'
             )
 
     def in_frame_of(
@@ -331,7 +311,7 @@ def _usual(lights: int) -> float:
 
 def _most(lights: int) -> float:
     """The most that noise leaves of them, but for one image of many."""
-    return float(chdtri(2 * lights - 6, 1.0 / TUNING.one_of))
+    return float(chdtri(2 * lights - 6, 1.0 / ONE_OF))
 
 
 def _gauge(points: Array) -> Array:
@@ -359,7 +339,7 @@ def _refuse_untold(positions: Array, covariance: Array, names: Sequence[str]) ->
     variances, axes = np.linalg.eigh(covariance.reshape(-1, 3, len(names), 3)[count, :, count])
     worst = int(variances[:, -1].argmax())
     deviation = math.sqrt(max(float(variances[worst, -1]), 0.0))
-    if deviation > TUNING.most_deviation * span:
+    if deviation > MAX_DEVIATION * span:
         where = ', '.join(f'{abs(part):.2f}' for part in axes[worst, :, -1])
         raise RigCalibrationError(
             f'the motion does not determine the shape: {names[worst]} is known to '

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
-from mvuav_ros.vision.reprojection import Reprojection, projection_derivatives, rotation_of
+from mvuav_ros.vision.reprojection import Reprojection, rotation_of
 from mvuav_ros.vision.rig import MAX_NAMED, MarkerRig
 
 Array = NDArray[np.float64]
@@ -169,15 +169,13 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
     on one line. The noise is that of a marker's place, px per axis (1 sigma).
     """
     points = rig.positions - rig.middle
-    seen, *slopes = projection_derivatives(
-        camera, points, OPTICAL_FROM_BODY, np.array((0.0, 0.0, distance)), about=(0.0, 0.0, 0.0)
-    )
+    view = Reprojection(camera, points, image=np.empty((len(points), 2)))
+    seen, jacobian = view.look(OPTICAL_FROM_BODY, np.array((0.0, 0.0, distance)))
     limits = camera.width - 0.5, camera.height - 0.5
     if not (-points[:, 0].min() < distance and ((seen > -0.5) & (seen < limits)).all()):
         return PoseError(distance, *[math.nan] * 6)
-    jacobian = np.concatenate(slopes, axis=-1).reshape(-1, 6)
     deviation = noise * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
-    x, y, z, pitch, yaw, roll = deviation.tolist()
+    pitch, yaw, roll, x, y, z = deviation.tolist()
     apart = np.linalg.norm(seen[:, None] - seen, axis=2)[np.triu_indices(len(seen), 1)]
     span, gap = float(apart.max()), float(apart.min())
     tilt = math.degrees(max(pitch, yaw))

@@ -32,7 +32,7 @@ def test_images_that_are_rectified_are_taken_as_such(is_rectified: bool) -> None
         assert frame.camera is not None
         k = frame.camera.k
         bent = replace(frame.camera, d=(1e-4, 0, 0, 0, 0), p=(*k[:3], 0, *k[3:6], 0, *k[6:], 0))
-        _, used, _ = name_lights(source, TANKER_747, bent, parameters, lambda _: None)
+        used, _ = name_lights(source, TANKER_747, bent, parameters, lambda _: None)
     assert used == (bent.rectified() if is_rectified else bent)
 
 
@@ -69,7 +69,6 @@ class SlidingOut(FrameSource):
 
 def test_lights_that_the_border_cuts_off_are_not_measured() -> None:
     given = SlidingOut(), TANKER_747, CAMERA, MarkerTrackerParameters(), lambda _: None
-    count, _, seen = name_lights(*given)
-    assert count == 16 and 5 * count - 10 < len(seen.frames) < 5 * count
-    true = SlidingOut.places[seen.frames - 1, seen.markers]
-    assert np.abs(seen.pixels - true).max() < 0.05
+    _, pixels = name_lights(*given)
+    assert pixels.shape == (16, 5, 2) and 70 < np.isfinite(pixels[..., 0]).sum() < 80
+    assert np.nanmax(np.abs(pixels - SlidingOut.places)) < 0.05

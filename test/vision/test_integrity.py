@@ -183,21 +183,6 @@ def test_states_against_limits() -> None:
     assert found.vertical == found.up
 
 
-@pytest.mark.parametrize(
-    'given',
-    [
-        {'risk': 0.0},
-        {'risk': 0.7},
-        {'light_prior': -1.0},
-        {'focal_error': -0.1},
-        {'min_noise': 0.0},
-    ],
-)
-def test_a_budget_that_makes_no_sense_is_refused(given: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=r'probabilit|deviation'):
-        IntegrityBudget(**given)
-
-
 COVARIANCE = np.diag([100.0, 0.25, 0.16, 1e-4, 1e-4, 4e-4])
 
 

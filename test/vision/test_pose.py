@@ -14,7 +14,7 @@ from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 from mvuav_ros.vision.integrity import protection_levels
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
-from mvuav_ros.vision.reprojection import Reprojection, projection_derivatives
+from mvuav_ros.vision.reprojection import Reprojection
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, parse_rig
 from mvuav_thesis.light_flights import LightFlight, LightScene
 
@@ -149,11 +149,8 @@ def test_the_refinement_ends_where_opencvs_does(distortion):
         np.testing.assert_allclose(tvec, best[1], atol=1e-4)
         assert found.squares == pytest.approx(((image - found.seen) ** 2).sum())
         # What the steps left is what the solution has, but for the square of the last one.
-        places, by_place, by_turn = projection_derivatives(
-            camera, TANKER_747.positions, found.rotation, found.translation, np.zeros(3)
-        )
+        places, slopes = view.look(found.rotation, found.translation)
         np.testing.assert_allclose(found.seen, places, atol=1e-5)
-        slopes = np.concatenate((by_turn, by_place), axis=2).reshape(-1, 6)
         np.testing.assert_allclose(found.slopes, slopes, rtol=1e-3, atol=5e-2)
 
 
@@ -186,9 +183,9 @@ def test_the_slopes_are_the_differences_of_places(model):
         origin = translation + move + (rotation - turned) @ about
         return camera.project(TANKER_747.positions, cv2.Rodrigues(turned)[0], origin)
 
-    _, by_place, by_turn = projection_derivatives(
-        camera, TANKER_747.positions, rotation, translation, about
-    )
+    view = Reprojection(camera, TANKER_747.positions - about, np.empty((5, 2)))
+    slopes = view.look(rotation, translation + rotation @ about)[1].reshape(-1, 2, 6)
+    by_turn, by_place = slopes[..., :3], slopes[..., 3:]
     for axis, step in enumerate(1e-5 * np.eye(3)):
         none = np.zeros(3)
         moved = (places(none, step) - places(none, -step)) / 2e-5

@@ -258,7 +258,7 @@ def calibrate_rig(
     write_whole(output, rig_text(made.rig, found.deviations))
     page = write_report(work.report_of(flight.name, made), report)
     say(
-        f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
+        f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {made.detections} '
         f'detections fit, noise {found.noise:.2f} px',
         'light: position m, standard deviation mm, moved mm',
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 from typing import NamedTuple
@@ -16,29 +15,20 @@ from mvuav_ros.vision.markers.rig_view import ViewState
 from mvuav_ros.vision.markers.view_correction import Correction, NamedPlaces
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
+# How much evidence a doubt takes. Chosen on seeds 0 to 29 of flights of bare lights
+# (`mvuav_thesis.light_flights`) and on the simulator's docking approaches.
 
-@dataclass(frozen=True)
-class FaultTuning:
-    """How much evidence a doubt takes.
-
-    Chosen on seeds 0 to 29 of flights of bare lights (`mvuav_thesis.light_flights`) and on the
-    simulator's docking approaches.
-    """
-
-    gate: float = 16.0  # squared distance over variance from which on a marker contradicts others
-    doubt: float = 6.0  # two explanations whose costs differ by less than this are both possible
-    min_firm: int = 3  # markers, without which none can be doubted
-    allowance: float = 6.0  # per frame, of that distance: what is more is evidence
-    enough: float = 20.0  # evidence from which on a marker contradicts the others
-    max_evidence: float = 100.0  # to which the evidence against any marker can add up
-    forgetting: float = 0.9  # per frame, of the evidence against a marker that is out of sight
-    # Of the evidence against the worst marker, by which others must have less to be no suspects.
-    doubtful_share: float = 0.1
-    returned: float = 50.0  # evidence against a marker that was out of sight shortly before
-    min_agreeing: int = 4  # markers that determine each other's places
-
-
-TUNING = FaultTuning()
+GATE = 16.0  # squared distance over variance from which on a marker contradicts others
+DOUBT = 6.0  # two explanations whose costs differ by less than this are both possible
+MIN_FIRM = 3  # markers, without which none can be doubted
+ALLOWANCE = 6.0  # per frame, of that distance: what is more is evidence
+ENOUGH_EVIDENCE = 20.0  # evidence from which on a marker contradicts the others
+MAX_EVIDENCE = 100.0  # to which the evidence against any marker can add up
+FORGETTING = 0.9  # per frame, of the evidence against a marker that is out of sight
+# Of the evidence against the worst marker, by which others must have less to be no suspects.
+DOUBTFUL_SHARE = 0.1
+RETURNED = 50.0  # evidence against a marker that was out of sight shortly before
+MIN_AGREEING = 4  # markers that determine each other's places
 MAX_DROPPED = 3  # Markers at once that may contradict the others
 
 
@@ -90,10 +80,10 @@ class FaultDetector:
         untrusted = self.untrusted.intersection(found)
         count = len(self.views.shape.points)
         # Of three lights of a larger body one may be another one; it would bend the view unseen.
-        fewest = TUNING.min_firm - (len(found) == TUNING.min_firm < count)
+        fewest = MIN_FIRM - (len(found) == MIN_FIRM < count)
         if len(found) - len(untrusted) < fewest:
             untrusted.clear()
-        ignored = self.doubtful.intersection(found) if len(found) < TUNING.min_agreeing else ()
+        ignored = self.doubtful.intersection(found) if len(found) < MIN_AGREEING else ()
         correction = self.views.correct(found, untrusted, ignored)
         self._corrected = key, correction, self._added(correction)
         return self._corrected[1:]
@@ -112,13 +102,13 @@ class FaultDetector:
             return Consensus(partial(self.views.look, {}), ())
         correction, evidence = self._correct(found)
         markers = tuple(found)
-        contradicted = max(correction.nis) > TUNING.gate
+        contradicted = max(correction.nis) > GATE
         most = max(evidence.values(), default=0.0)
-        if not contradicted and most < TUNING.enough:
+        if not contradicted and most < ENOUGH_EVIDENCE:
             return Consensus(correction.view, markers)
         if len(markers) < 2:
             return Consensus(partial(self.views.look, {}), (), markers)
-        if len(markers) > 2 and most > TUNING.doubt:
+        if len(markers) > 2 and most > DOUBT:
             consensus = self._without_suspects(found, correction, evidence)
             if consensus is not None:
                 return consensus
@@ -135,10 +125,10 @@ class FaultDetector:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
         if not self.views.has_bank:
             return {}
-        evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
+        evidence = {m: FORGETTING * before for m, before in self._evidence.items()}
         squares = zip(correction.gain.markers, correction.nis_by_ignoring(), strict=True)
         for marker, square in squares:
-            shown = square - TUNING.allowance
+            shown = square - ALLOWANCE
             evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
         return evidence
 
@@ -147,18 +137,18 @@ class FaultDetector:
     ) -> Consensus | None:
         """What the others agree on, by the filter that has ignored the worst marker all along."""
         score = {
-            m: evidence[m] + TUNING.returned * (m in self.untrusted) + self.jumps.get(m, 0.0)
+            m: evidence[m] + RETURNED * (m in self.untrusted) + self.jumps.get(m, 0.0)
             for m in found
-            if evidence[m] > TUNING.doubt
+            if evidence[m] > DOUBT
         }
         if not score:
             return None
         worst = max(score, key=lambda marker: score[marker])
-        margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
+        margin = max(DOUBT, DOUBTFUL_SHARE * score[worst])
         suspects = tuple(m for m in score if score[m] > score[worst] - margin)
         row = 1 + worst
         nis = zip(found, correction.nis_by(row), strict=True)
-        if max(square for marker, square in nis if marker != worst) > TUNING.gate:
+        if max(square for marker, square in nis if marker != worst) > GATE:
             return None
         if len(suspects) > 1:
             rest = tuple(m for m in found if m not in suspects)
@@ -180,14 +170,14 @@ class FaultDetector:
         fitting = [
             (cost + sum(jumped[i] for i in rest), rest)
             for row, (cost, rest) in enumerate(zip(fits.cost.tolist(), rests, strict=True))
-            if max(fits.nis_by(row)) <= TUNING.gate
+            if max(fits.nis_by(row)) <= GATE
         ]
         if not fitting:
             return None
         least, best = min(fitting)
         kept = set(best)
         for cost, rest in fitting:
-            if cost < least + TUNING.doubt:
+            if cost < least + DOUBT:
                 kept &= set(rest)
         names = tuple(markers[i] for i in sorted(kept))
         view = partial(self.views.look, {marker: found[marker] for marker in names})
@@ -208,7 +198,7 @@ class FaultDetector:
         if not found:
             return
         correction, evidence = self._correct(found)
-        over = max(evidence.values(), default=0.0) - TUNING.max_evidence
+        over = max(evidence.values(), default=0.0) - MAX_EVIDENCE
         if over > 0.0:
             evidence = {m: max(sum_ - over, 0.0) for m, sum_ in evidence.items()}
         self._evidence = evidence

@@ -11,19 +11,17 @@ import numpy as np
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
-from mvuav_ros.vision.markers.fault_detection import FaultDetector
+from mvuav_ros.vision.markers.fault_detection import MIN_AGREEING, FaultDetector
 from mvuav_ros.vision.markers.initialization import Attempts, Trial, fewest_at_start, initialize
 from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
+    Detection,
     Frame,
     Lens,
     Light,
     Point,
     apart_from,
     coordinates,
-    find_spots,
     places_of,
 )
 from mvuav_ros.vision.markers.marker_memory import Expectation, MarkerMemory
@@ -81,21 +79,21 @@ class IdentityTracker:
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame, of a later time (s) than the last one."""
         self._tick += 1
-        frame = Frame(image, time, self._tick, parameters)
-        if frame.size != self._size:
-            self._size = frame.size
-            self._lens = Lens(frame.size, self._camera)
+        size = image.width, image.height
+        if size != self._size:
+            self._size, self._lens = size, Lens(size, self._camera)
             upright = -math.radians(parameters.camera_mount_rpy_deg[0])
             self._shape = WeakPerspective.of(self._rig, self._lens, upright)
             # Any three lights look like three markers, and any four where the lens is not known.
             self._is_redundant = self._count > (3 if self._lens.focal else 4)
             self._start_again()
+        frame = Frame(image, time, self._tick, parameters, self._lens)
         result = self._follow(frame, *self._body) if self._body else self._start(frame)
         return result if result.named else result.remarked(frame.blobs.crowd)
 
     def _start(self, frame: Frame, lamps: Collection[Light] = ()) -> MarkerResult:
         """Name all markers in a whole frame, in which some lights are known to be lamps."""
-        lights = [light for light in find_spots(frame, self._lens) if light not in lamps]
+        lights = [light for light in frame.lights() if light not in lamps]
         self.lights = seen = len(lights)
         if not self._attempts.due(seen):
             return self._nothing(f'{seen} lights in view, {self._count} do not stand out')
@@ -179,15 +177,10 @@ class IdentityTracker:
         memory.remember(frame.time, spots, {})
         if self._tick >= self._next_look:
             own = [Light(*place, spots[marker]) for marker, place in named.items()]
-            self._look_for_lamps(frame, faults.views, own)
+            others, places, views = apart_from(frame.lights(), own), coordinates(own), faults.views
+            self.lamps.learn(views.shape, views.view, others, places, is_whole=True)
             self._wait_for_lamps()
         return self._result(frame, memory, spots, windows=windows)
-
-    def _look_for_lamps(self, frame: Frame, views: ViewFilter, named: Sequence[Light]) -> None:
-        """Look at the whole frame for lamps on a body all of whose markers have names."""
-        others = apart_from(find_spots(frame, self._lens), named)
-        places = coordinates(named)
-        self.lamps.learn(views.shape, views.view, others, places, is_whole=True)
 
     def _wait_for_lamps(self) -> None:
         """They have been looked at: not in the next frames again."""
@@ -217,7 +210,7 @@ class IdentityTracker:
         memory.weigh(search.found, evidence, search.given, others, search.reacquired, landmarks)
         faults.doubtful = memory.doubtful
         faults.commit(places)
-        if len(search.found.keys() - search.suspects - memory.doubtful) >= FAULTS.min_agreeing:
+        if len(search.found.keys() - search.suspects - memory.doubtful) >= MIN_AGREEING:
             self._is_sure = True
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
@@ -228,13 +221,13 @@ class IdentityTracker:
         return self._result(frame, memory, spots, hidden, expected, windows)
 
     def _search(self, frame: Frame, search: Search, least: float) -> None:
-        """Name the lights of the whole frame, of an area (px) at least (see `find_spots`)."""
+        """Name the lights of the whole frame, of an area (px) at least (see `Frame.lights`)."""
         # The filter as it was when four firm names agreed last; since then it has gone on alone.
         if self._is_sure:
             self._sure, self._is_sure = copy.copy(search.views), False
         else:
             self._sure.predict(frame.time)
-        lights = find_spots(frame, self._lens, least)
+        lights = frame.lights(least)
         # Among many lights either this or a new start takes long enough for one frame.
         rests = self._attempts.rest or self._attempts.last
         if rests or len(lights) <= MAX_NAMED or not self._is_lost(frame):

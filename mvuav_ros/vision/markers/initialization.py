@@ -81,43 +81,39 @@ def initialize(
         return Named(remark=f'{len(spots)} of {count} markers in view')
     few = len(spots) <= MAX_NAMED
     bodies = _bodies(shape, spots, count) if few else []
-    named = _whole(shape, spots, bodies, names, len(spots)) if few else None
+    named = _whole(shape, spots, bodies, len(spots))
+    is_alone = len(spots) == count and shape.lens.focal is None
+    if named is None and is_alone and tuple(names) == TANKER_NAMES:
+        named = _as_the_thesis(shape, spots)
     # A body's lights may be far smaller than letters, and than lamps nearer by.
     if named is None and len(every) > min(len(spots), MAX_NAMED):
         step = MAX_AT_START // 2
         first = step * (turn % max(1, math.ceil(len(every) / step) - 1))
         some = every[first : first + MAX_AT_START]
-        named = _whole(shape, some, _bodies(shape, some, count), names, len(every))
+        named = _whole(shape, some, _bodies(shape, some, count), len(every))
     if named is None and len(spots) <= MAX_WITH_HIDDEN and not any(map(_is_strict, bodies)):
         named = _with_hidden(shape, spots)
     return named or Named(remark=f'{len(spots)} lights in view, {count} do not stand out')
 
 
 def _whole(
-    shape: WeakPerspective,
-    spots: Sequence[Light],
-    bodies: Sequence[Hypothesis],
-    names: Sequence[str],
-    lights: int,
+    shape: WeakPerspective, spots: Sequence[Light], bodies: Sequence[Hypothesis], lights: int
 ) -> Named | None:
     """All markers among some spots, of so many lights in view."""
-    count = len(names)
-    alone = lights == count
+    best, count = _outstanding(bodies), len(shape.points)
+    if best is None or not _is_probable(shape, best, lights):
+        return None
+    alone, residual = lights == count, best.view.rms_residual
     free = alone and shape.lens.focal is None
-    best = _outstanding(bodies)
-    if best is not None and _is_probable(shape, best, lights):
-        exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
-        limit = LONE_RESIDUAL * best.view.scale if free else exact
-        if best.view.rms_residual <= max(limit, exact):
-            is_sure = best.evidence > SURE_AT_START and lights <= MAX_NAMED
-            frames = 1 if alone or is_sure else CONFIRMED
-            if not (free or _is_strict(best)):
-                frames = CONFIRMED_ODD
-            remark = '' if alone else f'{lights} lights in view, the {count} that fit were used'
-            return Named(
-                best.lights(spots), best.view, frames, best.view.rms_residual <= exact, remark
-            )
-    return _as_the_thesis(shape, spots) if free and tuple(names) == TANKER_NAMES else None
+    exact = CLEAR_RESIDUAL[0] + CLEAR_RESIDUAL[1] * best.view.scale
+    if residual > max(LONE_RESIDUAL * best.view.scale if free else 0.0, exact):
+        return None
+    is_sure = best.evidence > SURE_AT_START and lights <= MAX_NAMED
+    frames = 1 if alone or is_sure else CONFIRMED
+    if not (free or _is_strict(best)):
+        frames = CONFIRMED_ODD
+    remark = '' if alone else f'{lights} lights in view, the {count} that fit were used'
+    return Named(best.lights(spots), best.view, frames, residual <= exact, remark)
 
 
 def _is_probable(shape: WeakPerspective, body: Hypothesis, lights: int) -> bool:

@@ -28,6 +28,8 @@ from mvuav_ros.vision.markers.view_correction import (
     times,
 )
 
+Indices = NDArray[np.intp]
+
 # Chosen on drawn flights with four to eight lamps on the body, whose lights go out, or which
 # leaves the image; and on glares (seeds 99740 to 99749 of `tools/compare_markers.py`).
 MAX_AWAY = 1.5  # Of the body's size, from its middle: what is farther away is none of its lamps
@@ -70,7 +72,7 @@ class Lamps:
         self._lamps = np.empty(0, _LAMP)
 
     @property
-    def _known(self) -> NDArray[np.intp]:
+    def _known(self) -> Indices:
         lamps = self._lamps
         enough = np.maximum(MIN_SEEN, MIN_SHARE * lamps['due'])
         return np.flatnonzero((lamps['seen'] >= enough) & (lamps['moved'] >= MIN_MOVED))
@@ -89,9 +91,7 @@ class Lamps:
         self, shape: WeakPerspective, view: ViewState, lights: Sequence[Light]
     ) -> dict[int, Light]:
         """The known lamps among a frame's lights by a view; none where they are too few."""
-        known = self._known
-        at, slopes = self._places(shape, view.parameters, known)
-        seen, found = self._pairs(shape, view, lights, known, at, slopes)
+        seen, found, *_ = self._pairs(shape, view, lights, self._known)
         if len(seen) < MIN_LAMPS:
             return {}
         return {lamp: lights[i] for lamp, i in zip(seen.tolist(), found.tolist(), strict=True)}
@@ -150,9 +150,7 @@ class Lamps:
         lamps, places = self._lamps, coordinates(lights)
         if not (len(lamps) or len(places)):
             return
-        rows = np.arange(len(lamps))
-        at, slopes = self._places(shape, view.parameters, rows)
-        seen, found = self._pairs(shape, view, lights, rows, at, slopes)
+        seen, found, at, slopes = self._pairs(shape, view, lights, np.arange(len(lamps)))
         is_due = self._are_in_view(shape, at, markers)
         is_due[seen] = True
         lamps['due'] += is_due
@@ -190,20 +188,15 @@ class Lamps:
         self._lamps['covariance'][rows] = spread
 
     def _pairs(
-        self,
-        shape: WeakPerspective,
-        view: ViewState,
-        lights: Sequence[Light],
-        lamps: NDArray[np.intp],
-        at: Array,
-        slopes: Array,
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        self, shape: WeakPerspective, view: ViewState, lights: Sequence[Light], lamps: Indices
+    ) -> tuple[Indices, Indices, Array, Array]:
         """Those of some lamps that are seen, and as which lights: each the other's nearest.
 
-        Their places and slopes are those of `_places`.
+        And the places and slopes of all of these lamps (see `_places`).
         """
+        at, slopes = self._places(shape, view.parameters, lamps)
         if not (len(lamps) and lights):
-            return np.empty(0, np.intp), np.empty(0, np.intp)
+            return np.empty(0, np.intp), np.empty(0, np.intp), at, slopes
         _, by_view = WeakPerspective(self._lamps['point'][lamps], shape.lens).linearize(
             view.parameters[None]
         )
@@ -213,10 +206,10 @@ class Lamps:
         nearest, rows = away.argmin(axis=1), np.arange(len(lamps))
         is_seen = away[rows, nearest] < GATE**2 * variances
         is_seen &= away.argmin(axis=0)[nearest] == rows
-        return lamps[is_seen], nearest[is_seen]
+        return lamps[is_seen], nearest[is_seen], at, slopes
 
     def _places(
-        self, shape: WeakPerspective, view: Array, lamps: Sequence[int] | NDArray[np.intp]
+        self, shape: WeakPerspective, view: Array, lamps: Sequence[int] | Indices
     ) -> tuple[Array, Array]:
         """Where lamps are seen in a view (8,), (j, 2) px, and the slopes by their points."""
         moved = np.concatenate((np.zeros((1, 3)), _STEP * np.eye(3)))
@@ -224,7 +217,7 @@ class Lamps:
         at = WeakPerspective(points, shape.lens).project(view).reshape(-1, 4, 2)
         return at[:, 0], (at[:, 1:] - at[:, :1]).transpose(0, 2, 1) / _STEP
 
-    def _variances(self, slopes: Array, lamps: Sequence[int] | NDArray[np.intp]) -> Array:
+    def _variances(self, slopes: Array, lamps: Sequence[int] | Indices) -> Array:
         """Of their places across and down together, px²."""
         spread = slopes @ self._lamps['covariance'][lamps] @ slopes.transpose(0, 2, 1)
         return np.asarray(np.trace(spread, axis1=1, axis2=2))

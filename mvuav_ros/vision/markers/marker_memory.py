@@ -7,10 +7,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mvuav_ros.vision.markers.centroid import Detection, Pull
-from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
-from mvuav_ros.vision.markers.fault_detection import Evidence
-from mvuav_ros.vision.markers.lights import Frame, Light, area_fits
+from mvuav_ros.vision.markers.fault_detection import MIN_AGREEING, MIN_FIRM, Evidence
+from mvuav_ros.vision.markers.lights import Detection, Frame, Light, Pull, area_fits
 from mvuav_ros.vision.markers.marker_results import NO_WINDOW, Window
 from mvuav_ros.vision.markers.motion import MotionPredictor
 
@@ -26,23 +24,16 @@ class Expectation(NamedTuple):
 UNKNOWN = Expectation(math.nan, math.nan, math.inf)
 
 
-@dataclass(frozen=True)
-class JumpTuning:
-    """When a light has jumped.
+# When a light has jumped. Chosen on seeds 9500 to 9529, 9900 to 9929 and 9982 of
+# `mvuav_thesis.integrity_runs`.
 
-    Chosen on seeds 9500 to 9529, 9900 to 9929 and 9982 of `mvuav_thesis.integrity_runs`.
-    """
-
-    fewest: int = 3  # lights whose middle one shows how all have moved
-    deviations: float = 4.5  # of what is usual, from which on it has
-    least: float = 0.04  # px, of that at least: `MAX_PULL` comes and goes with the background
-    alone: float = 0.5  # part of its jump by which all others must be nearer to their places
-    learning: float = 0.05  # per frame, of what is usual
-    forgetting: float = 0.9  # per frame, of the evidence of a jump
-    most: float = 60.0  # evidence that a jump can be
-
-
-JUMPS = JumpTuning()
+MIN_MOVING = 3  # lights whose middle one shows how all have moved
+JUMP_DEVIATIONS = 4.5  # of what is usual, from which on it has
+MIN_TYPICAL = 0.04  # px, of that at least: `MAX_PULL` comes and goes with the background
+ALONE = 0.5  # part of its jump by which all others must be nearer to their places
+JUMP_LEARNING = 0.05  # per frame, of what is usual
+JUMP_FORGETTING = 0.9  # per frame, of the evidence of a jump
+MAX_JUMP = 60.0  # evidence that a jump can be
 
 
 class Jumps:
@@ -57,53 +48,46 @@ class Jumps:
 
     def update(self, away: Mapping[int, tuple[float, float]]) -> int | None:
         """The marker whose light has jumped, by how far (px) each is from where its motion goes."""
-        faded = {m: JUMPS.forgetting * evidence for m, evidence in self.evidence.items()}
+        faded = {m: JUMP_FORGETTING * evidence for m, evidence in self.evidence.items()}
         self.evidence = {m: evidence for m, evidence in faded.items() if evidence > 1.0}
-        if len(away) < JUMPS.fewest:
+        if len(away) < MIN_MOVING:
             return None
         # What has shaken the camera has moved all of them.
         across, down = zip(*away.values(), strict=True)
         x, y = sorted(across)[len(away) // 2], sorted(down)[len(away) // 2]
         apart = [math.hypot(dx - x, dy - y) for dx, dy in away.values()]
-        usual = math.hypot(self._usual, JUMPS.least)
-        limit = JUMPS.deviations * usual
+        usual = math.hypot(self._usual, MIN_TYPICAL)
+        limit = JUMP_DEVIATIONS * usual
         mean = sum([d if d < limit else limit for d in apart]) / len(apart)
         self._frames += 1
-        self._usual += max(JUMPS.learning, 1.0 / self._frames) * (mean - self._usual)
+        self._usual += max(JUMP_LEARNING, 1.0 / self._frames) * (mean - self._usual)
         second, farthest = sorted(apart)[-2:]
         # Where others have moved oddly as well, it is the motion that was not foreseen.
-        if farthest <= limit or second >= JUMPS.alone * farthest:
+        if farthest <= limit or second >= ALONE * farthest:
             return None
         marker = list(away)[apart.index(farthest)]
-        jumped = min((farthest / usual) ** 2, JUMPS.most)
+        jumped = min((farthest / usual) ** 2, MAX_JUMP)
         self.evidence[marker] = max(self.evidence.get(marker, 0.0), jumped)
         return marker
 
 
-@dataclass(frozen=True)
-class ConfidenceTuning:
-    """How the probability of a name follows what the places say.
+# How the probability of a name follows what the places say. Chosen on seeds 20000 to 20008 of
+# `tools/compare_markers.py`.
 
-    Chosen on seeds 20000 to 20008 of `tools/compare_markers.py`.
-    """
-
-    first: float = 5.0  # log odds of a name that is given to the whole body
-    min_odds: float = 2.0  # log odds, below which a name is withheld (probability 0.88)
-    # Probability that another light is close to a marker's place: where one has been out of sight
-    # and lights are about that are no markers, where none are, where it was seen a frame ago, and
-    # where it was as one of those that stay when the others go (seeds 27580 to 27595).
-    beside: tuple[float, float, float, float] = (0.5, 0.08, 0.01, 0.15)
-    # Of lights that are no markers, per px²: where some are about, and where none are.
-    density: tuple[float, float] = (1e-5, 1e-6)
-    # Of what a frame's place says, as the errors of following frames are alike; times the
-    # redundancy, as what only goes on as before may be a light that was taken for the marker.
-    share: float = 0.5
-    stolen: float = 2e-4  # probability per frame that another light takes a marker's place
-    least: float = -2.0  # log odds, of a name that is still held
-    most: float = 9.0
-
-
-CONFIDENCE = ConfidenceTuning()
+FIRST_ODDS = 5.0  # log odds of a name that is given to the whole body
+MIN_ODDS = 2.0  # log odds, below which a name is withheld (probability 0.88)
+# Probability that another light is close to a marker's place: where one has been out of sight
+# and lights are about that are no markers, where none are, where it was seen a frame ago, and
+# where it was as one of those that stay when the others go (seeds 27580 to 27595).
+ANOTHER_BESIDE = (0.5, 0.08, 0.01, 0.15)
+# Of lights that are no markers, per px²: where some are about, and where none are.
+STRANGE_DENSITY = (1e-5, 1e-6)
+# Of what a frame's place says, as the errors of following frames are alike; times the
+# redundancy, as what only goes on as before may be a light that was taken for the marker.
+FRAME_SHARE = 0.5
+STOLEN = 2e-4  # probability per frame that another light takes a marker's place
+MIN_HELD_ODDS = -2.0  # log odds, of a name that is still held
+MAX_ODDS = 9.0
 
 TYPICAL_AREA, TYPICAL_SPREAD = (0.6, 1.6), 1.06
 """Area and spread over the light's usual ones within which nothing has happened to it."""
@@ -134,7 +118,7 @@ class KnownMarker:
     unseen: int = 0  # frames since then
     returning: int = RETURNING  # frames until its motion is known again
     untrusted: int = 0  # frames in which its light may be another one
-    odds: float = CONFIDENCE.first  # of its name, their logarithm
+    odds: float = FIRST_ODDS  # of its name, their logarithm
 
     @property
     def confidence(self) -> float:
@@ -143,8 +127,8 @@ class KnownMarker:
 
     def weigh(self, ratio: float) -> None:
         """Bayes's rule with a log ratio of likelihoods, after a frame in which it may be stolen."""
-        kept = (1.0 - CONFIDENCE.stolen) / (CONFIDENCE.stolen + math.exp(-self.odds))
-        odds, least, most = math.log(kept) + ratio, CONFIDENCE.least, CONFIDENCE.most
+        kept = (1.0 - STOLEN) / (STOLEN + math.exp(-self.odds))
+        odds, least, most = math.log(kept) + ratio, MIN_HELD_ODDS, MAX_ODDS
         # Conditions, as min and max take several times as long.
         self.odds = least if odds < least else most if odds > most else odds
 
@@ -156,14 +140,14 @@ class KnownMarker:
         The logarithms of its densities are its own and that of another light close by, per px².
         Others are about; it was followed to this frame in no doubt; it is left of those that were.
         """
-        among_others, alone, usual, staying = CONFIDENCE.beside
+        among_others, alone, usual, staying = ANOTHER_BESIDE
         beside = among_others if others else alone
         if followed:
             beside = staying if left else usual
-        anywhere = CONFIDENCE.density[0 if others else 1]
+        anywhere = STRANGE_DENSITY[0 if others else 1]
         odds = own - math.log(beside * math.exp(other) + anywhere)
-        odds = min(odds, CONFIDENCE.first if self.unseen else self.odds)
-        self.odds = max(odds, CONFIDENCE.least)
+        odds = min(odds, FIRST_ODDS if self.unseen else self.odds)
+        self.odds = max(odds, MIN_HELD_ODDS)
 
     def learn(self, spot: Detection) -> None:
         """Follow slow changes of its light, as of the distance."""
@@ -268,7 +252,7 @@ class MarkerMemory:
     @property
     def doubtful(self) -> set[int]:
         """Markers whose names are too uncertain to be reported."""
-        return {i for i, marker in enumerate(self.markers) if marker.odds < CONFIDENCE.min_odds}
+        return {i for i, marker in enumerate(self.markers) if marker.odds < MIN_ODDS}
 
     def trust_again(self, doubted: Mapping[int, int], alone: Collection[int]) -> None:
         """Doubt those no more than before (see `distrust`) that were alone after all."""
@@ -286,7 +270,7 @@ class MarkerMemory:
         """All markers have got other names: their motions are not known, see also `trust`."""
         for index, marker in enumerate(self.markers):
             marker.returning = RETURNING
-            marker.odds = CONFIDENCE.first
+            marker.odds = FIRST_ODDS
             self.predictor.forget(index)
         self.trust(range(len(self.markers)))
 
@@ -312,7 +296,7 @@ class MarkerMemory:
             if marker.unseen:
                 marker.unseen = 0
                 marker.returning = RETURNING
-            if marker.untrusted and marker.odds >= CONFIDENCE.min_odds:
+            if marker.untrusted and marker.odds >= MIN_ODDS:
                 marker.untrusted -= 1
         self.predictor.update(positions)
 
@@ -331,9 +315,9 @@ class MarkerMemory:
         and about. Some names were found again together, with these log odds. So many landmarks,
         such as lamps, show the view as well.
         """
-        usual = CONFIDENCE.share * evidence.redundancy
-        checked = len(seen) + landmarks >= FAULTS.min_agreeing
-        few = len(seen) + landmarks < FAULTS.min_firm
+        usual = FRAME_SHARE * evidence.redundancy
+        checked = len(seen) + landmarks >= MIN_AGREEING
+        few = len(seen) + landmarks < MIN_FIRM
         # What four and more agree on, another light would contradict.
         among_others = others and not checked
         firm: set[int] = set()
@@ -348,12 +332,12 @@ class MarkerMemory:
             own, other = evidence.places.get(index, (0.0, 0.0))
             if not marker.unseen:
                 # What could not be checked before is not like the frames before.
-                is_new = checked and marker.odds < CONFIDENCE.min_odds
+                is_new = checked and marker.odds < MIN_ODDS
                 marker.weigh((1.0 if is_new else usual) * (own - other))
             # When the others go, the light of one that stays may be another one as well.
             left = among_others and self._was_checked and few
             if index in again:
-                odds = min(max(again[index], CONFIDENCE.least), CONFIDENCE.first)
+                odds = min(max(again[index], MIN_HELD_ODDS), FIRST_ODDS)
                 if index in given:
                     marker.odds = odds
                 elif joined:

@@ -1,4 +1,4 @@
-"""What the marker programs find: clusters, labelled markers and one frame's result."""
+"""What the marker programs find: labelled markers and one frame's result."""
 
 from __future__ import annotations
 
@@ -34,14 +34,6 @@ class MarkerState(IntEnum):
     LOST = 0
     DETECTED = 1
     PREDICTED = 2
-
-
-class Cluster(NamedTuple):
-    """A group of bright pixels: centroid (px) and number of pixels."""
-
-    x: float
-    y: float
-    area: int
 
 
 class Window(NamedTuple):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -22,40 +21,33 @@ PRIOR = (0.5, 1.0, 1.0, 1.0, 1.0, 1.0)
 """Of each prediction's weight. Lights that stand still are rarer."""
 
 
-@dataclass(frozen=True)
-class MotionTuning:
-    """What is assumed of motions.
+# What is assumed of motions.
+# Chosen on the simulator's four trials with and without vibration, on flights of the motions in
+# `mvuav_thesis.marker_paths` with seeds of their own, and on the two reference videos.
 
-    Chosen on the simulator's four trials with and without vibration, on flights of the motions in
-    `mvuav_thesis.marker_paths` with seeds of their own, and on the two reference videos.
-    """
-
-    # Weights of the predictions; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same
-    # to 1 %.
-    memory: float = 0.985  # per frame, of the squared errors
-    # By how much a frame's evidence counts. Five rigid markers are worth about two independent
-    # coordinates, for which 0.5 x 2 would be Bayes's rule were the errors' sizes known.
-    confidence: float = 2.5
-    # Filter: the acceleration's change within a frame over the measurement's standard deviation.
-    maneuver: float = 1.0
-    max_gap: int = 10  # frames without a measurement, after which the gain grows no more
-    acceleration_fading: float = 0.7  # per frame unseen, of what cannot be trusted for long
-    velocity_fading: float = 0.95  # the same of the velocity
-    # Vibration: past innovations from which the next one is predicted, two for each harmonic.
-    lags: int = 6
-    vibration_memory: float = 0.99  # per frame, of what is learnt
-    ridge: float = 10.0  # pulls the coefficients to zero, in frames' worth of innovations
-    solve_every: int = 4  # frames between two solutions for the coefficients, which saves time
-    limit: float = 2.0  # standard deviations of an innovation that may stand in for a missing one
-    innovation_fading: float = 0.7  # of an innovation that stands in for a missing one
-    young: int = 100  # frames in which vibration is learnt from every frame, later every other
-    first_deviation: float = 3.0  # px, of a prediction before anything is known of the motion
-    min_deviation: float = 0.3  # px, of a prediction
-    level_memory: float = 0.9  # per frame, of the squared errors of a light's predictions
-
-
-TUNING = MotionTuning()
-_RIDGE: Array = TUNING.ridge * np.eye(TUNING.lags)
+# Weights of the predictions; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same
+# to 1 %.
+ERROR_MEMORY = 0.985  # per frame, of the squared errors
+# By how much a frame's evidence counts. Five rigid markers are worth about two independent
+# coordinates, for which 0.5 x 2 would be Bayes's rule were the errors' sizes known.
+CONFIDENCE = 2.5
+# Filter: the acceleration's change within a frame over the measurement's standard deviation.
+MANEUVER = 1.0
+MAX_GAP = 10  # frames without a measurement, after which the gain grows no more
+ACCELERATION_FADING = 0.7  # per frame unseen, of what cannot be trusted for long
+VELOCITY_FADING = 0.95  # the same of the velocity
+# Vibration: past innovations from which the next one is predicted, two for each harmonic.
+LAGS = 6
+VIBRATION_MEMORY = 0.99  # per frame, of what is learnt
+RIDGE_FRAMES = 10.0  # pulls the coefficients to zero, in frames' worth of innovations
+SOLVE_EVERY = 4  # frames between two solutions for the coefficients, which saves time
+MAX_STAND_IN = 2.0  # standard deviations of an innovation that may stand in for a missing one
+INNOVATION_FADING = 0.7  # of an innovation that stands in for a missing one
+YOUNG = 100  # frames in which vibration is learnt from every frame, later every other
+FIRST_DEVIATION = 3.0  # px, of a prediction before anything is known of the motion
+MIN_DEVIATION = 0.3  # px, of a prediction
+LEVEL_MEMORY = 0.9  # per frame, of the squared errors of a light's predictions
+_RIDGE: Array = RIDGE_FRAMES * np.eye(LAGS)
 
 
 class PredictionMixture:
@@ -75,7 +67,7 @@ class PredictionMixture:
     def learn(self, errors: Array) -> None:
         """Take the errors of the newest predictions, (k, m) px."""
         new: list[float] = errors.dot(errors.T).diagonal().tolist()
-        memory, share = TUNING.memory, 1.0 / errors.shape[1]
+        memory, share = ERROR_MEMORY, 1.0 / errors.shape[1]
         losses = self._losses = [
             memory * old + share * loss for old, loss in zip(self._losses, new, strict=True)
         ]
@@ -85,7 +77,7 @@ class PredictionMixture:
         least = min(losses)
         if least <= 0.0 or self._sum_of_squares <= 0.0:
             return
-        power = -TUNING.confidence * self._sum * self._sum / self._sum_of_squares
+        power = -CONFIDENCE * self._sum * self._sum / self._sum_of_squares
         weights = [
             prior * (loss / least) ** power for prior, loss in zip(self._prior, losses, strict=True)
         ]
@@ -102,15 +94,14 @@ class Vibration:
     """
 
     def __init__(self) -> None:
-        lags = TUNING.lags
         # What each innovation, the newest first, counts in the next one.
-        self.coefficients: Array = np.zeros(lags)
+        self.coefficients: Array = np.zeros(LAGS)
         # What an innovation and those before it count in what the prediction leaves of it.
-        self._left_of: Array = np.eye(1, 1 + lags)[0]
+        self._left_of: Array = np.eye(1, 1 + LAGS)[0]
         # Mean square of the innovations, and of what the predictions leave of them, px².
         self.level = self.left = 0.01
         # Of an innovation and those before it, with each other: sums over markers and frames.
-        self._products: Array = np.zeros((1 + lags, 1 + lags))
+        self._products: Array = np.zeros((1 + LAGS, 1 + LAGS))
 
     @property
     def helps(self) -> bool:
@@ -121,12 +112,12 @@ class Vibration:
         """What takes the place of missing innovations, so that it cannot build up, px."""
         if not self.helps:
             return np.zeros_like(predicted)
-        limit = TUNING.limit * math.sqrt(self.level)
-        return np.asarray(TUNING.innovation_fading * np.clip(predicted, -limit, limit))
+        limit = MAX_STAND_IN * math.sqrt(self.level)
+        return np.asarray(INNOVATION_FADING * np.clip(predicted, -limit, limit))
 
     def learn(self, history: Array, solve: bool) -> None:
         """Learn from some markers' innovations, the newest first, (1 + lags, m)."""
-        memory = TUNING.vibration_memory
+        memory = VIBRATION_MEMORY
         products = history.dot(history.T)
         self._products *= memory
         self._products += products
@@ -150,14 +141,14 @@ def gain_tables() -> tuple[Array, Array]:
     """
     transition = np.array([(1.0, 1.0, 0.5), (0.0, 1.0, 1.0), (0.0, 0.0, 1.0)])
     effect = np.array((0.5, 1.0, 1.0))
-    noise = TUNING.maneuver**2 * np.outer(effect, effect)
+    noise = MANEUVER**2 * np.outer(effect, effect)
     covariance: Array = np.diag((1.0, 1e4, 1.0))
     starting, after = [np.array((1.0, 0.0, 0.0))], []
     for _ in range(100):
         covariance = transition @ covariance @ transition.T + noise
         starting.append(covariance[:, 0] / (covariance[0, 0] + 1.0))
         covariance = np.asarray(covariance - np.outer(starting[-1], covariance[0]))
-    for _ in range(TUNING.max_gap + 1):
+    for _ in range(MAX_GAP + 1):
         covariance = transition @ covariance @ transition.T + noise
         after.append(covariance[:, 0] / (covariance[0, 0] + 1.0))
     return np.array(starting[:31]), np.array(after)
@@ -174,7 +165,7 @@ _ODD = 3  # Intervals in a row, not one to three usual steps, after which the ra
 _STATE = slice(0, 3)  # Position (px), velocity (px/s) and acceleration (px/s²) by the filter
 _LAST = 3  # Where the light was last measured, px
 _PLACES = slice(4, 7)  # Newest places, px; a straight line where a light was out of sight
-_LAGGED = slice(7, 7 + TUNING.lags)  # Newest innovations of the filter, px
+_LAGGED = slice(7, 7 + LAGS)  # Newest innovations of the filter, px
 _LINEAR = _LAGGED.stop  # Rows from which the predictions follow
 _HISTORY = slice(_LAGGED.start, _LINEAR + 1)  # Those innovations and one more
 _TIME, _VARIANCE = _LINEAR + 1, _LINEAR + 2  # When it was last seen, s; of its predictions, px²
@@ -196,7 +187,7 @@ class MotionPredictor:
         self.time: float | None = None  # of the newest frame, s; None before the first
         self.competing: Array = np.zeros((len(PRIOR), 2 * count))  # predictions of it, (6, 2 n) px
         self._lights: Array = np.zeros((_ROWS, 2 * count))
-        self._lights[_VARIANCE] = TUNING.first_deviation**2
+        self._lights[_VARIANCE] = FIRST_DEVIATION**2
         self._mixture, self._vibration = PredictionMixture(PRIOR), Vibration()
         self._step: float | None = None
         self._odd = 0  # intervals in a row that are no usual step, nor a few
@@ -217,7 +208,7 @@ class MotionPredictor:
         """Append lights that were first seen in the newest frame, (k, 2) px."""
         new = np.zeros((_ROWS, places.size))
         new[[0, _LAST, 4, 5, 6]] = np.ravel(places)
-        new[_TIME], new[_VARIANCE], new[_SEEN] = self._times[0], TUNING.first_deviation**2, 1.0
+        new[_TIME], new[_VARIANCE], new[_SEEN] = self._times[0], FIRST_DEVIATION**2, 1.0
         self._lights = np.hstack((self._lights, new))
         self._note()
 
@@ -228,7 +219,7 @@ class MotionPredictor:
 
     def _note(self) -> None:
         in_row = self._lights[_IN_ROW]
-        self._steady = len(in_row) > 0 and bool((in_row >= TUNING.lags).all())
+        self._steady = len(in_row) > 0 and bool((in_row >= LAGS).all())
 
     def forget(self, index: int) -> None:
         """The light's next measurement is its first."""
@@ -277,7 +268,7 @@ class MotionPredictor:
         steps = self._count_steps(elapsed)
         assert self._step is not None
         lights, step = self._lights, self._step
-        self._skipped = min(steps - 1, TUNING.max_gap)
+        self._skipped = min(steps - 1, MAX_GAP)
         self._stretch = steps / (self._skipped + 1)
         for _ in range(self._skipped):
             # Everything goes on as predicted.
@@ -321,10 +312,10 @@ class MotionPredictor:
         lights = self._lights
         frames = 1.0 + lights[_UNSEEN, ::2] + self._skipped
         # What vibrates can be predicted for the next frame only.
-        smallest = TUNING.min_deviation**2
+        smallest = MIN_DEVIATION**2
         least = np.where(frames > 1, max(self._vibration.level, smallest), smallest)
         # No velocity or a poor one: the step from frame to frame may be anything usual.
-        least[lights[_SEEN, ::2] < 3] = TUNING.first_deviation**2
+        least[lights[_SEEN, ::2] < 3] = FIRST_DEVIATION**2
         variance = 0.5 * (lights[_VARIANCE, ::2] + lights[_VARIANCE, 1::2])
         return np.asarray(np.sqrt(np.maximum(variance, least)) * frames**1.5)
 
@@ -359,18 +350,18 @@ class MotionPredictor:
         # Once much has been learnt, every other frame is enough, and saves time.
         if self._frames % 2:
             error, variance = measured - self._prediction, lights[_VARIANCE]
-            variance += (1 - TUNING.level_memory) * (error * error - variance)
+            variance += (1 - LEVEL_MEMORY) * (error * error - variance)
         innovation, state = errors[_FILTER], lights[_STATE]
         state += self._settled * innovation
         # Places and innovations move down by one.
         lights[_PLACES.start + 1 : _HISTORY.stop] = lights[_PLACES.start : _LINEAR]
         lights[_LAST : _PLACES.start + 1], lights[_LAGGED.start] = measured, innovation
         lights[_TIME] = self.time
-        if not self._frames % 2 or self._frames < TUNING.young:
+        if not self._frames % 2 or self._frames < YOUNG:
             self._learn_vibration(lights[_HISTORY])
 
     def _learn_vibration(self, history: Array) -> None:
-        every = TUNING.solve_every if self._frames < TUNING.young else 2 * TUNING.solve_every
+        every = SOLVE_EVERY if self._frames < YOUNG else 2 * SOLVE_EVERY
         self._vibration.learn(history, self._frames % every == 0)
 
     def _update_some(self, measured: Array, errors: Array) -> None:
@@ -385,7 +376,7 @@ class MotionPredictor:
         lights[_STATE, new] = 0.0
         lights[0, new] = measured[new]
         lights[_LAGGED, new] = 0.0
-        lights[_VARIANCE, new] = TUNING.first_deviation**2
+        lights[_VARIANCE, new] = FIRST_DEVIATION**2
         self._remember(innovation)
         lights[_SEEN] += visible
         lights[_UNSEEN] = np.where(visible, 0.0, lights[_UNSEEN] + 1)
@@ -399,10 +390,10 @@ class MotionPredictor:
         if judged.any():
             self._mixture.learn(errors[:, judged])
             if not self._skipped:
-                share = np.where(lights[_SEEN, judged] > 10, 1 - TUNING.level_memory, 0.5)
+                share = np.where(lights[_SEEN, judged] > 10, 1 - LEVEL_MEMORY, 0.5)
                 square = (measured - self._prediction)[judged] ** 2
                 lights[_VARIANCE, judged] += share * (square - lights[_VARIANCE, judged])
-        settled = known & (lights[_IN_ROW] >= TUNING.lags)
+        settled = known & (lights[_IN_ROW] >= LAGS)
         if settled.any():
             self._learn_vibration(np.vstack((errors[_FILTER, settled], lights[_LAGGED, settled])))
 
@@ -413,12 +404,12 @@ class MotionPredictor:
         innovation = np.where(visible, error, self._vibration.stand_in(predicted))
         innovation[visible & ~known] = 0.0
         seen = np.minimum(lights[_SEEN], len(_STARTING_GAINS) - 1).astype(np.intp)
-        gap = np.minimum(lights[_UNSEEN] + self._skipped, TUNING.max_gap).astype(np.intp)
+        gap = np.minimum(lights[_UNSEEN] + self._skipped, MAX_GAP).astype(np.intp)
         gains = np.where(gap > 0, _GAINS_AFTER_GAPS[gap].T, _STARTING_GAINS[seen].T)
         per_frame = self._per_frame / self._stretch**_POWERS
         gains = np.where(visible, gains * per_frame, self._settled * (lights[_SEEN] > 0))
-        lights[1, ~visible] *= TUNING.velocity_fading
-        lights[2, ~visible] *= TUNING.acceleration_fading
+        lights[1, ~visible] *= VELOCITY_FADING
+        lights[2, ~visible] *= ACCELERATION_FADING
         lights[_STATE] += gains * innovation
         return innovation
 

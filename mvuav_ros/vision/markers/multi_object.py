@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,26 +45,15 @@ def assign(cost: Array, number: Integers) -> Integers:
     """Give detections to known lights so that most have one, and the sum of costs is least.
 
     The cost (n, k) of each light's choices is `IMPOSSIBLE` where they cannot be a pair; the numbers
-    (n, k) are the detections'. Pairs without another choice are taken at once, the rest by the
-    Hungarian method. Returns each light's detection, (n,), or -1.
+    (n, k) are the detections'. Returns each light's detection, (n,), or -1.
     """
-    given = np.full(len(cost), -1)
-    possible = cost < IMPOSSIBLE
-    rivals = np.bincount(number[possible], minlength=int(number.max(initial=0)) + 1)
-    only = possible.argmax(axis=1)
-    first = number[np.arange(len(cost)), only]
-    sure = (possible.sum(axis=1) == 1) & (rivals[first] == 1)
-    given[sure] = first[sure]
-    rows = np.flatnonzero(possible.any(axis=1) & ~sure)
-    if len(rows) == 0:
-        return given
-    light, choice = np.nonzero(possible[rows])
-    columns, column = np.unique(number[rows[light], choice], return_inverse=True)
-    dense = np.full((len(rows), len(columns)), IMPOSSIBLE)
-    dense[light, column] = cost[rows[light], choice]
+    light, choice = np.nonzero(cost < IMPOSSIBLE)
+    dense = np.full((len(cost), int(number.max()) + 1), IMPOSSIBLE)
+    dense[light, number[light, choice]] = cost[light, choice]
+    # By the Hungarian method.
     chosen, taken = linear_sum_assignment(dense)
-    valid = dense[chosen, taken] < IMPOSSIBLE
-    given[rows[chosen[valid]]] = columns[taken[valid]]
+    given = np.full(len(cost), -1)
+    given[chosen] = np.where(dense[chosen, taken] < IMPOSSIBLE, taken, -1)
     return given
 
 
@@ -110,28 +98,21 @@ _MEASURED = np.array((0, 1, 6))  # Columns of a row of a marker that are x, y an
 _LIGHT = [('id', np.intp), ('area', float), ('hits', np.intp), ('last_seen', float)]
 
 
-@dataclass(frozen=True)
-class MultiObjectTuning:
-    """What distinguishes a known light from a new one.
+# What distinguishes a known light from a new one. Chosen on the test scenes and on the two LED
+# videos with three and five lights.
 
-    Chosen on the test scenes and on the two LED videos with three and five lights.
-    """
-
-    gate: float = 4.0  # standard deviations from its prediction at which a light is another one
-    alone: float = 0.45  # part of the distance to the nearest other light within which it is itself
-    widest: float = 60.0  # px that a light may lie off its prediction, unless all jump together
-    same_jump: float = 5.0  # px by which lights that jump together may differ
-    size_weight: float = 3.0  # of the logarithm of a change in size, as of another light
-    size_offset: float = 4.0  # px that soften that for the smallest lights
-    size_memory: float = 0.8  # per hit, of a light's usual size
-    confirmed: int = 3  # hits from which a light is more than a speck
-    # So that noise in every frame costs little more than in one:
-    max_tentative: int = 50  # specks out of sight that are kept
-    max_voters: int = 40  # lights that are asked whether all have jumped
-    most: int = 400  # lights that are kept
-
-
-TUNING = MultiObjectTuning()
+GATE = 4.0  # standard deviations from its prediction at which a light is another one
+ALONE = 0.45  # part of the distance to the nearest other light within which it is itself
+WIDEST = 60.0  # px that a light may lie off its prediction, unless all jump together
+SAME_JUMP = 5.0  # px by which lights that jump together may differ
+SIZE_WEIGHT = 3.0  # of the logarithm of a change in size, as of another light
+SIZE_OFFSET = 4.0  # px that soften that for the smallest lights
+SIZE_MEMORY = 0.8  # per hit, of a light's usual size
+CONFIRMED = 3  # hits from which a light is more than a speck
+# So that noise in every frame costs little more than in one:
+MAX_TENTATIVE = 50  # specks out of sight that are kept
+MAX_VOTERS = 40  # lights that are asked whether all have jumped
+MAX_LIGHTS = 400  # lights that are kept
 
 
 class MultiObjectTracker:
@@ -160,14 +141,14 @@ class MultiObjectTracker:
         status = ''
         try:
             found = find_lights(image, parameters)
-            if len(found) > TUNING.most:
+            if len(found) > MAX_LIGHTS:
                 raise GroupingError(f'{len(found)} lights above the threshold')
         except GroupingError as error:
             status = str(error)
             found = np.empty((0, 3))
         given = self._assign(predicted, found, parameters.search_radius)
         self._update(time, given, found)
-        given = self._forget(time - parameters.lost_timeout, given, TUNING.most - len(found))
+        given = self._forget(time - parameters.lost_timeout, given, MAX_LIGHTS - len(found))
         new = np.setdiff1d(np.arange(len(found)), given)
         if len(new):
             self._motion.add(found[new, :2])
@@ -182,26 +163,26 @@ class MultiObjectTracker:
         if not (len(predicted) and len(found)):
             return np.full(len(predicted), -1)
         seen = found[:, :2]
-        apart, number = choices(predicted, seen, TUNING.widest)
+        apart, number = choices(predicted, seen, WIDEST)
         # Those can show a jump of all that are well known and were seen in the last frame.
         hits, last_seen = self._lights['hits'], self._lights['last_seen']
-        voters = np.flatnonzero((hits >= TUNING.confirmed) & (last_seen == last_seen.max()))
-        voters = voters[np.argsort(-hits[voters], kind='stable')[: TUNING.max_voters]]
-        longest, same = 3 * TUNING.widest, TUNING.same_jump
+        voters = np.flatnonzero((hits >= CONFIRMED) & (last_seen == last_seen.max()))
+        voters = voters[np.argsort(-hits[voters], kind='stable')[:MAX_VOTERS]]
+        longest, same = 3 * WIDEST, SAME_JUMP
         shift = common_shift(predicted[voters], seen, apart[voters, 0], longest, same)
         if shift is not None:
-            apart, number = choices(predicted + shift, seen, TUNING.widest)
+            apart, number = choices(predicted + shift, seen, WIDEST)
         deviations = self._motion.deviations()
-        reach = np.maximum(search_radius, TUNING.gate * deviations)[:, None]
+        reach = np.maximum(search_radius, GATE * deviations)[:, None]
         if (apart[:, 0] > reach[:, 0]).any():
             # A light that is alone far and wide may jump further than one among others.
             alone = np.minimum(nearest_other(predicted)[:, None], nearest_other(seen)[number])
-            reach = np.maximum(reach, TUNING.alone * alone)
-        reach = np.minimum(reach, TUNING.widest)
+            reach = np.maximum(reach, ALONE * alone)
+        reach = np.minimum(reach, WIDEST)
         cost = (apart / np.maximum(deviations, 1.0)[:, None]) ** 2
-        offset = TUNING.size_offset
+        offset = SIZE_OFFSET
         usual, size = np.log(self._lights['area'] + offset), np.log(found[:, 2] + offset)
-        cost += (TUNING.size_weight * (usual[:, None] - size[number])) ** 2
+        cost += (SIZE_WEIGHT * (usual[:, None] - size[number])) ** 2
         cost[apart > reach] = IMPOSSIBLE
         return assign(cost, number)
 
@@ -215,13 +196,13 @@ class MultiObjectTracker:
         lights['last_seen'][visible] = time
         lights['hits'][visible] += 1
         change = found[given[visible], 2] - lights['area'][visible]
-        lights['area'][visible] += (1 - TUNING.size_memory) * change
+        lights['area'][visible] += (1 - SIZE_MEMORY) * change
 
     def _forget(self, earliest: float, given: Integers, max_hidden: int) -> Integers:
         """Forget lights that were last seen before a time (s), and the least known of too many."""
         hidden, hits = given < 0, self._lights['hits']
         kept = ~hidden | (self._lights['last_seen'] >= earliest)
-        _thin_out(kept, hidden & (hits < TUNING.confirmed), hits, TUNING.max_tentative)
+        _thin_out(kept, hidden & (hits < CONFIRMED), hits, MAX_TENTATIVE)
         _thin_out(kept, hidden, hits, max_hidden)
         if not kept.all():
             self._motion.keep(kept)

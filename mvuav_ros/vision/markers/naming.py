@@ -11,9 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
-from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
+from mvuav_ros.vision.markers.fault_detection import (
+    DOUBT,
+    GATE,
+    MIN_AGREEING,
+    MIN_FIRM,
+    Consensus,
+    FaultDetector,
+)
 from mvuav_ros.vision.markers.hypotheses import (
     CLUTTER_DENSITY,
     MISSED_COST,
@@ -25,6 +30,7 @@ from mvuav_ros.vision.markers.hypotheses import (
 from mvuav_ros.vision.markers.initialization import MAX_AT_START
 from mvuav_ros.vision.markers.lamps import Lamps
 from mvuav_ros.vision.markers.lights import (
+    Detection,
     Light,
     apart_from,
     are_close,
@@ -33,13 +39,12 @@ from mvuav_ros.vision.markers.lights import (
     coordinates,
     places_of,
 )
-from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
+from mvuav_ros.vision.markers.marker_memory import MIN_ODDS, Expectation, KnownMarker
 from mvuav_ros.vision.markers.rig_view import Array, ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MAX_NAMED
 
-GATE = FAULTS.gate  # Squared distance over variance at which a light is too far from a place
-GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
+GATE_OF_FEW = 6.0  # `GATE` where too few are in sight for later frames to show it
 MAX_WAYS = 1000
 MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
 AppearanceCost = Callable[[int, Light], float]
@@ -70,7 +75,7 @@ def assign(
     if len(ways) > MAX_WAYS:
         return {}
     least, best = min(ways, key=lambda pair: pair[0])
-    probable = [way for cost, way in ways if cost < least + FAULTS.doubt]
+    probable = [way for cost, way in ways if cost < least + DOUBT]
     return {
         marker: lights[number]
         for marker, number in best.items()
@@ -119,7 +124,7 @@ class Reacquired(NamedTuple):
     @property
     def is_sure(self) -> bool:
         """Whether a name is probable enough to be reported; if not, no view may follow it."""
-        return max(self.odds.values()) >= CONFIDENCE.min_odds
+        return max(self.odds.values()) >= MIN_ODDS
 
 
 def reacquire(
@@ -293,9 +298,9 @@ class Search:
                 self._name_joined()
         # Names from before, unless all markers have theirs; of three no two show the third one.
         firm, count = self.found.keys() - self._doubtful, len(self._markers)
-        if len(firm) < count and count > FAULTS.min_firm:
+        if len(firm) < count and count > MIN_FIRM:
             firm -= self.given
-        if len(firm) < FAULTS.min_firm:
+        if len(firm) < MIN_FIRM:
             self._find_again()
         self._check()
         self.alone = {
@@ -307,7 +312,7 @@ class Search:
         nameless = [light for light in self._free if light not in named]
         known = len(self.found) >= min(3, len(self._markers))
         clutter.update(nameless, self.expected(self.missing) if known else None)
-        few = len(self.reacquired) < FAULTS.min_firm
+        few = len(self.reacquired) < MIN_FIRM
         if not self.found or (nameless and self.missing and few):
             self._find_otherwise(lights, older)
 
@@ -319,7 +324,7 @@ class Search:
         seen = self._known_lamps.find(shape, self._view, lights)
         if not seen:
             return
-        if len(self.found.keys() - self.suspects - self._doubtful) < FAULTS.min_agreeing:
+        if len(self.found.keys() - self.suspects - self._doubtful) < MIN_AGREEING:
             correction = self._known_lamps.correction(shape, self.views.belief, seen)
             if correction is None:
                 return
@@ -334,7 +339,7 @@ class Search:
     def learn_lamps(self) -> None:
         """Follow the lamps among the lights, if there are any and the view is in no doubt."""
         firm = self.found.keys() - self.suspects - self._doubtful
-        if self._every and FAULTS.min_agreeing <= len(firm) == len(self.found):
+        if self._every and MIN_AGREEING <= len(firm) == len(self.found):
             lights = apart_from(self._every, [*self.found.values()])
             expected = self.expected(range(len(self._markers))).values()
             places = np.array([place[:2] for place in expected])
@@ -418,7 +423,7 @@ class Search:
             density *= KNOWN_CLUTTER
         prior, fewest = Prior.of(self.views), MIN_REACQUIRED[may_be_none]
         if len(new) > MAX_NAMED:
-            fewest = FAULTS.min_agreeing
+            fewest = MIN_AGREEING
         new = self._nearest(new, MAX_RETURNED)
         again = self._reacquire(self.views.shape, prior, new, density, fewest)
         if again is None:
@@ -428,7 +433,7 @@ class Search:
         self._free = lights
         self._take(dict(again.lights))
         away = max(self.faults.nis_of(places_of(self.found)).values())
-        if again.is_sure and away > GATE and len(again.lights) >= FAULTS.min_agreeing:
+        if again.is_sure and away > GATE and len(again.lights) >= MIN_AGREEING:
             self._begin(self.views.shape, again)
         self._name_clear()
 
@@ -467,8 +472,8 @@ class Search:
         lights = candidates(spots, count) if few else self._unknown(spots)
         density = self._clutter_density(len(every) if few else len(lights))
         lights = self._nearest(lights, MAX_AT_START)
-        is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= FAULTS.min_firm
-        holds = is_firm or (self.found and count > FAULTS.min_firm)
+        is_firm = len(self.found.keys() - self.suspects - self._doubtful) >= MIN_FIRM
+        holds = is_firm or (self.found and count > MIN_FIRM)
         if holds and len(lights) <= len(self.found):
             return
         prior = Prior.of(older, JOLT)
@@ -513,7 +518,7 @@ class Search:
     def _check(self) -> None:
         """Take back names that the others contradict, those given in this frame first."""
         newcomers = [marker for marker in self.found if marker not in self._known]
-        few = len(self.found) < FAULTS.min_agreeing < len(self._markers)
+        few = len(self.found) < MIN_AGREEING < len(self._markers)
         while newcomers and len(self._known) >= 2:
             nis = self.faults.nis_of(places_of(self.found))
             if max(nis.values()) <= (GATE_OF_FEW if few else GATE):

@@ -10,13 +10,19 @@ import cv2
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import CentroidMeter
-from mvuav_ros.vision.markers.lights import GroupingError, Light, Point, area_fits, find_lights
+from mvuav_ros.vision.markers.lights import (
+    CentroidMeter,
+    Detection,
+    GroupingError,
+    Light,
+    Point,
+    area_fits,
+    find_lights,
+)
 from mvuav_ros.vision.markers.marker_results import (
     LOST_TANKER,
     NO_WINDOW,
     TANKER_LABELS,
-    Cluster,
     Label,
     Marker,
     MarkerResult,
@@ -31,7 +37,7 @@ DOUBTFUL_AREA = 0.5
 """A sixth cluster larger than this part of the fifth could be a marker just as well."""
 
 
-def label_five(clusters: Sequence[Cluster | Light]) -> tuple[int, int, int, int, int]:
+def label_five(clusters: Sequence[Detection | Light]) -> tuple[int, int, int, int, int]:
     """Name five clusters by the ten distances between them.
 
     The greatest distance of all joins the wings, the greatest among the other three points the
@@ -58,8 +64,8 @@ def label_five(clusters: Sequence[Cluster | Light]) -> tuple[int, int, int, int,
     return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing
 
 
-def _clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Cluster]:
-    return [Cluster(x, y, int(area)) for x, y, area in find_lights(image, parameters).tolist()]
+def _clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Detection]:
+    return [Detection(x, y, int(area)) for x, y, area in find_lights(image, parameters).tolist()]
 
 
 def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -101,7 +107,7 @@ def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResul
     return MarkerResult(markers, status='' if markers else 'no cluster in view')
 
 
-def _detected(label: int, cluster: Cluster) -> Marker:
+def _detected(label: int, cluster: Detection) -> Marker:
     """A cluster as a marker that does not move."""
     return Marker(label, MarkerState.DETECTED, cluster.x, cluster.y, area=cluster.area)
 
@@ -253,7 +259,7 @@ class ThesisTracker:
 
 def measure_window(
     image: Image, window: Window, parameters: MarkerTrackerParameters
-) -> Cluster | None:
+) -> Detection | None:
     """The bright pixels of a window as one cluster; None where there are too few or too many."""
     x0, x1, y0, y1 = window
     if x1 < x0 or y1 < y0:
@@ -262,7 +268,7 @@ def measure_window(
         spot = CentroidMeter(image, parameters.threshold, weighted=True).measure(window)
         if spot is None or not area_fits(spot.area, parameters):
             return None
-        return Cluster(spot.x, spot.y, spot.area)
+        return spot
     gray = image.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
     # Every bright pixel counts 255; OpenCV is slower when it is asked to count ones.
     moments = cv2.moments(threshold(gray, parameters.threshold))
@@ -270,7 +276,7 @@ def measure_window(
     area = int(mass / 255)
     if area == 0 or not area_fits(area, parameters):
         return None
-    return Cluster(x0 + moments['m10'] / mass, y0 + moments['m01'] / mass, area)
+    return Detection(x0 + moments['m10'] / mass, y0 + moments['m01'] / mass, area)
 
 
 def _moving(marker: Marker, motion: Motion) -> Marker:

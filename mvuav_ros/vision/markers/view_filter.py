@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,63 +25,55 @@ from mvuav_ros.vision.markers.rig_view import (
 )
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces, times
 
+# How views change, and how exactly rigs are measured. Chosen on seeds 0 to 7 of flights of bare
+# lights (`mvuav_thesis.light_flights`) and on the simulator's docking approaches; `LEARNING` and
+# `MAX_UNSEEN` on seeds 9000 to 9029 and 9500 to 9529. The parameters
+# are those of `WeakPerspective.project`.
 
-@dataclass(frozen=True)
-class ViewTuning:
-    """How views change, and how exactly rigs are measured.
-
-    Chosen on seeds 0 to 7 of flights of bare lights (`mvuav_thesis.light_flights`) and on the
-    simulator's docking approaches; `learning` and `max_unseen` on seeds 9000 to 9029 and 9500 to
-    9529. The parameters are those of `WeakPerspective.project`.
-    """
-
-    # Random walk of the parameters and of their rates, per square root of a second.
-    walk_noise: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
-    rate_noise: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
-    noise: float = 0.15  # px (1 sigma), of a light's place
-    rig_error: float = 0.004  # of a marker's place, in units of the rig's size (1 sigma), at first
-    min_rig_error: float = 0.0003  # the least that is learnt from how well the markers fit
-    other_rig_error: float = 0.02  # the same for a body that is not what its rig says
-    learning: float = 0.25  # per frame, of a rig error that turns out less
-    unlearning: float = 0.003  # and of one that turns out more
-    motion_learning: float = 0.1  # per frame, by which the process noise follows the motion
-    # Per frame in which too few markers are seen, by which it grows again; to so many of the rates'
-    # squares over their variances, and to these least and greatest values.
-    motion_forgetting: float = 1.2
-    rates_share: float = 3.0
-    min_unseen: float = 0.1
-    max_unseen: float = 8.0
-    max_motion_memory: float = 0.998  # per frame, of the quickest motion that was seen
-    max_step: float = 25.0  # square over its variance, of a step that is learnt from
-    min_motion: float = 0.02  # of the process noise, in parts of the usual one
-    max_motion: float = 4.0
-    doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
-    min_doubted: float = 2.0  # px, of that at least
-    ignored: float = 1e3  # px (1 sigma), of a marker that takes no part
-    rates_last: float = 1.0  # s, after which a motion has changed
-    # Coordinates of all markers less the unknowns of the view, with which a light that drifts from
-    # its marker bends the view. With more it stands out in a frame, with less nothing is checked.
-    bending: tuple[int, int] = (1, 2)
-    max_kept: int = 8  # frames in which a gain serves
-    # While it does: the prior variances over those of the gain before, as a gain that still settles
-    # would settle later; and part by which the time between two frames has changed.
-    same_variance: tuple[float, float] = (0.95, 1.3)
-    same_step: float = 0.2
-    # rad, and logarithms: of the view since then. The slopes leave half its square, 0.02 px.
-    same_view: float = 0.015
-    same_place: float = 30.0  # px, the same
-    # Squared distances over variances of a marker from its place by the others, and of all
-    # coordinates from the expected ones (mean).
-    usual_nis: float = 8.0
-    usual_innovation: float = 2.5
-
-
-TUNING = ViewTuning()
+# Random walk of the parameters and of their rates, per square root of a second.
+WALK_NOISE = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
+RATE_NOISE = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
+NOISE = 0.15  # px (1 sigma), of a light's place
+RIG_ERROR = 0.004  # of a marker's place, in units of the rig's size (1 sigma), at first
+MIN_RIG_ERROR = 0.0003  # the least that is learnt from how well the markers fit
+OTHER_RIG_ERROR = 0.02  # the same for a body that is not what its rig says
+LEARNING = 0.25  # per frame, of a rig error that turns out less
+UNLEARNING = 0.003  # and of one that turns out more
+MOTION_LEARNING = 0.1  # per frame, by which the process noise follows the motion
+# Per frame in which too few markers are seen, by which it grows again; to so many of the rates'
+# squares over their variances, and to these least and greatest values.
+MOTION_FORGETTING = 1.2
+RATES_SHARE = 3.0
+MIN_UNSEEN = 0.1
+MAX_UNSEEN = 8.0
+MAX_MOTION_MEMORY = 0.998  # per frame, of the quickest motion that was seen
+MAX_STEP = 25.0  # square over its variance, of a step that is learnt from
+MIN_MOTION = 0.02  # of the process noise, in parts of the usual one
+MAX_MOTION = 4.0
+DOUBTED = 10.0  # times the usual deviation at which a marker that is doubted takes part
+MIN_DOUBTED = 2.0  # px, of that at least
+IGNORED = 1e3  # px (1 sigma), of a marker that takes no part
+RATES_LAST = 1.0  # s, after which a motion has changed
+# Coordinates of all markers less the unknowns of the view, with which a light that drifts from
+# its marker bends the view. With more it stands out in a frame, with less nothing is checked.
+BENDING = (1, 2)
+MAX_KEPT = 8  # frames in which a gain serves
+# While it does: the prior variances over those of the gain before, as a gain that still settles
+# would settle later; and part by which the time between two frames has changed.
+SAME_VARIANCE = (0.95, 1.3)
+SAME_STEP = 0.2
+# rad, and logarithms: of the view since then. The slopes leave half its square, 0.02 px.
+SAME_VIEW = 0.015
+SAME_PLACE = 30.0  # px, the same
+# Squared distances over variances of a marker from its place by the others, and of all
+# coordinates from the expected ones (mean).
+TYPICAL_NIS = 8.0
+TYPICAL_INNOVATION = 2.5
 _STATES = 2 * COUNT
-_RATE_NOISE: Array = np.square(TUNING.rate_noise)
-_STATIONARY: Array = 0.5 * TUNING.rates_last * _RATE_NOISE  # Of the rates in the long run
-_LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
-_WALK_NOISE: Array = np.square(TUNING.walk_noise)
+_RATE_NOISE: Array = np.square(RATE_NOISE)
+_STATIONARY: Array = 0.5 * RATES_LAST * _RATE_NOISE  # Of the rates in the long run
+_LIVELY: Array = RATES_SHARE / np.maximum(_STATIONARY, 1e-12)
+_WALK_NOISE: Array = np.square(WALK_NOISE)
 _ALIKE = np.eye(COUNT)
 for _pair in ((X, Y), (PITCH, YAW)):
     _ALIKE[np.ix_(_pair, _pair)] = 0.5
@@ -90,8 +81,8 @@ for _pair in ((X, Y), (PITCH, YAW)):
 _BLOCKS: Array = np.asarray(np.kron(np.eye(4).reshape(4, 2, 2), np.eye(COUNT)).reshape(4, -1))
 """The four quarters of a matrix of states (16, 16), each with ones on its diagonal, flat."""
 _NOISE_BLOCKS: Array = np.asarray(_BLOCKS * np.tile(_RATE_NOISE, 2 * _STATES))
-_MOVED: Array = np.full(COUNT, 1.0 / TUNING.same_view)
-_MOVED[[X, Y]] = 1.0 / TUNING.same_place
+_MOVED: Array = np.full(COUNT, 1.0 / SAME_VIEW)
+_MOVED[[X, Y]] = 1.0 / SAME_PLACE
 """Times which the changes of a view that has hardly moved are below 1."""
 _SAME_TIME = 2e-9  # s, by which two steps differ only as their stamps are rounded
 _MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
@@ -122,7 +113,7 @@ class ViewFilter:
         self.unknowns = COUNT - 2 if self._is_calibrated else COUNT
         self._walk = np.where(np.arange(COUNT) < self.unknowns, _WALK_NOISE, 0.0)
         count = len(shape.points)
-        least, most = TUNING.bending
+        least, most = BENDING
         # Whether each marker has a filter that all but ignores it.
         self.has_bank = least <= 2 * count - self.unknowns <= most
         filters = 1 + self.has_bank * count
@@ -138,10 +129,10 @@ class ViewFilter:
         self._newest: list[Correction] = []  # of the last frames, all with one gain
         self._gain_step = math.inf  # s, from the frame before the first of them; inf: it goes
         relative = view.rms_residual / view.scale
-        self._rig_errors = (TUNING.min_rig_error, max(TUNING.rig_error, 1.5 * relative))
+        self._rig_errors = (MIN_RIG_ERROR, max(RIG_ERROR, 1.5 * relative))
         if shape.offsets is not None:
             # As the view changes, so does what lies beside the rig.
-            self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
+            self._rig_errors = (OTHER_RIG_ERROR, OTHER_RIG_ERROR)
         # Of a marker's place on the rig, in units of its size (1 sigma).
         self.rig_error: float = before.rig_error if before else self._rig_errors[1]
         self._seen = count
@@ -164,7 +155,7 @@ class ViewFilter:
     def deviation(self) -> float:
         """Of a measured marker from where the view has it (1 sigma, px)."""
         scale = math.exp(self.means.item(0, SCALE))
-        return math.hypot(TUNING.noise, self.rig_error * scale)
+        return math.hypot(NOISE, self.rig_error * scale)
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
@@ -177,8 +168,8 @@ class ViewFilter:
         self._is_behind, self.time = True, time
         if self._seen < _MIN_HOLDING:
             self._catch_up()
-            usual = np.clip(self._max_motion, TUNING.min_unseen, TUNING.max_unseen)
-            grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
+            usual = np.clip(self._max_motion, MIN_UNSEEN, MAX_UNSEEN)
+            grown = np.minimum(MOTION_FORGETTING * self._motion, usual)
             self._motion = np.maximum(self._motion, grown)
         self._seen = 0
 
@@ -193,7 +184,7 @@ class ViewFilter:
         self._is_behind = False
         self.means[:, :COUNT] = possible(self.means[:, :COUNT])
         old, new = self._variances, self._covariances[0].diagonal()[:COUNT]
-        least, most = TUNING.same_variance
+        least, most = SAME_VARIANCE
         self._is_steady = bool(((new >= least * old) & (new <= most * old)).all())
         self._variances = new
 
@@ -224,22 +215,22 @@ class ViewFilter:
             return again
         before = self.belief  # Learns how exact the rig is
         usual = self.deviation
-        own, wide = usual**2, max(TUNING.doubted * usual, TUNING.min_doubted) ** 2
+        own, wide = usual**2, max(DOUBTED * usual, MIN_DOUBTED) ** 2
         noise = np.full((len(self.means), 2 * len(found)), own)
         if untrusted or ignored or self.has_bank:
             for index, marker in enumerate(found):
                 rows = slice(None) if marker in untrusted else slice(1 + marker, 2 + marker)
                 noise[rows, 2 * index : 2 * index + 2] = wide
                 if marker in ignored:
-                    noise[:, 2 * index : 2 * index + 2] = TUNING.ignored**2
+                    noise[:, 2 * index : 2 * index + 2] = IGNORED**2
         return Correction.of(self.shape, before, NamedPlaces.of(found), own, noise)
 
     def _correct_as_before(self, found: Mapping[int, Point]) -> Correction | None:
         """The same with the gain of the last frames; None where it may have changed."""
-        if not 0 < len(self._newest) < TUNING.max_kept or not self._is_behind:
+        if not 0 < len(self._newest) < MAX_KEPT or not self._is_behind:
             return None
         gain, step = self._newest[0].gain, self._step
-        if abs(step - self._gain_step) > TUNING.same_step * step or list(found) != gain.markers:
+        if abs(step - self._gain_step) > SAME_STEP * step or list(found) != gain.markers:
             return None
         places = [x for place in found.values() for x in place]
         width = len(places)
@@ -253,13 +244,13 @@ class ViewFilter:
         change, weighed = both[:, :_STATES], both[:, _STATES:]
         main = away[0]
         innovation = main[:width] - main[width:].dot(gain.slopes[0])
-        if innovation.dot(weighed[0]) > TUNING.usual_innovation * width:
+        if innovation.dot(weighed[0]) > TYPICAL_INNOVATION * width:
             return None
         turned = (SHARED * change[:, :COUNT]).ravel()
         if turned.dot(turned) > SETTLED**2 * len(change):
             return None
         correction = Correction(gain, self.means, change, weighed)
-        return correction if max(correction.nis) <= TUNING.usual_nis else None
+        return correction if max(correction.nis) <= TYPICAL_NIS else None
 
     def anchor(self, correction: Correction) -> None:
         """Take what other landmarks than the markers say of the views, before these do."""
@@ -306,11 +297,11 @@ class ViewFilter:
         rates = np.square([one.before[0, COUNT:] for one in newest])
         expected = (gain.covariance[0] - gain.after[0]).diagonal()[:COUNT]
         ratios = (steps / np.maximum(expected, 1e-12)).dot(_ALIKE)
-        shown = np.minimum(ratios, TUNING.max_step)
-        growth = (1.0 - TUNING.motion_learning) + TUNING.motion_learning * shown
+        shown = np.minimum(ratios, MAX_STEP)
+        growth = (1.0 - MOTION_LEARNING) + MOTION_LEARNING * shown
         motion = self._motion * np.multiply.reduce(growth, axis=0)
-        self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
-        faded = TUNING.max_motion_memory ** len(newest) * self._max_motion
+        self._motion = np.minimum(np.maximum(motion, MIN_MOTION), MAX_MOTION)
+        faded = MAX_MOTION_MEMORY ** len(newest) * self._max_motion
         self._max_motion = np.maximum(faded, rates.max(axis=0) * _LIVELY)
 
     def _learn_rig_error(self, newest: list[Correction], seen: int) -> None:
@@ -320,13 +311,13 @@ class ViewFilter:
         least, most = self._rig_errors
         for squares in np.square(residuals).sum(axis=1).tolist():
             shown = min(max(share * math.sqrt(squares / seen), least), most)
-            rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
+            rate = LEARNING if shown < self.rig_error else UNLEARNING
             self.rig_error += rate * (shown - self.rig_error)
 
 
 def _dynamics(elapsed: float, walk: Array) -> tuple[Array, Array]:
     """What so many s make of states in rows, and the covariance that white noise adds, (16, 16)."""
-    last = TUNING.rates_last
+    last = RATES_LAST
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
     across, rates = 0.5 * reach * reach, 0.5 * last * (1.0 - fade * fade)

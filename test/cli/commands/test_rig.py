@@ -126,6 +126,8 @@ def test_a_rig_known_to_5_mm_is_calibrated(flights, tmp_path):
     output = tmp_path / 'rig.yaml'
     run = calibrate(flights, output, distance='left_arm:right_arm=0.6')
     assert (run.status, run.err) == (0, '')
+    used, of_all = re.search(r'(\d+) of (\d+) detections fit', run.out).groups()
+    assert 0.9 * int(of_all) < int(used) <= int(of_all) > 100
     found = load_rig(output).positions
     true = np.array(list(TRUE.values()))
     apart = [np.linalg.norm(each[:, None] - each, axis=2) for each in (found, true)]

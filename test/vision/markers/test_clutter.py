@@ -1,7 +1,6 @@
 """Lights that are no markers."""
 
-from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.lights import Light
+from mvuav_ros.vision.markers.lights import Detection, Light
 from mvuav_ros.vision.markers.marker_memory import Expectation
 from mvuav_ros.vision.markers.naming import MIN_CLUTTER_AGE, REMEMBERED, SETTLED, Clutter
 

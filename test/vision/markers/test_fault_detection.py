@@ -74,7 +74,7 @@ def four_lights_of_which_one_drifts(frames=100):
 def test_a_drifting_light_of_four_is_seen_by_the_filter_that_ignores_it(monkeypatch):
     frames, detector = four_lights_of_which_one_drifts()
     assert detector.views.has_bank
-    monkeypatch.setattr(view_filter, 'TUNING', replace(view_filter.TUNING, bending=(0, -1)))
+    monkeypatch.setattr(view_filter, 'BENDING', (0, -1))
     frames_bent, detector = four_lights_of_which_one_drifts()
     assert not detector.views.has_bank
     assert frames < frames_bent

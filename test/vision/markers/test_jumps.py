@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mvuav_ros.vision.markers.marker_memory import JUMPS, Jumps
+from mvuav_ros.vision.markers.marker_memory import MAX_JUMP, Jumps
 
 RNG = np.random.default_rng(5)
 
@@ -35,7 +35,7 @@ def test_a_light_that_jumps_alone_is_found_and_forgotten():
     away[3] = away[3][0] + 0.8, away[3][1]
     jumps.update(away)
     assert set(jumps.evidence) == {3}
-    assert 20.0 < jumps.evidence[3] <= JUMPS.most
+    assert 20.0 < jumps.evidence[3] <= MAX_JUMP
     for _ in range(60):
         jumps.update(steady())
     assert 3 not in jumps.evidence

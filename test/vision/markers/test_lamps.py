@@ -7,10 +7,8 @@ import pytest
 from support.marker_flights import SCENES, MarkerFlight, Scene, track_flight
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.markers import identity_tracker
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.lamps import MIN_SEEN, Lamps
-from mvuav_ros.vision.markers.lights import Lens, Light
+from mvuav_ros.vision.markers.lights import Detection, Frame, Lens, Light
 from mvuav_ros.vision.markers.rig_view import PITCH, ROLL, ViewState, WeakPerspective, X, Y
 from mvuav_ros.vision.markers.view_correction import Belief
 from mvuav_ros.vision.rig import TANKER_747
@@ -162,10 +160,8 @@ def test_a_body_whose_markers_are_dark_for_long_is_neither_found_nor_lost():
 def test_all_lights_are_looked_at_in_few_usual_frames(lamps, most, monkeypatch):
     """In one of sixty; in one of three while a light may yet turn out to be a lamp."""
     looks = []
-    find_spots = identity_tracker.find_spots
-    monkeypatch.setattr(
-        identity_tracker, 'find_spots', lambda *frame: looks.append(1) or find_spots(*frame)
-    )
+    lights = Frame.lights
+    monkeypatch.setattr(Frame, 'lights', lambda *frame: looks.append(1) or lights(*frame))
     flight = MarkerFlight(Scene(lamps=lamps), 3)
     assert track_flight(flight) == (0, [(5, 5)] * 180)
     assert 3 <= len(looks) <= most

@@ -6,8 +6,7 @@ import pytest
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import CentroidMeter
-from mvuav_ros.vision.markers.lights import Blobs
+from mvuav_ros.vision.markers.lights import Blobs, CentroidMeter
 from mvuav_ros.vision.markers.marker_results import Window
 
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_t
 
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import Evidence
-from mvuav_ros.vision.markers.lights import Light
+from mvuav_ros.vision.markers.lights import Detection, Light
 from mvuav_ros.vision.markers.marker_memory import (
-    CONFIDENCE,
+    FIRST_ODDS,
     Expectation,
     Jumps,
     KnownMarker,
@@ -101,7 +100,7 @@ def test_names_of_a_body_found_again_are_as_sure_as_their_posterior():
     memory.weigh(range(3), near, range(3), True, {0: 4.0, 1: 0.5, 2: 30.0})
     assert memory.markers[0].odds == 4.0
     assert memory.doubtful == {1}
-    assert memory.markers[2].odds == CONFIDENCE.first, 'a single frame does not make it surer'
+    assert memory.markers[2].odds == FIRST_ODDS, 'a single frame does not make it surer'
 
 
 def test_a_name_is_not_made_surer_by_being_found_again():

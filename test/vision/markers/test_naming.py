@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.lamps import Lamps
-from mvuav_ros.vision.markers.lights import Lens, Light
-from mvuav_ros.vision.markers.marker_memory import CONFIDENCE, Expectation, KnownMarker
+from mvuav_ros.vision.markers.lights import Detection, Lens, Light
+from mvuav_ros.vision.markers.marker_memory import FIRST_ODDS, Expectation, KnownMarker
 from mvuav_ros.vision.markers.naming import UNLIKELY_COST, Clutter, Search, assign
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
@@ -46,7 +45,7 @@ def test_a_light_that_looks_like_no_marker_has_no_name():
     assert named(UNLIKELY_COST, math.inf) == set()
 
 
-@pytest.mark.parametrize(('odds', 'kept'), [(8.0, True), (CONFIDENCE.first, False)])
+@pytest.mark.parametrize(('odds', 'kept'), [(8.0, True), (FIRST_ODDS, False)])
 def test_four_lights_of_a_ghost_do_not_replace_three_names_that_lasted(odds, kept):
     """A flare shows the lights once more; two names were new, and are gone in the same frame."""
     camera = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))

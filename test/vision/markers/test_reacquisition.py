@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.hypotheses import Prior, body_hypotheses, log_odds_of
-from mvuav_ros.vision.markers.lights import Lens, Light
-from mvuav_ros.vision.markers.marker_memory import CONFIDENCE
+from mvuav_ros.vision.markers.lights import Detection, Lens, Light
+from mvuav_ros.vision.markers.marker_memory import MIN_ODDS
 from mvuav_ros.vision.markers.naming import JOLT, reacquire
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
@@ -79,9 +78,9 @@ def test_two_lights_have_names_only_while_the_view_is_known(two):
     spots = [SPOTS[marker] for marker in two]
     again = reacquire(SHAPE, known_for(0.05), spots, lambda marker, spot: 0.0)
     assert again.lights == dict(zip(two, spots, strict=True))
-    assert min(again.odds.values()) > CONFIDENCE.min_odds
+    assert min(again.odds.values()) > MIN_ODDS
     later = reacquire(SHAPE, known_for(5.0), spots, lambda marker, spot: 0.0)
-    assert later is None or min(later.odds.values()) < CONFIDENCE.min_odds
+    assert later is None or min(later.odds.values()) < MIN_ODDS
 
 
 def test_four_markers_in_one_plane_may_be_seen_from_its_other_side():

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.motion import TUNING, Vibration
+from mvuav_ros.vision.markers.motion import LAGS, Vibration
 
 
 def run(innovations):
     """Errors of the predictions of (frames, 2 n) innovations."""
     vibration = Vibration()
-    lagged = np.zeros((TUNING.lags, innovations.shape[1]))
+    lagged = np.zeros((LAGS, innovations.shape[1]))
     errors = []
     for index, innovation in enumerate(innovations):
         predicted = vibration.coefficients.dot(lagged)

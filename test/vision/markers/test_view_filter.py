@@ -1,7 +1,6 @@
 """The view's Kalman filter over time."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,7 +44,7 @@ def fly(camera=CAMERA, frames=240, push=None):
 def test_a_gain_that_is_kept_gives_the_same_view(camera, monkeypatch):
     kept, gains, deviations = fly(camera)
     assert len({id(gain) for gain in gains[SETTLED:]}) < 0.3 * len(gains[SETTLED:])
-    monkeypatch.setattr(view_filter, 'TUNING', replace(view_filter.TUNING, max_kept=0))
+    monkeypatch.setattr(view_filter, 'MAX_KEPT', 0)
     renewed, gains, _ = fly(camera)
     assert len({id(gain) for gain in gains}) == len(gains)
     apart = (kept - renewed)[SETTLED:] / deviations[SETTLED:]

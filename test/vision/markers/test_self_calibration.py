@@ -7,8 +7,8 @@ import pytest
 from support.marker_flights import DISTORTION, SCENES, MarkerFlight, Scene
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.markers.calibrated_tracker import SelfCalibration
 from mvuav_ros.vision.rig import MarkerRig
-from mvuav_ros.vision.self_calibration import SelfCalibration
 
 TRUE_FOCAL = 612.0
 
