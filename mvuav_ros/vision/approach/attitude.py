@@ -75,7 +75,10 @@ def _seen_by(camera: CameraModel, up: NDArray[np.float64], sigma: float) -> Hori
         return None
     x, y = camera.project(ahead)[0]
     row = y + down / across * (0.5 * (camera.width - 1) - x)
-    return HorizonLine(float(row), math.atan2(down, across), sigma)
+    slope = math.atan(down / across)
+    if across < 0:
+        slope -= math.copysign(math.pi, slope)
+    return HorizonLine(float(row), slope, sigma)
 
 
 Box = tuple[int, int, int, int]
@@ -198,8 +201,9 @@ class HorizonFinder:
         line = self._follow(blue)
         if line is None:
             return None
-        cos, sin = math.cos(line.slope), math.sin(line.slope)
-        up = np.array([sin, -cos, cos * line.row - sin * 0.5 * (camera.width - 1)]) @ camera.matrix
+        tangent = math.tan(line.slope)
+        up = np.array([tangent, -1.0, line.row - tangent * 0.5 * (camera.width - 1)])
+        up = math.copysign(1.0, math.cos(line.slope)) * (up @ camera.matrix)
         return _seen_by(camera, up / np.linalg.norm(up), line.sigma)
 
     def _follow(self, blue: NDArray[Any]) -> HorizonLine | None:

@@ -26,7 +26,9 @@ from mvuav_ros.vision.markers.thesis_tracker import label_five
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
 from mvuav_ros.vision.rig import MAX_NAMED
 
-MAX_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
+MAX_RATIO = 100.0
+"""Areas of a body's largest and smallest marker, one over the other. Lamps of several kinds, of
+which one blooms, differ by 25 and more; lamps of one kind by 4."""
 CLEAR_RESIDUAL = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 STRICT_RESIDUAL = (0.25, 0.001)

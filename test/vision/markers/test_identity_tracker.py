@@ -494,6 +494,24 @@ def tanker_before(camera, place, roll_deg=0.0):
     return camera.matrix[0, 0] * seen[:, :2] / seen[:, 2:] + camera.matrix[:2, 2]
 
 
+@pytest.mark.parametrize('camera', [CAMERA, None])
+@pytest.mark.parametrize('wide', [(2,), (0, 4), (1,)])
+def test_lamps_of_two_kinds_are_one_body(wide, camera):
+    """One of them is five times as wide as another: lamps differ, and bright ones bloom."""
+    tracker = MarkerTracker()
+    if camera is not None:
+        tracker.set_camera(camera)
+    for step in range(12):
+        body = tanker_before(CAMERA, (-30.0 + step, 15.0, 150.0 - step), 5.0 + step)
+        image = np.maximum(
+            draw(np.delete(body, wide, axis=0), radius=3), draw(body[[*wide]], radius=15)
+        )
+        result = tracker.process(Image(image, 'mono8'), step * 33_000_000)
+    places = np.array([(marker.x, marker.y) for marker in result.markers])
+    assert [marker.state for marker in result.markers] == [DETECTED] * 5
+    np.testing.assert_allclose(places, body, atol=0.3)
+
+
 @pytest.mark.parametrize('darks', [(0,), (1,), (2,), (3,), (4,), (0, 3, 1, 4, 2)])
 def test_a_body_with_a_dark_light_begins_with_the_others(darks):
     """Ten frames must show it alike; the light has its name once it is lit.
