@@ -26,9 +26,9 @@ from mvuav_ros.vision.markers.thesis_tracker import label_five
 from mvuav_ros.vision.markers.view_correction import Belief, Correction, NamedPlaces
 from mvuav_ros.vision.rig import MAX_NAMED
 
-MAX_RATIO = 100.0
-"""Areas of a body's largest and smallest marker, one over the other. Lamps of several kinds, of
-which one blooms, differ by 25 and more; lamps of one kind by 4."""
+MAX_RATIO = 8.0
+"""Areas of a body's largest and smallest marker, one over the other, where other lights are in
+view. Lamps of one kind differ by 4, those of two kinds, of which one blooms, by 25 and more."""
 CLEAR_RESIDUAL = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 STRICT_RESIDUAL = (0.25, 0.001)
@@ -150,7 +150,9 @@ def _with_hidden(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None
 
 def _bodies(shape: WeakPerspective, spots: Sequence[Light], fewest: int) -> list[Hypothesis]:
     bodies = body_hypotheses(shape, spots, Prior.at_start(shape), fewest)
-    bodies = [one for one in bodies if _may_be_one_body([*one.lights(spots).values()])]
+    if len(spots) != len(shape.points):
+        # One of the others may be a glare in a marker's place.
+        bodies = [one for one in bodies if _may_be_one_body([*one.lights(spots).values()])]
     return [one for one in bodies if not any(_is_flare(one, body, spots) for body in bodies)]
 
 
