@@ -572,6 +572,8 @@ def test_json_has_the_recordings_whatever_became_of_them(tmp_path: Path) -> None
     assert run.status == 1
     said = {Path(each['output']).stem: each for each in json.loads(run.out)['recordings']}
     assert said['good']['processed'] == 3 and said['bad']['failure']
+    for each in said.values():
+        assert list(each)[:4] == ['source', 'output', 'frames', 'processed']
     images = tmp_path / 'images'
     images.mkdir()
     for number in range(3):
