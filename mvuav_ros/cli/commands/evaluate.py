@@ -228,7 +228,7 @@ def bag(
             _require_truth(run, source)
     run.name = source
     report = bag_report(run, how)
-    numbers = report.tables()[0]
+    numbers = next(table for table in report.tables() if table.key == 'metrics')
     for row in range(len(numbers.rows)):
         say(' '.join(numbers.text(row, column) for column in range(3)).rstrip())
     say(write_report(report, output))
