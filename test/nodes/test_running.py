@@ -86,20 +86,28 @@ def test_a_signal_and_a_second_one_at_any_moment(name, how, domain):
 
 
 HAMMERED = """
-import os, signal
+import os, sys
 from mvuav_ros.nodes import running
 # On a busy machine it all takes longer than a clean-up may.
 running._LONGEST_CLEANUP = 600.0
 stop = running._StopRequest()
-signal.signal(signal.SIGALRM, stop._on_signal)
-signal.setitimer(signal.ITIMER_REAL, 1e-5, 1e-5)
-for _ in range(20_000):
-    stop.end(3)
-os._exit(0)
+signals = 0
+def signal_before_each_instruction(frame, event, _):
+    global signals
+    frame.f_trace_opcodes = True
+    if event == 'opcode':
+        signals += 1
+        stop._on_signal(2, None)
+    return signal_before_each_instruction
+sys.settrace(signal_before_each_instruction)
+stop.end(3)
+sys.settrace(None)
+os._exit(0 if signals > 5 else 1)
 """
 
 
 def test_a_signal_in_the_midst_of_another_one_blocks_nothing():
+    """Python handles a signal between any two instructions, those of another handler included."""
     command = [sys.executable, '-c', HAMMERED]
     assert subprocess.run(command, cwd=ROOT, env=CLEAN, timeout=60, check=False).returncode == 0
 
