@@ -140,6 +140,10 @@ class MarkerTrackerProcessor(Processor):
 
     def _process(self, frame: Frame, header: bytes) -> Iterator[Output]:
         posed = self._posed
+        if self._parameters.base_frame and not self._stated_mount:
+            mount, is_doubtful = self._mount_by_tf(frame)
+            if mount is not None and not is_doubtful:
+                posed.tracker.set_mount(mount.rotation)
         result = posed.tracker.process(frame.image, frame.stamp_ns)
         numbered = self._parameters.mode == 'track_any'
         yield Output('markers', partial(encode_markers, result, header, numbered=numbered))

@@ -116,8 +116,7 @@ class Processor(ABC):
         The ``target`` is that frame in the camera's optical one.
         """
         given, outputs = self._parameters, []
-        # tf2 takes neither a frame without a name nor one that begins with a slash.
-        own = given.camera_frame or frame.frame_id.lstrip('/')
+        own = self._camera_frame(frame)
         vehicle: poses.Placement | None = camera
         if given.base_frame:
             mount = self._mount(frame)
@@ -158,20 +157,33 @@ class Processor(ABC):
         if (stated := self._stated_mount) is not None:
             return stated
         given = self._parameters
-        camera_frame = given.camera_frame or frame.frame_id.lstrip('/')
-        found = self.static_transforms.find(camera_frame, given.base_frame)
-        if found is not None:
-            # Many drivers call it "camera", as robot descriptions do a frame with z up.
-            if 'optical' not in camera_frame and found.rotation[2, 2] > _UPWARDS:
-                said = f'{camera_frame} looks up by /tf_static, where optical frames have z ahead'
-                self.frames_problem = f'{said}: set camera_frame, or camera_mount_rpy_deg'
-            return replace(found, rotation=found.rotation @ OPTICAL_FROM_BODY)
+        camera_frame = self._camera_frame(frame)
+        mount, looks_up = self._mount_by_tf(frame)
+        if looks_up:
+            said = f'{camera_frame} looks up by /tf_static, where optical frames have z ahead'
+            self.frames_problem = f'{said}: set camera_frame, or camera_mount_rpy_deg'
+        if mount is not None:
+            return mount
         self.frames_problem = (
             f'no ~/vision_pose of {given.base_frame}: camera_mount_xyz and camera_mount_rpy_deg '
             f'are 0, and /tf_static does not lead from {given.base_frame} to '
             f'{camera_frame or "a camera without frame_id"}'
         )
         return None
+
+    def _camera_frame(self, frame: Frame) -> str:
+        # tf2 takes neither a frame without a name nor one that begins with a slash.
+        return self._parameters.camera_frame or frame.frame_id.lstrip('/')
+
+    def _mount_by_tf(self, frame: Frame) -> tuple[poses.Placement | None, bool]:
+        """The same by ``/tf_static`` alone, and whether the camera's frame seems not optical."""
+        name = self._camera_frame(frame)
+        found = self.static_transforms.find(name, self._parameters.base_frame)
+        if found is None:
+            return None, False
+        # Many drivers call it "camera", as robot descriptions do a frame with z up.
+        looks_up = 'optical' not in name and found.rotation[2, 2] > _UPWARDS
+        return replace(found, rotation=found.rotation @ OPTICAL_FROM_BODY), bool(looks_up)
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip('sensor_msgs')
 
 from rosbags.typesys import Stores, get_typestore
+from support.marker_scenes import draw, tanker_at
 
 from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import view_points
@@ -243,6 +244,25 @@ def test_a_camera_that_hangs_upside_down_shows_the_same_vehicle(mount, attitude)
     for one, other in zip(upright, found, strict=True):
         np.testing.assert_allclose(other[:3, :3], one[:3, :3], atol=2e-3)
         np.testing.assert_allclose(other[:3, 3], one[:3, 3], rtol=0.02, atol=0.3)
+
+
+@pytest.mark.parametrize('rpy_deg', [(0.0, 0.0, 0.0), (180.0, 20.0, 0.0)])
+def test_markers_before_a_camera_that_hangs_upside_down_have_their_own_names(rpy_deg):
+    """Lights that are not quite the rig's are named by the level body before either camera."""
+    lights = tanker_at(roll_deg=-rpy_deg[0]) * (1.0, 0.8) + (0.0, 40.0)
+    processor = tanker(base_frame='base_link')
+    processor.static_transforms.add(static('base_link', CAMERA, mounted(rpy_deg)))
+    for number in range(6):
+        if number == 4:
+            # Another parameter leaves the mount, and what has been followed, as they are.
+            given = {'base_frame': 'base_link', 'search_radius': 20}
+            processor.configure(MarkerTrackerParameters.from_mapping(given))
+        image = Image(draw(lights), 'mono8')
+        outputs = dict(processor.process(Frame((1 + number) * 33_000_000, CAMERA, image)))
+        rows = view_points(decode_message(ROWS, outputs['markers']()))
+        if number > 2:
+            seen = np.column_stack((rows['x'], rows['y']))
+            np.testing.assert_allclose(seen, lights, atol=1.0)
 
 
 def test_a_camera_whose_frame_has_the_axes_of_a_body_is_doubted():

@@ -324,8 +324,9 @@ class CalibratedTracker:
     calibration is so wrong that no names are found, they are looked for without it.
     """
 
-    def __init__(self, rig: MarkerRig) -> None:
-        self._rig = rig
+    def __init__(self, rig: MarkerRig, upright: float = 0.0) -> None:
+        """Prepare for the first frame; a level body has the roll ``upright`` (rad)."""
+        self._rig, self._upright = rig, upright
         self._extent = float(np.linalg.norm(rig.positions - rig.middle, axis=1).max())
         self._camera: CameraModel | None = None
         self._begin((0, 0))
@@ -338,7 +339,7 @@ class CalibratedTracker:
 
     def _begin(self, size: tuple[int, int]) -> None:
         self._size = size
-        self._tracker = IdentityTracker(self._rig, self._camera)
+        self._tracker = IdentityTracker(self._rig, self._camera, upright=self._upright)
         self._check: SelfCalibration | None = None
         if self._camera is not None and Lens(size, self._camera).focal is not None:
             self._check = SelfCalibration(self._rig.positions, self._camera)
@@ -411,7 +412,7 @@ class CalibratedTracker:
             return result
         if self._frames > TRIED and self._frames % RESTED:
             return result
-        self._trial = self._trial or IdentityTracker(self._rig)
+        self._trial = self._trial or IdentityTracker(self._rig, upright=self._upright)
         named = self._trial.track(*frame)
         if len(named.named) < count:
             return result
@@ -433,7 +434,7 @@ class CalibratedTracker:
         """Go on with what the lights show, if all get names by it, in the same places (n, 2) px."""
         assert self._camera is not None
         rig, camera = estimate.of_rig(self._rig), estimate.of_camera(self._camera)
-        tracker = IdentityTracker(rig, camera, self._tracker.lamps)
+        tracker = IdentityTracker(rig, camera, self._tracker.lamps, self._upright)
         again = tracker.track(*frame)
         if len(again.named) < len(again.markers):
             return None

@@ -57,9 +57,14 @@ class IdentityTracker:
     """
 
     def __init__(
-        self, rig: MarkerRig, camera: CameraModel | None = None, lamps: Lamps | None = None
+        self,
+        rig: MarkerRig,
+        camera: CameraModel | None = None,
+        lamps: Lamps | None = None,
+        upright: float = 0.0,
     ) -> None:
-        self._rig, self._camera = rig, camera
+        """Prepare for the first frame; a level body has the roll ``upright`` (rad)."""
+        self._rig, self._camera, self._upright = rig, camera, upright
         self.lamps = lamps or Lamps()  # of the body, which are known longer than it is followed
         self._count = len(rig.names)
         self._labels = labels_of(rig.names)
@@ -82,8 +87,7 @@ class IdentityTracker:
         size = image.width, image.height
         if size != self._size:
             self._size, self._lens = size, Lens(size, self._camera)
-            upright = -math.radians(parameters.camera_mount_rpy_deg[0])
-            self._shape = WeakPerspective.of(self._rig, self._lens, upright)
+            self._shape = WeakPerspective.of(self._rig, self._lens, self._upright)
             # Any three lights look like three markers, and any four where the lens is not known.
             self._is_redundant = self._count > (3 if self._lens.focal else 4)
             self._start_again()

@@ -13,6 +13,7 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frame_clock import FrameClock
+from mvuav_ros.vision.frames import rpy
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
 from mvuav_ros.vision.markers.lights import brightness_problem
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 AUTO, INTENSITY, BRIGHTEST = 'auto', 'intensity', 'brightest'  # Channels of a colour image
 WITHOUT_MEMORY = ('detect', 'detect_any')  # Modes that take each frame by itself
+_SAME_ROLL = 1e-6  # rad, by which a mount may differ by rounding
 _LONGEST_GAP_NS = 3600 * 10**9  # From one frame to the next, after which a flight begins anew
 
 
@@ -87,6 +89,7 @@ class MarkerTracker:
         if self.doubts and not self.parameters.allow_ambiguous:
             raise ParameterError('layout', f'{name}: {self.doubts[0]} (see allow_ambiguous)')
         self._camera: CameraModel | None = None
+        self._upright = _upright(self.parameters)
         self.reset()
 
     def set_camera(self, camera: CameraModel | None) -> None:
@@ -116,9 +119,22 @@ class MarkerTracker:
         if parameters.layout != self.parameters.layout:
             raise ParameterError('layout', 'cannot be changed; make another MarkerTracker')
         both = self.parameters, parameters
-        programs = [(p.mode, p.prediction == 'kalman', p.camera_mount_rpy_deg) for p in both]
+        before, after = ((p.mode, p.prediction == 'kalman', _upright(p)) for p in both)
         self.parameters = parameters
-        if programs[0] != programs[1]:
+        if before[2] != after[2]:
+            self._upright = after[2]
+        if before != after:
+            self.reset()
+
+    def set_mount(self, mount: NDArray[np.float64]) -> None:
+        """Use another mount of the camera from the next frame on than ``camera_mount_rpy_deg``.
+
+        It is (3, 3), the camera's axes (x forward, y left, z up) in those of the vehicle, which are
+        named likewise. After one of another roll all earlier frames are forgotten.
+        """
+        upright = -rpy(mount)[0]
+        if abs(upright - self._upright) > _SAME_ROLL:
+            self._upright = upright
             self.reset()
 
     def reset(self) -> None:
@@ -137,7 +153,7 @@ class MarkerTracker:
 
             return MultiObjectTracker()
         if self.parameters.prediction == 'kalman':
-            tracker = CalibratedTracker(self.rig)
+            tracker = CalibratedTracker(self.rig, self._upright)
             tracker.set_camera(self._camera)
             return tracker
         return ThesisTracker()
@@ -287,6 +303,11 @@ def rig_of(parameters: MarkerTrackerParameters) -> MarkerRig:
         return load_rig(parameters.layout)
     except RigError as error:
         raise ParameterError('layout', str(error)) from error
+
+
+def _upright(parameters: MarkerTrackerParameters) -> float:
+    """The roll of a level body before the camera as it is mounted, rad."""
+    return -math.radians(parameters.camera_mount_rpy_deg[0])
 
 
 def _finds(result: MarkerResult) -> bool:
