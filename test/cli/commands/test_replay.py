@@ -552,15 +552,15 @@ def test_a_rosbag2_folder_with_metadata(bag: Path, tmp_path: Path) -> None:
 
 
 def test_rosbag2_folders_of_several_recordings_split_by_size(tmp_path: Path) -> None:
-    bags = [write_mcap(tmp_path / f'{name}.mcap', image_samples(400, 128, 96)) for name in 'ab']
+    bags = [write_mcap(tmp_path / f'{name}.mcap', image_samples(240, 128, 96)) for name in 'ab']
     options = ('--format', 'rosbag2', '--split-mb', '1', *NODE, '--keep-inputs')
-    for words in ('results for 400', 'finished before, results for 400'):
+    for words in ('results for 240', 'finished before, results for 240'):
         run = mvuav('replay', *bags, '-o', tmp_path / 'out', *options)
         assert run.out.count(words) == 2
         for name in 'ab':
             folder = tmp_path / 'out' / name
             assert len(list(folder.glob(f'{name}_*.mcap'))) > 2
-            assert len(stamps(folder)) == 400
+            assert len(stamps(folder)) == 240
             with rosbag2.Reader(folder) as reader:
                 assert reader.message_count == len(read(folder))
 
