@@ -27,7 +27,7 @@ class Sight(NamedTuple):
     seen: float = 0.0  # frames in which a horizon was seen
 
     @classmethod
-    def unknown(cls, height: int, slope: float = 0.0) -> Sight:
+    def unknown(cls, height: int, slope: float) -> Sight:
         """No horizon is in view: anywhere in, or somewhat above, an image of a height, px.
 
         The slope is that of a level vehicle's camera, rad.

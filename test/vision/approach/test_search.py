@@ -15,7 +15,7 @@ def test_a_strip_that_meets_above_the_image_and_leaves_it_at_its_sides(horizon, 
     image = drawn_strip(0, height=10.0, width=width, horizon=horizon)
     if gray:
         image = np.ascontiguousarray(image[:, :, 2])
-    ranges = Sight.unknown(240).ranges
+    ranges = Sight.unknown(240, 0.0).ranges
     strips = [find_candidates(LevelledImage(image), r[1:]).strips for r in ranges]
     x, y, left, right, _, _ = np.concatenate(strips).T
     # In the highest row of the picture and in the row in which the edges leave it.
