@@ -34,6 +34,7 @@ QUICK = [
     *('test/sources', 'test/package'),
 ]
 MAX_TEST_SECONDS = 30 * 60.0  # of a part of `make test`: five times what it takes on two cores
+NICE = '5'  # of parts that yield to those beside them
 MAX_ENDING_SECONDS = 30.0  # in which a part that is interrupted says what it was at
 _BOOTSTRAPPED = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
 # With these pytest prints the difference of two images whole, which takes an hour.
@@ -52,6 +53,7 @@ class Part(NamedTuple):
     name: str
     commands: Callable[[], list[list[str]]]
     max_seconds: float | None = None  # after which each command is ended, and has failed
+    yields: bool = False  # to parts beside it, as nothing in it waits for an answer
 
 
 class Outcome(NamedTuple):
@@ -193,8 +195,8 @@ def stages(which: str) -> list[list[list[Part]]]:
     of_a_robot = Part("a robot's libraries", robot)
     test = [
         [
-            [Part('library', library), examples],
-            [Part('commands', commands)],
+            [Part('library', library, yields=True), examples],
+            [Part('commands', commands, yields=True)],
             [Part('live nodes', nodes)],
             [Part('tutorials', tutorials)],
             [style, Part('demo and panel', demo_and_panel)],
@@ -224,7 +226,7 @@ def run(part: Part) -> Outcome:
     if not commands:
         return Outcome(part.name, 0, 0, 1, 0.0, 'not checked: no such Python on this machine')
     for command in commands:
-        status, lines = _pass_on(part.name, command, part.max_seconds)
+        status, lines = _pass_on(part, command)
         last = lines[-1] if lines else ''
         found = {word: int(number) for number, word in _COUNT.findall(last)}
         if status != 0:
@@ -276,15 +278,13 @@ def environment() -> dict[str, str]:
     return kept | ({'LD_LIBRARY_PATH': os.pathsep.join(paths)} if paths else {})
 
 
-def _pass_on(
-    name: str, command: Sequence[str], max_seconds: float | None
-) -> tuple[int, Sequence[str]]:
+def _pass_on(part: Part, command: Sequence[str]) -> tuple[int, Sequence[str]]:
     """A command's exit status and its last lines, everything shown as it comes."""
     lines: deque[str] = deque(maxlen=MAX_KEPT_LINES)
     if _ending.is_set():
         return 1, lines
     with subprocess.Popen(
-        command,
+        ['nice', '-n', NICE, *command] if part.yields else command,
         cwd=ROOT,
         env=environment(),
         stdout=subprocess.PIPE,
@@ -295,11 +295,15 @@ def _pass_on(
         start_new_session=True,
     ) as process:
         _running.add(process)
-        timers = _end_after(process, max_seconds) if max_seconds else []
+        if part.yields:
+            # Among sessions Linux goes by this instead, where it has it.
+            with suppress(OSError):
+                Path(f'/proc/{process.pid}/autogroup').write_text(NICE)
+        timers = _end_after(process, part.max_seconds) if part.max_seconds else []
         assert process.stdout is not None
         for line in process.stdout:
             # In one piece: another lane may write meanwhile.
-            sys.stdout.write(f'{name} | {line.rstrip()}\n')
+            sys.stdout.write(f'{part.name} | {line.rstrip()}\n')
             sys.stdout.flush()
             if line.strip():
                 lines.append(line.strip())

@@ -48,6 +48,15 @@ def test_a_command_that_does_not_end_is_ended_and_has_failed(monkeypatch, ignore
     assert runner.run(part)[1:4] == (0, 1, 0)
 
 
+def test_what_only_computes_leaves_the_cores_to_what_waits_for_an_answer():
+    said = [sys.executable, '-c', 'import os; print(f"{os.nice(0)} passed")']
+    counts = [runner.run(runner.Part('part', lambda: [said], yields=y)).passed for y in (0, 1)]
+    assert counts == [os.nice(0), min(os.nice(0) + int(runner.NICE), 19)]
+    (lanes,) = runner.stages('test')
+    yielding = {part.name for lane in lanes for part in lane if part.yields}
+    assert yielding == {'library', 'commands'}
+
+
 def test_no_part_of_make_test_goes_on_for_ever():
     parts = [part for lanes in runner.stages('test') for lane in lanes for part in lane]
     assert all(part.max_seconds for part in parts)
