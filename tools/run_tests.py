@@ -34,7 +34,7 @@ QUICK = [
     *('test/sources', 'test/package'),
 ]
 MAX_TEST_SECONDS = 30 * 60.0  # of a part of `make test`: five times what it takes on two cores
-NICE = '5'  # of parts that yield to those beside them
+NICE = '3'  # of parts that yield to those beside them
 MAX_ENDING_SECONDS = 30.0  # in which a part that is interrupted says what it was at
 _BOOTSTRAPPED = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
 # With these pytest prints the difference of two images whole, which takes an hour.
