@@ -42,6 +42,7 @@ from approach_mechanisms import WITHOUT, switch_off
 from approach_rows import HEADER, Frame, Row, Timed, judged
 from approach_variants import PLAIN, VARIANTS, Variant
 from approach_views import (
+    BAD_CAMERAS,
     FAINT,
     TEXTS,
     Shot,
@@ -52,6 +53,7 @@ from approach_views import (
     in_sky_or_text,
     magnified,
     painted_over,
+    taken_by,
     with_text,
     without_runway,
 )
@@ -161,6 +163,14 @@ def run_jobs(footage: Path, options: argparse.Namespace) -> Iterator[Job]:
                         rows = slice(None, 240, options.step)
                         name += ', no runway'
                         yield job('text', name, rows, view=bare, absent=True)
+                if not horizon:
+                    for camera, how in BAD_CAMERAS.items():
+                        name = f'{run[-4:]} {kind} {camera}'
+                        yield job('bad cameras', name, view=taken_by(**how))
+                        bare = taken_by(without_runway, **how)
+                        rows = slice(None, 240, options.step)
+                        name += ', no runway'
+                        yield job('bad cameras', name, rows, view=bare, absent=True)
 
 
 def labelled_run(

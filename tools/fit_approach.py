@@ -10,10 +10,7 @@ of simulated runways (`approach_glimpses`). The others of the cut flights have t
 those with a horizon. Every image counts twice: as it is, and with text drawn into it
 (`approach_text`); of every still and flight there are images with text and no runway, too.
 
-    python tools/fit_approach.py ../shared/footage [--near-by] [--bad-cameras]
-
-With the last option each image counts once more as a bad camera has it. That is not in use yet, see
-docs/decisions/approach-mechanisms.md.
+    python tools/fit_approach.py ../shared/footage [--near-by]
 """
 
 from __future__ import annotations
@@ -106,38 +103,11 @@ def with_text(image: NDArray[Any], seeds: Iterator[int] = _SEEDS) -> NDArray[Any
     return burned_in(image, next(seeds))
 
 
-BAD_CAMERAS = '--bad-cameras' in sys.argv
-_CAMERAS, _TURNS = itertools.count(1), itertools.count()
-
-
-def spoilt(image: NDArray[Any]) -> NDArray[Any]:
-    """A copy that is defocused, noisy and dull, or compressed too much; no two are alike."""
-    rng = np.random.default_rng((next(_CAMERAS), 77))
-    kind = rng.integers(4)
-    seen: Any = image
-    if kind in (0, 3):
-        seen = cv2.GaussianBlur(seen, (0, 0), rng.uniform(0.6, 2.4) * image.shape[1] / 320)
-    if kind in (1, 3):
-        noise = rng.normal(0.0, rng.uniform(3.0, 16.0), image.shape)
-        contrast = rng.uniform(0.4, 1.0)
-        dull = contrast * seen + 100.0 * (1.0 - contrast)
-        seen = np.clip(dull + noise, 0, 255).astype(np.uint8)
-    if kind in (2, 3):
-        quality = int(rng.integers(6, 40))
-        seen = cv2.imdecode(cv2.imencode('.jpg', seen, (cv2.IMWRITE_JPEG_QUALITY, quality))[1], -1)
-    return np.asarray(seen)
-
-
-def plain_and_with_text(image: NDArray[Any], seeds: Iterator[int] = _SEEDS) -> list[NDArray[Any]]:
-    """An image as it is, and with text; with `BAD_CAMERAS` one of both by turns is spoilt, too."""
-    copies = [image, with_text(image, seeds)]
-    return [*copies, spoilt(copies[next(_TURNS) % 2])] if BAD_CAMERAS else copies
-
-
-def bare_with_text(bare: NDArray[Any]) -> list[NDArray[Any]]:
-    """Of an image whose runway is painted over; with `BAD_CAMERAS` spoilt ones as well."""
-    copies = [with_text(bare)]
-    return [*copies, spoilt(bare), spoilt(with_text(bare))] if BAD_CAMERAS else copies
+def plain_and_with_text(
+    image: NDArray[Any], seeds: Iterator[int] = _SEEDS
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """An image as it is, and with text."""
+    return image, with_text(image, seeds)
 
 
 class Example(NamedTuple):
@@ -409,8 +379,7 @@ def of_stills(folder: Path) -> Iterator[Example]:
                 clear = (overlaps >= 0.3) | (overlaps < 0.1)
                 yield chosen(found, overlaps >= 0.3, clear, 1.0, text=bool(text))
             bare = painted_over(image, [((x, y), (x2, y2)) for x, y, x2, y2 in boxes[name]])
-            for seen in bare_with_text(bare):
-                yield without(whole(seen)[0], 1.0, text=True)
+            yield without(whole(with_text(bare))[0], 1.0, text=True)
 
 
 def tuned_stills(folder: Path) -> list[Path]:
@@ -445,8 +414,7 @@ def of_run(folder: Path, step: int, allowed: Allowed, weight: float) -> Iterator
                 yield chosen(found, error <= 1, clear, weight, text=bool(text))
             if number % 2:
                 bare = without_runway(Shot(image, label, line), 0).image
-                for seen in bare_with_text(bare):
-                    yield without(candidates(seen), weight, text=True)
+                yield without(candidates(with_text(bare)), weight, text=True)
 
 
 def of_clip(path: Path, step: int) -> Iterator[Example]:
