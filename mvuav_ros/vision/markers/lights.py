@@ -260,8 +260,9 @@ class Blobs:
         self._meter = CentroidMeter(gray, parameters.threshold, parameters.weighted)
         mask = threshold(gray, parameters.threshold) if mask is None else mask
         self._labels, self._where, stats = label(mask)
-        fits = area_fits(stats[:, cv2.CC_STAT_AREA], parameters)
-        self._numbers = 1 + np.flatnonzero(fits[1:])  # of the pieces within the limits
+        area = stats[1:, cv2.CC_STAT_AREA]
+        # Of the pieces within the limits. What is larger than all lights may be is none.
+        self._numbers = 1 + np.flatnonzero(area_fits(area, parameters) & (area <= max_bright(mask)))
         # (n, 5), x, y, width, height and area (px), in the order of their first pixels, row by row.
         self.stats = stats[self._numbers].astype(np.intp)
 
@@ -401,7 +402,7 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
         blobs = Blobs(gray, parameters, mask)
         if blobs.crowd:
             raise GroupingError(blobs.crowd)
-        spots = sorted(blobs.measure(np.flatnonzero(blobs.stats[:, 4] <= max_bright(mask))))
+        spots = sorted(blobs.measure())
         if not spots and (problem := brightness_problem(mask)):
             raise GroupingError(problem)
         return np.array([spot[:3] for spot in spots], np.float64).reshape(-1, 3)

@@ -49,6 +49,15 @@ def test_of_too_many_pieces_the_largest_may_be_lights():
     assert [(round(light.x), round(light.y)) for light in lights] == places
 
 
+def test_a_piece_larger_than_all_lights_of_a_frame_may_be_is_not_one_of_them():
+    """Half of the frame is white, and would be measured as a whole."""
+    frame = np.zeros((480, 640), np.uint8)
+    frame[240:] = 255
+    cv2.circle(frame, (100, 100), 60, 255, -1)
+    [(x, y, *_)] = Blobs(frame, PARAMETERS).measure()
+    assert (x, y) == pytest.approx((100, 100), abs=0.01)
+
+
 @pytest.mark.parametrize(('rows', 'percent'), [(240, 50), (480, 100)])
 def test_where_nothing_is_found_the_status_says_how_much_is_bright(rows, percent):
     frame = np.zeros((480, 640), np.uint8)
