@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from approach_variants import Variant
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.corners import LabelledFrame
@@ -136,30 +137,22 @@ def faint(share: float, level: float) -> View:
 FAINT = {'in fog': faint(0.2, 160.0), 'underexposed': faint(0.2, 0.0)}
 
 
-def taken_by(
-    before: View = as_it_is, *, defocus: float = 0.0, noise: float = 0.0, quality: int = 100
-) -> View:
+def taken_by(before: View = as_it_is, *, defocus: float = 0.0, **faults: Any) -> View:
     """Show all as a bad camera does, after another change.
 
     Args:
         before: the other change.
         defocus: standard deviation of the blur, in px of an image of 320 px width.
-        noise: standard deviation, in grey levels.
-        quality: of JPEG; 100 leaves it as it is.
+        **faults: of a `Variant`.
     """
+    camera = Variant('', **faults)
 
     def view(shot: Shot, index: int) -> Shot:
         shot = before(shot, index)
-        seen: Any = shot.image
+        seen = shot.image
         if defocus:
             seen = cv2.GaussianBlur(seen, (0, 0), defocus * seen.shape[1] / 320)
-        if noise:
-            noisy = seen + np.random.default_rng((index, 78)).normal(0.0, noise, seen.shape)
-            seen = np.clip(noisy, 0, 255).astype(np.uint8)
-        if quality < 100:
-            _, coded = cv2.imencode('.jpg', seen, (cv2.IMWRITE_JPEG_QUALITY, quality))
-            seen = cv2.imdecode(coded, cv2.IMREAD_UNCHANGED)
-        return shot._replace(image=seen)
+        return shot._replace(image=camera.image(seen, index))
 
     return view
 
@@ -167,7 +160,7 @@ def taken_by(
 BAD_CAMERAS: dict[str, dict[str, Any]] = {
     'noisy': {'noise': 12.0},
     'defocused': {'defocus': 1.2},
-    'compressed': {'quality': 15},
+    'compressed': {'jpeg': 15},
 }
 """Of `taken_by`."""
 

@@ -153,24 +153,21 @@ def run_jobs(footage: Path, options: argparse.Namespace) -> Iterator[Job]:
                     rows = slice(360, None, options.step)
                     name = f'{run[-4:]} {kind}, {zoom} times'
                     yield job('over the runway', name, rows, view=magnified(zoom))
+                changed: dict[str, dict[str, Callable[[View], View]]] = {}
                 if horizon == (run == 'approach_run3' and gray):
                     for light, view in FAINT.items():
                         yield job('low contrast', f'{run[-4:]} {kind} {light}', view=view)
-                    for style in TEXTS:
-                        name = f'{run[-4:]} {kind} {style}'
-                        yield job('text', name, view=with_text(style))
-                        bare = with_text(style, without_runway)
-                        rows = slice(None, 240, options.step)
-                        name += ', no runway'
-                        yield job('text', name, rows, view=bare, absent=True)
+                    changed['text'] = {style: partial(with_text, style) for style in TEXTS}
                 if not horizon:
-                    for camera, how in BAD_CAMERAS.items():
-                        name = f'{run[-4:]} {kind} {camera}'
-                        yield job('bad cameras', name, view=taken_by(**how))
-                        bare = taken_by(without_runway, **how)
-                        rows = slice(None, 240, options.step)
-                        name += ', no runway'
-                        yield job('bad cameras', name, rows, view=bare, absent=True)
+                    changed['bad cameras'] = {
+                        camera: partial(taken_by, **how) for camera, how in BAD_CAMERAS.items()
+                    }
+                for group, views in changed.items():
+                    for change, view_of in views.items():
+                        name, rows = f'{run[-4:]} {kind} {change}', slice(None, 240, options.step)
+                        yield job(group, name, view=view_of(as_it_is))
+                        bare = view_of(without_runway)
+                        yield job(group, f'{name}, no runway', rows, view=bare, absent=True)
 
 
 def labelled_run(
