@@ -52,7 +52,7 @@ FIRST_MEMORY = 0.9  # of that, per frame
 MEMORY = 0.999  # of the residuals, per frame
 RECENT_MEMORY = 0.6  # of those that show a sudden rise: back to normal in 15 frames
 RISE = 2.5  # ratio of the recent noise to the usual one from which on it counts
-MAX_RISE = 60  # frames after which it is the usual noise that has changed
+MAX_RISE = 60  # frames after which it is the usual noise that has changed for good
 STEADY_ERROR = 0.015  # px, of a centroid in all frames: residuals do not show all of it
 _PLACE_FIRST = np.roll(np.arange(36).reshape(6, 6), (3, 3), axis=(0, 1))
 """Where the elements of `Pose.covariance` are among those by turns and places."""
@@ -98,9 +98,10 @@ class PoseEstimator:
     OpenCV's perspective-n-point solvers give the first pose, Gauss-Newton steps on the
     reprojection error every pose; the last pose is where it starts, and decides where two
     solutions fit. A marker that the others contradict is left out where it is clear which one
-    that is. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative. The noise
-    comes from the residuals of this and earlier frames, as one frame of five markers leaves only
-    four degrees of freedom, and from a small steady error.
+    that is. Of four or three it is not: there is no pose while these fit worse than before. The
+    covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative. The noise comes from the
+    residuals of this and earlier frames, as one frame of five markers leaves only four degrees of
+    freedom, and from a small steady error.
 
     Examples:
         >>> import cv2, numpy as np
@@ -181,6 +182,9 @@ class PoseEstimator:
             return None
         chosen, solution = self._solve(camera, list(labels), image)
         if solution is None:
+            return None
+        if len(labels) < MIN_MARKERS + 2 and self._residuals.has_risen:
+            self.reason = 'the markers fit worse than before: one may be another light'
             return None
         if len(chosen) > MIN_MARKERS:
             self._vouched, self._vouched_time = frozenset(chosen), time
@@ -350,12 +354,14 @@ class _ResidualNoise:
     def _note(self) -> None:
         squares = self._squares + self._doubt * FIRST_NOISE**2
         self._variance = squares / (self._freedom + self._doubt)
-        newest = self._recent if self._has_risen() else self._variance
+        newest = self._recent if self.has_risen else self._variance
         # Where there is no sudden rise, and in the newest frame.
         self.usual = math.hypot(math.sqrt(self._variance), STEADY_ERROR)
         self.noise = math.hypot(math.sqrt(newest), STEADY_ERROR)
 
-    def _has_risen(self) -> bool:
+    @property
+    def has_risen(self) -> bool:
+        """Whether the newest frames' are far above the usual ones."""
         return self._recent > RISE**2 * self._variance
 
     def learn(self, squares: float, freedom: int) -> None:
@@ -363,9 +369,11 @@ class _ResidualNoise:
         if freedom <= 0:
             return
         self._recent += (1 - RECENT_MEMORY) * (squares / freedom - self._recent)
-        self._risen_for = self._risen_for + 1 if self._has_risen() else 0
-        # A sudden rise counts while it lasts, and is soon forgotten.
-        if 0 < self._risen_for < MAX_RISE:
+        self._risen_for = self._risen_for + 1 if self.has_risen else 0
+        if self._risen_for == MAX_RISE:
+            self._squares, self._freedom = FIRST_WEIGHT * self._recent, FIRST_WEIGHT
+        elif self._risen_for:
+            # A sudden rise counts while it lasts, and is soon forgotten.
             squares = min(squares, self._variance * freedom)
         self._squares = MEMORY * self._squares + squares
         self._freedom = MEMORY * self._freedom + freedom

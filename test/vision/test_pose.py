@@ -384,6 +384,42 @@ def test_the_noise_follows_the_residuals():
         assert estimator.noise == pytest.approx(noise, rel=0.1)
 
 
+@pytest.mark.parametrize('left', [(0, 1, 2, 3), (0, 1, 2)])
+def test_four_lights_of_which_one_drifts_away_have_no_pose(left):
+    """They fit worse, which of them it is nobody knows, and three of them fit anything."""
+    rng = np.random.default_rng(8)
+    pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))
+    estimator, told = PoseEstimator(TANKER_747), []
+    for index in range(120):
+        drift = max(index - 59, 0)
+        labels = range(5) if drift == 0 else [0, 1, 2, 3] if drift < 30 else left
+        noisy = pixels + rng.normal(0, 0.05, pixels.shape)
+        noisy[0] += 0.4 * drift, 0.3 * drift
+        places = noisy[list(labels)]
+        pose = estimator.estimate(CAMERA, labels, places, round(index / 30 * 1e9))
+        if pose is not None:
+            told.append(index)
+            assert angle_between(pose.rotation, OPTICAL_FROM_BODY) < math.radians(2.0)
+    assert 60 <= len(told) < 70
+    if len(left) == 4:
+        assert estimator.reason == 'the markers fit worse than before: one may be another light'
+
+
+def test_where_the_noise_goes_on_it_is_the_usual_one():
+    """As once an engine runs: four lights have no pose for two seconds, and then again."""
+    rng = np.random.default_rng(9)
+    pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))
+    estimator, told = PoseEstimator(TANKER_747), []
+    for index in range(400):
+        noisy = pixels[:4] + rng.normal(0, 0.05 if index < 200 else 0.3, (4, 2))
+        pose = estimator.estimate(CAMERA, range(4), noisy, round(index / 30 * 1e9))
+        told.append(pose is not None)
+    assert all(told[:200])
+    assert sum(told[200:270]) < 30
+    assert all(told[270:])
+    assert estimator.noise == pytest.approx(0.3, rel=0.2)
+
+
 def test_three_lights_whose_solutions_meet_have_no_wrong_pose():
     scene = LightScene(roll=0.5, tilt=0.45, tilt_hz=0.2, barrel=-0.3, frames=80)
     flight = LightFlight(scene, 7)

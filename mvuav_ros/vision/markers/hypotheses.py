@@ -87,11 +87,19 @@ class Prior:
 
     @classmethod
     def of(cls, views: ViewFilter, jolt: Sequence[float] = (0.0,) * FOCAL) -> Prior:
-        """What a filter has of the view at its time, and by how much a jolt may have changed it."""
-        view = views.view
-        deviations = np.sqrt(view.covariance.diagonal())
+        """What a filter has of the view at its time, and by how much a jolt may have changed it.
+
+        What it has lost of roll and tilt is what they are at the start: a body turns about that.
+        """
+        view, usual = views.view, cls.at_start(views.shape)
+        mean, deviations = view.parameters.copy(), np.sqrt(view.covariance.diagonal())
         deviations[:FOCAL] = np.hypot(deviations[:FOCAL], jolt)
-        return cls(view.parameters, deviations, views.deviation)
+        turns = [ROLL, PITCH, YAW]
+        share = deviations[turns] ** 2 / (deviations[turns] ** 2 + usual.deviations[turns] ** 2)
+        off = usual.untwisted(mean[None])[0] - usual.mean
+        mean[turns] -= share * off[turns]
+        deviations[turns] *= np.sqrt(1.0 - share)
+        return cls(mean, deviations, views.deviation)
 
     @property
     def fewest(self) -> int:

@@ -102,9 +102,6 @@ def _ways(
 MIN_REACQUIRED = (2, 3)
 """Lights of a body that is found again, where all others are known to be no markers, and where some
 may be none: two of those nearly always look like some two markers."""
-MIN_MARGIN = 1.0
-"""Difference of the evidence of two ways to give the same lights other names throughout, below
-which neither is believed: four markers in one plane are seen alike from its other side."""
 MAX_HIDDEN = 2  # Markers of a body that may be hidden while it is looked for by an older filter
 JOLT = (0.1, 0.05, 100.0, 100.0, 0.1, 0.1)
 """rad, logarithm and px (1 sigma): how far off that may be of roll, size, place and tilt."""
@@ -152,7 +149,8 @@ def reacquire(
     for other in others:
         is_same = own == {light for _, light in other.assignment}
         renames = is_same and names.isdisjoint(other.assignment)
-        if renames and best.evidence - other.evidence < MIN_MARGIN:
+        # Four markers in one plane are seen alike from its other side, in later frames as well.
+        if renames and best.evidence - other.evidence < MIN_ODDS:
             return None
     odds = log_odds_of(best, hypotheses)
     named = {marker: lights[i] for marker, i in best.assignment if odds[marker] > 0.0}

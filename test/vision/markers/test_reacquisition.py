@@ -5,6 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from support.marker_flights import SCENES, MarkerFlight, track_flight
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.hypotheses import Prior, body_hypotheses, log_odds_of
@@ -102,6 +103,29 @@ def test_four_markers_in_one_plane_may_be_seen_from_its_other_side():
     aside[0] += 0.5 * math.pi
     turned = Prior(aside, wide.deviations, 0.5)
     assert named(four, turned) is None
+
+
+@pytest.mark.parametrize('turns', [0, 1])
+def test_a_body_whose_roll_is_lost_is_about_upright(turns):
+    """One that was seen upside down a moment ago is not."""
+
+    def rolled(roll, deviation):
+        view, spread = VIEW.copy(), SPREAD.copy()
+        view[0], spread[0] = roll + 2.0 * math.pi * turns, deviation
+        prior = Prior.of(ViewFilter(SHAPE, ViewState(view, np.diag(spread**2)), 0.0))
+        return prior.mean[0] - 2.0 * math.pi * turns, prior.deviations[0]
+
+    roll, deviation = rolled(2.5, 1.2)
+    assert 0.5 < roll < 1.5
+    assert 0.5 < deviation < 0.9
+    assert rolled(3.0, 0.05) == pytest.approx((3.0, 0.05), rel=0.01)
+
+
+def test_four_lights_that_come_back_after_seconds_are_not_taken_for_a_body_upside_down():
+    """Its roll was 57 degrees, and -59 +- 67 expected: there were 140 wrong names."""
+    wrong, counts = track_flight(MarkerFlight(SCENES['everything at once'], 27942))
+    assert wrong == 0
+    assert np.sum(counts, axis=0)[0] > 300
 
 
 @pytest.mark.parametrize('changed', [(0.5, 0.0), (-0.4, 0.3), (0.3, -0.3)])
