@@ -133,7 +133,8 @@ def integrity_claims(flights: Sequence[IntegrityFlight]) -> list[Claim]:
 def pose_claims(poses: Sequence[FlownPoses]) -> list[Claim]:
     """What the summary says of the pose, with its limits."""
     near = np.concatenate([(p.moved / p.distance)[p.distance <= 30.0] for p in poses])
-    inside = _share_inside(np.concatenate([p.squares for p in poses]))
+    squares = np.concatenate([p.squares for p in poses])
+    inside = _share_inside(squares[np.isfinite(squares)])
     return [
         Claim(
             'Position error at 30 m and nearer, 0.3 px noise',

@@ -455,7 +455,12 @@ class VideoDecoder:
 
     def _decoded(self, frame: Any) -> Iterator[Frame | BadFrame]:
         """A frame that came out, if the one who gave its packet wants it."""
-        packet, wanted = self._waiting.pop(frame.pts or 0, (None, False))
+        number = frame.pts or 0
+        packet, wanted = self._waiting.pop(number, (None, False))
+        if self._low_delay:
+            # They come in the order of their packets.
+            for lost in [key for key in self._waiting if key < number]:
+                yield from self._unusable(lost)
         if packet is None or not wanted:
             return
         try:

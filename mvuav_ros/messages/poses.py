@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -27,6 +27,7 @@ from mvuav_ros.messages.cdr import (
     texts,
     without_encapsulation,
 )
+from mvuav_ros.parameters.common_parameters import PosedParameters
 from mvuav_ros.vision.approach.approach_results import Guidance
 from mvuav_ros.vision.frames import (
     OPTICAL_FROM_BODY,
@@ -96,6 +97,34 @@ def mount_of(xyz: tuple[float, ...], rpy_deg: tuple[float, ...]) -> Placement:
     """A camera's body axes on the vehicle, from its position (m) and angles (degrees)."""
     roll, pitch, yaw = map(math.radians, rpy_deg)
     return Placement(from_rpy(roll, pitch, yaw), np.array(xyz), _UNKNOWN)
+
+
+_UPWARDS = 0.8  # Cosine off the vehicle's z
+
+
+def mount_on_vehicle(
+    given: PosedParameters, frame_id: str, transforms: TransformTree
+) -> tuple[Placement | None, bool]:
+    """The camera's body axes on the vehicle, as the parameters state them or ``/tf_static`` does.
+
+    And whether the frame by which that knows the camera seems not to be an optical one.
+    """
+    stated = given.camera_mount_xyz, given.camera_mount_rpy_deg
+    if any(map(any, stated)):
+        return mount_of(*stated), False
+    name = camera_frame_of(given, frame_id)
+    found = transforms.find(name, given.base_frame)
+    if found is None:
+        return None, False
+    # Many drivers call it "camera", as robot descriptions do a frame with z up.
+    looks_up = 'optical' not in name and found.rotation[2, 2] > _UPWARDS
+    return replace(found, rotation=found.rotation @ OPTICAL_FROM_BODY), bool(looks_up)
+
+
+def camera_frame_of(given: PosedParameters, frame_id: str) -> str:
+    """The frame of a camera whose images have a frame_id."""
+    # tf2 takes neither a frame without a name nor one that begins with a slash.
+    return given.camera_frame or frame_id.lstrip('/')
 
 
 _MAX_OFF_UNIT = 0.005

@@ -451,7 +451,7 @@ class ImageInput(FrameInput):
         self._subscriptions = [self._subscription, *(c.subscription for c in self.synchronized)]
         self._lost = status_of(self._subscription, 'MESSAGE_LOST')
         self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
-        self._last_sequence, self._is_first = 0, True
+        self._last_sequence, self._is_first, self._is_one = 0, True, True
 
     def _subscribe_anew(self, reliability: ReliabilityPolicy) -> None:
         """Ask for another reliability: publishers send again what was lost, or need not."""
@@ -552,8 +552,10 @@ class ImageInput(FrameInput):
         before, self._last_sequence = self._last_sequence, sequence
         is_first, self._is_first = self._is_first, False
         self._events.alternations += sequence <= before
-        # With two publishers the counts of both are mixed and say nothing.
-        if sequence > before + 1 > 1 and self._subscription.get_publisher_count() == 1:
+        # With two publishers the counts of both are mixed, also where one of them has gone since
+        # the last image, and say nothing.
+        was_one, self._is_one = self._is_one, self._subscription.get_publisher_count() == 1
+        if sequence > before + 1 > 1 and was_one and self._is_one:
             self._events.missing += sequence - before - 1
             return True
         return is_first

@@ -16,7 +16,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
@@ -57,7 +57,7 @@ _UNTIL_CONFIGURED = ' and while the node is unconfigured (ros2 lifecycle set …
 
 
 class _SetInAnyOrder(ParameterService):
-    """Answers ``set_parameters`` whatever the order of the values.
+    """Answers ``set_parameters`` whatever the order of the values; all at once by the same checks.
 
     rclpy sets them one by one. ``ros2 param load`` of other rows would fail half-way where the new
     end lies before the old start, so rejected values are tried again once others are accepted. A
@@ -69,12 +69,23 @@ class _SetInAnyOrder(ParameterService):
         super().__init__(node)
         self._convert = convert
 
-    def _set_parameters_callback(
-        self, request: SetParameters.Request, response: SetParameters.Response
-    ) -> SetParameters.Response:
-        node, parameters = self._get_node(), list(request.parameters)
-        results = [SetParametersResult(successful=True) for _ in parameters]
-        waiting = []
+    def _set_parameters_atomically_callback(
+        self,
+        request: SetParametersAtomically.Request,
+        response: SetParametersAtomically.Response,
+    ) -> SetParametersAtomically.Response:
+        wanted, refused = self._changes(list(request.parameters))
+        if refused:
+            response.result = next(iter(refused.values()))
+            return response
+        again = SetParametersAtomically.Request(parameters=[*wanted.values()])
+        return super()._set_parameters_atomically_callback(again, response)
+
+    def _changes(
+        self, parameters: list[Any]
+    ) -> tuple[dict[int, Any], dict[int, SetParametersResult]]:
+        """Those that change anything, converted, and those that cannot be set, by their places."""
+        node, wanted, refused = self._get_node(), {}, {}
         for index, each in enumerate(parameters):
             try:
                 if not node.has_parameter(each.name):
@@ -85,12 +96,21 @@ class _SetInAnyOrder(ParameterService):
                     if node.describe_parameter(each.name).read_only:
                         later = '' if each.name.startswith(_AT_THE_START) else _UNTIL_CONFIGURED
                         raise ParameterError(each.name, f'can be set at the start{later}')
-                    waiting.append(index)
-                    parameters[index] = given
+                    wanted[index] = given
             except ParameterError as error:
-                results[index] = SetParametersResult(successful=False, reason=str(error))
+                refused[index] = SetParametersResult(successful=False, reason=str(error))
+        return wanted, refused
+
+    def _set_parameters_callback(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
+        results = [SetParametersResult(successful=True) for _ in request.parameters]
+        wanted, refused = self._changes(list(request.parameters))
+        for index, result in refused.items():
+            results[index] = result
+        waiting = [*wanted]
         while waiting:
-            again = SetParameters.Request(parameters=[parameters[i] for i in waiting])
+            again = SetParameters.Request(parameters=[wanted[i] for i in waiting])
             answer = super()._set_parameters_callback(again, SetParameters.Response())
             for index, result in zip(waiting, answer.results, strict=True):
                 results[index] = result

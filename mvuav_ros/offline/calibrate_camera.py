@@ -33,7 +33,7 @@ _CELLS = 8, 6  # Into which the image is divided for its coverage
 _COLUMNS = {'left': slice(2), '': slice(2, 6), 'right': slice(6, 8)}
 _ROWS = {'top': slice(2), '': slice(2, 4), 'bottom': slice(4, 6)}
 _NEAR = 0.8
-"""Part of the image corners' angle off the axis, below which the corners' own is worth a word."""
+"""Part of the image corners' distance from the axis, below which the corners' is worth a word."""
 
 
 @dataclass
@@ -175,7 +175,10 @@ def extent(views: Sequence[BoardView], found: CameraCalibration) -> str:
     empty = [f'{y} {x}'.strip() or 'middle' for (y, j), (x, i) in parts if not seen[i, j].any()]
     if empty:
         said += f', but none {", ".join(empty)}'
-    if empty or reach < _NEAR * whole:
+    # Not by the angles, which outside of what was measured are no better than the lens.
+    middle = camera.matrix[:2, 2]
+    near, far = (np.linalg.norm(places - middle, axis=1).max() for places in (pixels, corners))
+    if empty or near < _NEAR * far:
         said += ': outside the lens is extrapolated, and may be wrong by many px; show the board '
         said += 'there'
     return said

@@ -314,6 +314,8 @@ def _draw(axis: Axes, diagram: Diagram, curves: Mapping[str, Array]) -> None:
     seconds = curves['seconds'][0]
     for (name, column, bound), color in zip(diagram.lines, COLORS, strict=False):
         middle, low, high = curves[column]
+        # A line would run back over those of before.
+        middle = np.where(np.diff(seconds, prepend=seconds[:1]) < 0.0, math.nan, middle)
         if not np.isfinite(middle).any():
             continue
         if bound:

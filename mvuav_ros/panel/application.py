@@ -55,7 +55,7 @@ class LiveSocket:
             async for text in self._socket.iter_text():
                 if len(text) <= _MAX_REQUEST:
                     self._take(json.loads(text))
-        except (ValueError, TypeError, AttributeError, RuntimeError):
+        except (LookupError, ValueError, TypeError, AttributeError, RuntimeError):
             # No page of ours, or one that went while something was sent to it.
             pass
         finally:

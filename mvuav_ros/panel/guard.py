@@ -70,6 +70,10 @@ class Guard:
             # The token does not stay in the address bar and its history.
             cookie = f'{self.cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/'
             answer = RedirectResponse('/', 303, {'set-cookie': cookie})
+        if answer is not None and scope['type'] == 'websocket':
+            # A page would be an error of ours in the server's log.
+            await send({'type': 'websocket.close', 'code': 1008, 'reason': 'refused'})
+            return
         try:
             await (answer or self.app)(scope, receive, _with_headers(send))
         except RuntimeError as error:

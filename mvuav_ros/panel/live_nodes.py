@@ -55,7 +55,7 @@ class FoundNode(NamedTuple):
 
     ``image_topic`` is empty where frames are handed over in its process; so are the topics of the
     calibration and the attitude where it listens to none. ``publishers`` are others in a process
-    that has taken its place.
+    that has taken its place. ``results`` are the topics below its name, and their types.
     """
 
     name: str
@@ -65,6 +65,7 @@ class FoundNode(NamedTuple):
     camera_info_topic: str = ''
     imu_topic: str = ''
     publishers: frozenset[bytes] = frozenset()
+    results: tuple[tuple[str, str], ...] = ()
 
 
 class LiveNode:
@@ -160,7 +161,13 @@ def find_nodes(node: Node) -> dict[str, FoundNode]:
             if message in published.get(f'{full}/{result}', ()):
                 infos = node.get_publishers_info_by_topic(f'{full}/{result}')
                 publishers = frozenset(bytes(each.endpoint_gid) for each in infos)
-                found[full] = FoundNode(full, kind, *_input(subscribed), publishers)
+                below = f'{full}/'
+                results = tuple(
+                    (topic, types[0])
+                    for topic, types in sorted(published.items())
+                    if topic.startswith(below) and len(types) == 1 and sanitized.is_ros_name(topic)
+                )
+                found[full] = FoundNode(full, kind, *_input(subscribed), publishers, results)
     return found
 
 

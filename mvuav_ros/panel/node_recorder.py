@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Imu
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.messages import poses
+from mvuav_ros.messages import detections, poses
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
@@ -92,6 +92,9 @@ def _topics(node: LiveNode) -> dict[str, type]:
     processor = PROCESSORS[node.kind]
     topics = {**processor.topics, **processor.periodic_topics}
     found: dict[str, type] = {f'{node.name}/{topic}': kind for topic, kind in topics.items()}
+    # Those of the markers are named after the rig.
+    kinds = {type_name(kind): kind for kind in (*topics.values(), *detections.TYPES.values())}
+    found |= {topic: kinds[kind] for topic, kind in node.found.results if kind in kinds}
     if node.image_topic:
         found[node.image_topic] = CompressedImage if node.found.compressed else RosImage
         found[node.camera_info_topic] = CameraInfo

@@ -6,6 +6,7 @@ ROS descriptors, the checks of YAML files and the reference pages are all made f
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
@@ -197,8 +198,11 @@ class ParameterSet:
 
 
 def _of_python(value: Any) -> Any:
-    """A number or an array of NumPy as Python's."""
-    return value.tolist() if hasattr(value, 'tolist') else value
+    """A number or an array of NumPy as Python's; what no float can hold as infinite."""
+    value = value.tolist() if hasattr(value, 'tolist') else value
+    if type(value) is int and abs(value) > sys.float_info.max:
+        return math.inf if value > 0 else -math.inf
+    return value
 
 
 def _plain(number: float) -> str:

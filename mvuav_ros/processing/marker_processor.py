@@ -22,6 +22,7 @@ from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
+from mvuav_ros.processing.tracking import follow_mount
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import IntegrityBudget, ProtectionLevels, protection_levels
@@ -140,10 +141,7 @@ class MarkerTrackerProcessor(Processor):
 
     def _process(self, frame: Frame, header: bytes) -> Iterator[Output]:
         posed = self._posed
-        if self._parameters.base_frame and not self._stated_mount:
-            mount, is_doubtful = self._mount_by_tf(frame)
-            if mount is not None and not is_doubtful:
-                posed.tracker.set_mount(mount.rotation)
+        follow_mount(posed.tracker, frame, self.static_transforms)
         result = posed.tracker.process(frame.image, frame.stamp_ns)
         numbered = self._parameters.mode == 'track_any'
         yield Output('markers', partial(encode_markers, result, header, numbered=numbered))

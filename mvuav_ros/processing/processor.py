@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -15,7 +14,6 @@ from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.common_parameters import DetectorParameters
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 
 class DuplicateStampError(ValueError):
@@ -55,9 +53,6 @@ class PanelPage(NamedTuple):
     image: str  # the debug image with the results drawn in
     images: tuple[str, ...]  # all debug images in their order
     charts: Mapping[str, Chart]  # the curves, by a short name
-
-
-_UPWARDS = 0.8  # Cosine off the vehicle's z
 
 
 class Processor(ABC):
@@ -146,44 +141,23 @@ class Processor(ABC):
             outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
 
-    @property
-    def _stated_mount(self) -> poses.Placement | None:
-        """The camera's body axes on the vehicle as parameters state them; None if they are 0."""
-        mount = self._parameters.camera_mount_xyz, self._parameters.camera_mount_rpy_deg
-        return poses.mount_of(*mount) if any(map(any, mount)) else None
-
     def _mount(self, frame: Frame) -> poses.Placement | None:
         """The camera's body axes on the vehicle; None where that is not known."""
-        if (stated := self._stated_mount) is not None:
-            return stated
-        given = self._parameters
-        camera_frame = self._camera_frame(frame)
-        mount, looks_up = self._mount_by_tf(frame)
+        given, name = self._parameters, self._camera_frame(frame)
+        mount, looks_up = poses.mount_on_vehicle(given, frame.frame_id, self.static_transforms)
         if looks_up:
-            said = f'{camera_frame} looks up by /tf_static, where optical frames have z ahead'
+            said = f'{name} looks up by /tf_static, where optical frames have z ahead'
             self.frames_problem = f'{said}: set camera_frame, or camera_mount_rpy_deg'
-        if mount is not None:
-            return mount
-        self.frames_problem = (
-            f'no ~/vision_pose of {given.base_frame}: camera_mount_xyz and camera_mount_rpy_deg '
-            f'are 0, and /tf_static does not lead from {given.base_frame} to '
-            f'{camera_frame or "a camera without frame_id"}'
-        )
-        return None
+        if mount is None:
+            self.frames_problem = (
+                f'no ~/vision_pose of {given.base_frame}: camera_mount_xyz and '
+                f'camera_mount_rpy_deg are 0, and /tf_static does not lead from '
+                f'{given.base_frame} to {name or "a camera without frame_id"}'
+            )
+        return mount
 
     def _camera_frame(self, frame: Frame) -> str:
-        # tf2 takes neither a frame without a name nor one that begins with a slash.
-        return self._parameters.camera_frame or frame.frame_id.lstrip('/')
-
-    def _mount_by_tf(self, frame: Frame) -> tuple[poses.Placement | None, bool]:
-        """The same by ``/tf_static`` alone, and whether the camera's frame seems not optical."""
-        name = self._camera_frame(frame)
-        found = self.static_transforms.find(name, self._parameters.base_frame)
-        if found is None:
-            return None, False
-        # Many drivers call it "camera", as robot descriptions do a frame with z up.
-        looks_up = 'optical' not in name and found.rotation[2, 2] > _UPWARDS
-        return replace(found, rotation=found.rotation @ OPTICAL_FROM_BODY), bool(looks_up)
+        return poses.camera_frame_of(self._parameters, frame.frame_id)
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:

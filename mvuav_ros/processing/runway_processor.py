@@ -197,7 +197,7 @@ class RunwayDetectorProcessor(Processor):
     def _attitude(self, frame: Frame) -> Attitude | None:
         """The vehicle's, on which the camera's mount must be known; the sensor's without a base."""
         attitude, base = frame.attitude, self._parameters.base_frame
-        if base and not self._stated_mount:
+        if base:
             if (mount := self._mount(frame)) is not None:
                 self._approach.set_mount(mount.rotation)
             elif attitude is not None:

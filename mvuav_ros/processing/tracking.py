@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.images import BadFrame, Frame
+from mvuav_ros.messages.poses import TransformTree, mount_on_vehicle
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
@@ -22,7 +23,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, ImageError, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers, draw_pose
 from mvuav_ros.vision.markers.marker_results import Label, Marker, MarkerResult, all_lost
-from mvuav_ros.vision.markers.tracker import PosedTracker
+from mvuav_ros.vision.markers.tracker import MarkerTracker, PosedTracker
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.pose import Pose
 from mvuav_ros.vision.rig import MarkerRig, RigOrFile
@@ -135,12 +136,22 @@ def _tracked(
                     if camera is not None:
                         known.check(frame.image.width, frame.image.height)
                     posed.set_camera(known)
+                follow_mount(posed.tracker, frame, frame.static_transforms)
                 answer = _answer(frame, posed)
             except ImageError as error:
                 answer = _without_image(frame, posed, str(error))
             yield answer
     finally:
         source.close()
+
+
+def follow_mount(tracker: MarkerTracker, frame: Frame, transforms: TransformTree | None) -> None:
+    """Have a tracker know the camera's mount on the ``base_frame``, stated or on ``/tf_static``."""
+    given = tracker.parameters
+    if given.base_frame:
+        mount, is_doubtful = mount_on_vehicle(given, frame.frame_id, transforms or TransformTree())
+        if mount is not None and not is_doubtful:
+            tracker.set_mount(mount.rotation)
 
 
 def _without_image(frame: Frame | BadFrame, posed: PosedTracker, reason: str) -> TrackedFrame:

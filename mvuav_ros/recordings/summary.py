@@ -44,13 +44,15 @@ class ImageSummary:
     ``formats`` are the sizes and encodings in order of appearance: '640x480 mono8', for a
     compressed image '640x480 jpeg'; at most twenty.
     ``malformed`` images are counted, with the first one's problem in words.
-    ``header_jumps_back`` counts header stamps earlier than the one before.
+    ``header_jumps_back`` counts header stamps earlier than the one before, ``header_repeats``
+    those that are the same, of which a replay uses one.
     """
 
     formats: list[str] = field(default_factory=list)
     malformed: int = 0
     first_problem: str = ''
     header_jumps_back: int = 0
+    header_repeats: int = 0
 
 
 @dataclass
@@ -162,8 +164,9 @@ class _Tally:
                 if normalised_type(message.type) == IMAGE
                 else view_coded_image(message.type, message.data)
             )
-            if self._previous_header_ns is not None and image.stamp_ns < self._previous_header_ns:
-                images.header_jumps_back += 1
+            if self._previous_header_ns is not None:
+                images.header_jumps_back += image.stamp_ns < self._previous_header_ns
+                images.header_repeats += image.stamp_ns == self._previous_header_ns
             self._previous_header_ns = image.stamp_ns
             # What a replay would make of it, without decompressing it.
             if isinstance(image, RawImage):

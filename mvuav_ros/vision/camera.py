@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mvuav_ros.vision.frames import read_only
+
 Array = NDArray[np.float64]
 
 EQUIDISTANT = 'equidistant'
@@ -123,14 +125,14 @@ class CameraModel:
     def matrix(self) -> Array:
         """What holds for the images: K, or of rectified ones the first three columns of P; px."""
         if not self.is_rectified:
-            return np.array(self.k).reshape(3, 3)
-        return np.array(self.p or np.zeros(12)).reshape(3, 4)[:, :3].copy()
+            return read_only(np.array(self.k).reshape(3, 3))
+        return read_only(np.array(self.p or np.zeros(12)).reshape(3, 4)[:, :3].copy())
 
     @cached_property
     def distortion(self) -> Array:
         """Distortion coefficients of the images, (n,); zeros without distortion."""
         zeros = (0.0,) * (4 if self.is_fisheye else 5)
-        return np.array(zeros if self.is_rectified else self.d or zeros)
+        return read_only(np.array(zeros if self.is_rectified else self.d or zeros))
 
     @cached_property
     def is_straight(self) -> bool:
@@ -197,7 +199,8 @@ class CameraModel:
         if self.is_rectified and not (self.p and self.p[0] > 0 and self.p[5] > 0):
             return 'camera_info has no projection matrix P, which rectified images need'
         if self.matrix[0, 0] <= 0 or self.matrix[1, 1] <= 0:
-            return 'camera_info is all zeros: the camera is not calibrated'
+            lacks = 'has no focal lengths above 0' if any(self.k) else 'is all zeros'
+            return f'camera_info {lacks}: the camera is not calibrated'
         if np.abs(self.matrix[(0, 1, 2, 2), (1, 0, 0, 1)]).max() > _MAX_SKEW:
             return (
                 'the camera matrix must be fx, 0, cx, 0, fy, cy, 0, 0, 1, without skew; '
@@ -319,7 +322,7 @@ def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = (
     is_plain = type(given) is tuple and all(type(value) is float for value in given)
     try:
         numbers = given if is_plain else np.asarray(() if given is None else given, np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise CalibrationError(f'the {name} holds what is no number: {error}') from error
     count = len(given) if is_plain else numbers.size
     if counts and count not in counts:

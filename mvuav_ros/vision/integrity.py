@@ -170,7 +170,7 @@ def runway_levels(covariance: Array, confidence: float, risk: float) -> RunwayLe
     variances = [float(covariance[axis, axis]) for axis in (1, 2, 5)]
     if not all(0.0 <= variance < UNKNOWN_VARIANCE for variance in variances):
         return RunwayLevels(reason='the edges do not tell offset, height and heading')
-    if covariance[3, 3] > MAX_ROLL_SIGMA**2:
+    if not covariance[3, 3] <= MAX_ROLL_SIGMA**2:
         return RunwayLevels(reason='no horizon tells the roll: give attitude')
     left = risk - (1.0 - confidence)
     if not left >= (1.0 - MAX_UNMONITORED) * risk:

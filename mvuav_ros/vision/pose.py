@@ -160,13 +160,14 @@ class PoseEstimator:
 
         Raises:
             TypeError: the camera is no `CameraModel`, or the stamp no whole number.
-            ValueError: the rig has no such label, or there are more or fewer places than labels.
+            ValueError: the rig has no such label, one is there twice, or there are more or fewer
+                places than labels.
         """
         CameraModel.given(camera)
         if np.size(pixels) != 2 * len(labels):
             raise ValueError(f'{len(labels)} labels need as many places, not {np.shape(pixels)}')
-        if not all(0 <= label < len(self._points) for label in labels):
-            raise ValueError(f'labels {list(labels)} of a rig of {len(self._points)}')
+        if len(labels) != len({*labels} & {*self._all}):
+            raise ValueError(f'labels {list(labels)} of a rig of {len(self._points)}, each once')
         # A float would be seconds, of which a caller would never hear.
         time = operator.index(stamp_ns) * 1e-9
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
@@ -278,7 +279,9 @@ class PoseEstimator:
             seen = camera.project(places)
             seen[~camera.shows(places)] = math.nan
         residual = math.sqrt(squares / count)
-        return Pose(rotation, translation, spread.take(_PLACE_FIRST), seen, residual)
+        # Copies, as the next pose begins with the solution's own.
+        own = rotation.copy(), translation.copy(), spread.take(_PLACE_FIRST), seen.copy()
+        return Pose(*own, residual)
 
 
 def _why_none(image: Array) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -34,8 +35,10 @@ class RigError(ValueError):
 def _point(name: str, value: object) -> Point:
     if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 3:
         numbers = [v for v in value if isinstance(v, _NUMBERS) and not isinstance(v, bool)]
-        if len(numbers) == 3 and all(map(math.isfinite, numbers)):
-            return float(numbers[0]), float(numbers[1]), float(numbers[2])
+        with suppress(OverflowError, ValueError):
+            x, y, z = map(float, numbers)
+            if math.isfinite(x + y + z):
+                return x, y, z
     raise RigError(f'{name} must be [x, y, z] in metres, not {value!r}')
 
 
@@ -105,7 +108,7 @@ class MarkerRig:
     @cached_property
     def middle(self) -> NDArray[np.float64]:
         """(3,), m, the mean of the positions."""
-        return np.asarray(self.positions.mean(axis=0))
+        return read_only(np.asarray(self.positions.mean(axis=0)))
 
     def distance(self, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> float:
         """From the camera that sees it so (m) to its origin, or its middle where that is farther.

@@ -39,6 +39,14 @@ def test_no_false_image_is_made_of_what_follows_a_lost_packet():
     assert [f.stamp_ns for f in frames if isinstance(f, BadFrame)] == [3, 4]
 
 
+def test_live_frames_behind_a_lost_packet_are_unusable_by_the_next_key_frame():
+    """They give neither an image nor an error, and were told 32 packets later."""
+    sent = packets('libx264', 20, options={'x264-params': 'keyint=12:bframes=0:scenecut=0'})
+    frames = decoded([*sent[:4], *sent[5:20]])
+    bad = [isinstance(frame, BadFrame) for frame in frames]
+    assert bad == [False] * 4 + [True] * 7 + [False] * 8
+
+
 @pytest.mark.parametrize(
     ('encoder', 'codec', 'options'),
     [

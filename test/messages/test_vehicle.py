@@ -1,7 +1,7 @@
 """The vehicle's pose and the tree of frames, against the arithmetic of those who take them."""
 
 import math
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from itertools import islice
 from types import SimpleNamespace as Some
 
@@ -13,6 +13,7 @@ pytest.importorskip('sensor_msgs')
 from rosbags.typesys import Stores, get_typestore
 from support.marker_scenes import draw, tanker_at
 
+from mvuav_ros import track
 from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.definitions import decode_message
@@ -263,6 +264,43 @@ def test_markers_before_a_camera_that_hangs_upside_down_have_their_own_names(rpy
         if number > 2:
             seen = np.column_stack((rows['x'], rows['y']))
             np.testing.assert_allclose(seen, lights, atol=1.0)
+
+
+def hanging(numbers, transforms=None):
+    """Frames of a camera that hangs upside down, and where the lights are."""
+    lights = tanker_at(roll_deg=180.0) * (1.0, 0.8) + (0.0, 40.0)
+    image = Image(draw(lights), 'mono8')
+    frames = (Frame((1 + number) * 33_000_000, CAMERA, image) for number in numbers)
+    return [replace(frame, static_transforms=transforms) for frame in frames], lights
+
+
+def seen_by(processor, frames):
+    outputs = [dict(processor.process(frame)) for frame in frames][-1]
+    rows = view_points(decode_message(ROWS, outputs['markers']()))
+    return np.column_stack((rows['x'], rows['y']))
+
+
+def test_a_mount_that_is_stated_later_takes_the_place_of_that_on_tf_static():
+    processor, fresh = tanker(base_frame='base_link'), tanker(camera_mount_xyz=[1.0, 0.0, 0.0])
+    processor.static_transforms.add(static('base_link', CAMERA, mounted((180.0, 20.0, 0.0))))
+    by_tf = seen_by(processor, hanging(range(6))[0])
+    given = {'base_frame': 'base_link', 'camera_mount_xyz': (1.0, 0.0, 0.0)}
+    processor.configure(MarkerTrackerParameters.from_mapping(given))
+    level = seen_by(processor, hanging(range(6, 12))[0])
+    np.testing.assert_allclose(level, seen_by(fresh, hanging(range(6))[0]), atol=0.01)
+    assert np.isfinite(by_tf).all()
+    assert not np.allclose(level, by_tf)
+
+
+def test_a_script_follows_the_mount_on_tf_static_as_the_nodes_do():
+    transforms = poses.TransformTree()
+    transforms.add(static('base_link', CAMERA, mounted((180.0, 20.0, 0.0))))
+    frames, lights = hanging(range(6), transforms)
+    source = Some(frames=lambda: iter(frames), is_rectified=False, close=lambda: None)
+    given = MarkerTrackerParameters(base_frame='base_link')
+    *_, last = track(source, parameters=given)
+    seen = [(marker.x, marker.y) for marker in last.markers.values()]
+    np.testing.assert_allclose(seen, lights, atol=1.0)
 
 
 def test_a_camera_whose_frame_has_the_axes_of_a_body_is_doubted():

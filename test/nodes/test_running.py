@@ -11,7 +11,12 @@ from pathlib import Path
 import pytest
 from rcl_interfaces.msg import Log
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import (
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.parameter import Parameter
 from support.graph import CLEAN, ROOT, claim_domain, image_message
 from support.live_stream import Stream
@@ -253,6 +258,18 @@ def test_a_parameter_that_a_node_does_not_have_is_named(graph):
     assert [result.successful for result in results] == [False, True]
     assert results[0].reason == 'treshold: this node has no such parameter'
     assert graph.get_parameter('marker_tracker', 'threshold') == 0.6
+    # All or nothing, with the same words; what is as it was is no change.
+    for changed, reason in ((names, 'no such parameter'), (('autostart', 'threshold'), '')):
+        given = {'treshold': 0.7, 'threshold': 0.7, 'autostart': True}
+        request = SetParametersAtomically.Request(
+            parameters=[Parameter(name, value=given[name]).to_parameter_msg() for name in changed]
+        )
+        service = '/marker_tracker/set_parameters_atomically'
+        result = graph.call(SetParametersAtomically, service, request).result
+        assert result.successful == (not reason)
+        assert reason in result.reason
+        threshold = graph.get_parameter('marker_tracker', 'threshold')
+        assert threshold == (0.6 if reason else 0.7)
 
 
 def test_the_terminal_tells_the_start_the_first_image_and_silence(graph, tmp_path):

@@ -13,12 +13,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from support.commands import mvuav
 
 from mvuav_ros.messages import marker_messages
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
-from mvuav_ros.offline.plots import Curves, FlightPlot, collect, page
+from mvuav_ros.offline.plots import Curves, Diagram, FlightPlot, _draw, collect, page
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
@@ -327,6 +328,11 @@ def test_a_flight_whose_clock_jumps_back_has_a_length(tmp_path: Path) -> None:
     stamps = (seconds * 10**9 for seconds in (50, 52, 2, 3))
     flight = drawn_of(tmp_path / 'flight.mcap', stamps, lambda _, head: encode_markers(DARK, head))
     assert flight.seconds == pytest.approx(50.0)
+    axis = Figure().subplots()
+    curves = {'y': np.arange(12.0).reshape(3, 4), 'seconds': np.array([[0.0, 1.0, 0.5, 0.7]] * 3)}
+    _draw(axis, Diagram(1.0, 'y', 'markers', (('y', 'y', ''),)), curves)
+    # No line runs back.
+    assert np.isnan(axis.lines[0].get_ydata()).tolist() == [False, False, True, False]
 
 
 def test_names_are_no_formulas(season: Path, tmp_path: Path) -> None:

@@ -60,6 +60,7 @@ def test_gaps_jumps_and_malformed_images(tmp_path: Path) -> None:
     assert topic.images.malformed == 2
     assert 'the message ends after 100 bytes' in topic.images.first_problem
     assert topic.images.header_jumps_back == 1
+    assert topic.images.header_repeats == 1
     assert topic.images.formats == ['64x48 mono8', '32x16 mono8']
 
 

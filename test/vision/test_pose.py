@@ -314,10 +314,21 @@ def test_the_covariance_is_back_to_normal_after_an_upset():
     assert np.nanmax(deviations[85:]) < 1.3 * usual
 
 
-@pytest.mark.parametrize('label', [-1, 5])
-def test_a_label_that_the_rig_has_not(label):
+def test_what_a_caller_does_to_a_pose_changes_no_later_one():
+    pixels = seen(OPTICAL_FROM_BODY, np.array((2.0, -1.0, 100.0)))
+    estimator = PoseEstimator(TANKER_747)
+    for index in range(3):
+        pose = estimator.estimate(CAMERA, range(5), pixels, index * 33_000_000)
+    for array in (pose.rotation, pose.translation, pose.covariance, pose.reprojections):
+        array[:] = 0.0
+    after = estimator.estimate(CAMERA, [0, 2, 4], pixels[[0, 2, 4]], 99_000_000)
+    assert after.translation == pytest.approx((2.0, -1.0, 100.0), abs=1e-3)
+
+
+@pytest.mark.parametrize('label', [-1, 5, 3])
+def test_a_label_that_the_rig_has_not_or_that_is_there_twice(label):
     pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))
-    with pytest.raises(ValueError, match='of a rig of 5'):
+    with pytest.raises(ValueError, match='of a rig of 5, each once'):
         PoseEstimator(TANKER_747).estimate(CAMERA, [0, 1, 2, 3, label], pixels, 0)
 
 

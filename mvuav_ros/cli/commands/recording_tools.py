@@ -49,11 +49,10 @@ def info(
 def _summarise_images(text: str, frames: FrameSource) -> dict[str, Any]:
     """Say what a video file or a folder of images holds.
 
-    ``duration_s`` is from the first to the last stamp, ``rate_hz`` the median interval's inverse.
+    ``duration_s`` is from the first to the last stamp, ``rate_hz`` the mean rate in between.
     """
-    import numpy as np
-
     from mvuav_ros.messages.images import BadFrame
+    from mvuav_ros.sources.files import ImageFolder
 
     formats: Counter[str] = Counter()
     stamps, rate, duration, unusable = array('q'), frames.rate, 0.0, 0
@@ -66,11 +65,13 @@ def _summarise_images(text: str, frames: FrameSource) -> dict[str, Any]:
         formats[f'{image.width}x{image.height} {image.encoding}'] += 1
     if len(stamps) > 1:
         duration = (stamps[-1] - stamps[0]) / 1e9
-        rate = 1e9 / float(np.median(np.diff(stamps)))
+        rate = (len(stamps) - 1) / duration if duration > 0.0 else rate
     if unusable:
         frames.account.lose('', 'frames', f'{unusable} frames do not decode', unusable)
     names = [name for name, _ in formats.most_common()]
     known, words = f'{rate:.2f} Hz' if rate else 'no rate', ', '.join(names)
+    if isinstance(frames, ImageFolder):
+        known += ' (assumed, as there are no stamps)'
     said = f'{len(stamps)} frames, {known}, {duration:.2f} s, {words or "nothing that decodes"}'
     say(f'{text}: {said}')
     return {
@@ -106,6 +107,8 @@ def _notes(topic: TopicSummary) -> str:
         warnings.append(f'time jumps back {topic.jumps_back} times')
     if topic.images and topic.images.header_jumps_back:
         warnings.append(f'stamps jump back {topic.images.header_jumps_back} times')
+    if topic.images and topic.images.header_repeats:
+        warnings.append(f'{topic.images.header_repeats} images have the stamp of the one before')
     if topic.images and topic.images.malformed:
         warnings.append(f'{topic.images.malformed} malformed: {topic.images.first_problem}')
     return '; '.join(warnings)

@@ -62,7 +62,7 @@ class FrameScore:
     """How the edges of an image were found.
 
     ``left`` and ``right`` are the larger horizontal error of the edge's line at its two corners'
-    rows, px; infinite if no such line was reported. The confidence is then NaN.
+    rows, px; infinite if no such line was reported. The confidence is NaN where neither was.
     """
 
     file: str

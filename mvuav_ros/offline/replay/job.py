@@ -303,6 +303,9 @@ def run_job(
                     reported = time.monotonic()
             else:
                 outcome.note_statuses(source.account)
+                if resets := max(processor.resets for processor in processors):
+                    said = f'the stamps jump back {resets} times, after which all begins afresh'
+                    source.account.note('stamps', said)
         finally:
             outcome.account = source.account
             outcome.errors, outcome.warnings = source.account.errors, source.account.warnings

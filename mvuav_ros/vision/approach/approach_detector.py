@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import NoneType
@@ -93,7 +94,7 @@ class ApproachDetector:
         named likewise. After one that turns the images upside down it is searched afresh.
         """
         turned = is_mounted_upside_down(mount) != is_mounted_upside_down(self._mount)
-        self._mount = mount
+        self._mount = np.array(mount, np.float64)
         if turned:
             self.reset()
 
@@ -130,6 +131,7 @@ class ApproachDetector:
             ValueError: the stamp is before the last one.
         """
         image = as_pixels(image, all_bits=True)
+        stamp_ns = operator.index(stamp_ns)
         if not isinstance(attitude, (Attitude, HorizonLine, NoneType)):
             kind = type(attitude).__name__
             raise TypeError(f'attitude must be an Attitude or a HorizonLine, not {kind}')
@@ -304,7 +306,7 @@ def _across(found: Found) -> tuple[Point, Point] | None:
     if x1 == x2:  # Upright, as where an attitude is in the optical axes
         return None
     down = (y2 - y1) / (x2 - x1)
-    right = level.width * level.factor - 1.0
+    right = found.width - 1.0
     return (0.0, y1 - down * x1), (right, y1 + down * (right - x1))
 
 
@@ -325,6 +327,7 @@ class Found:
     confidence: float  # of the track
     level: Derotation  # of the frame
     horizon_row: float | None  # on the levelled working image, if it is known
+    width: int  # of the frame, px
     veto: str = ''  # why no track is reported, however confident; empty if nothing forbids it
     stated_sigma: float | None = None  # rad, of the horizon's slope; None without attitude
 
@@ -360,14 +363,17 @@ class Finder:
                 if known is None:
                     self._seen = seen = self._seen + 1
                 else:
+                    # In the middle of all columns, of which the working image has left out a few.
+                    row += math.tan(horizon.slope) * 0.5 * (factor * width - image.shape[1])
                     row = (row + 0.5) / factor - 0.5
                 sight = Sight.about(level.row_of(row), level.slope, sight, seen)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         # Without a calibration a field of view of 53 degrees is assumed.
-        focal = float(width) if camera is None else camera.k[0] / factor
+        focal = float(width) if camera is None else float(camera.matrix[0, 0]) / factor
         veto = veto or self._veto(track, sight, level, focal)
         confidence = 0.0 if veto else self.tracker.confidence
-        return Found(track, confidence, level, sight.row, veto, known.sigma if known else None)
+        stated_sigma = known.sigma if known else None
+        return Found(track, confidence, level, sight.row, image.shape[1], veto, stated_sigma)
 
     def _veto(
         self, track: FollowedStrip | None, sight: Sight, level: Derotation, focal: float

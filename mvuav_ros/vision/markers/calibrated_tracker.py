@@ -314,6 +314,9 @@ MAX_OTHERS = 3
 TRIED, RESTED = 30, 5
 """Frames at the start in each of which the lights are named without the calibration as well;
 afterwards in one of so many, as they may not be the rig's."""
+UNEXPLAINED = 10
+"""Frames in which all lights have names without the calibration, and no focal length explains them,
+after which a plain lens is tried: the calibration may be of other images, as of larger ones."""
 
 
 class CalibratedTracker:
@@ -321,7 +324,8 @@ class CalibratedTracker:
 
     Lights with names determine the focal length (see `SelfCalibration`). Where that contradicts
     the calibration, the names go on with what the lights show, and every result says so. Where the
-    calibration is so wrong that no names are found, they are looked for without it.
+    calibration is so wrong that no names are found, they are looked for without it, and with a
+    plain lens instead.
     """
 
     def __init__(self, rig: MarkerRig, upright: float = 0.0) -> None:
@@ -340,13 +344,15 @@ class CalibratedTracker:
     def _begin(self, size: tuple[int, int]) -> None:
         self._size = size
         self._tracker = IdentityTracker(self._rig, self._camera, upright=self._upright)
+        # Whose focal length the lights may show to be another one: that given, or a plain one.
+        self._lens = self._camera
         self._check: SelfCalibration | None = None
         if self._camera is not None and Lens(size, self._camera).focal is not None:
             self._check = SelfCalibration(self._rig.positions, self._camera)
         # One without the calibration, while nothing has been named with it.
         self._trial: IdentityTracker | None = None
         self._has_named = False
-        self._frames = self._differing = 0
+        self._frames = self._differing = self._named_without = 0
         # What is in use; at first camera and rig as they are given.
         self._used = self._given = Estimate(0.0, 0.0, np.zeros((len(self._rig.names), 3)), 0.0)
         self._doubt = ''
@@ -416,24 +422,29 @@ class CalibratedTracker:
         named = self._trial.track(*frame)
         if len(named.named) < count:
             return result
+        self._named_without += 1
         check.add(range(count), _places(named))
         estimate = check.estimate()
-        if estimate is None or not estimate.fits or len(check) < AGREED:
-            return result
-        again = self._with_learnt(estimate, frame)
-        if again is None:
-            return result
-        self._has_named, self._trial = True, None
-        self._report(estimate)
-        self._next = frame[1] + FIRST_STEP
-        return again
+        if estimate is not None and estimate.fits and len(check) >= AGREED:
+            again = self._with_learnt(estimate, frame)
+            if again is not None:
+                self._has_named, self._trial = True, None
+                self._report(estimate)
+                self._next = frame[1] + FIRST_STEP
+                return again
+        if self._named_without == UNEXPLAINED:
+            (width, height), focal = self._size, float(self._size[0])
+            k = focal, 0.0, 0.5 * (width - 1), 0.0, focal, 0.5 * (height - 1), 0.0, 0.0, 1.0
+            self._lens = CameraModel(width, height, k)
+            self._check = SelfCalibration(self._rig.positions, self._lens)
+        return result
 
     def _with_learnt(
         self, estimate: Estimate, frame: Frame, places: Array | None = None
     ) -> MarkerResult | None:
         """Go on with what the lights show, if all get names by it, in the same places (n, 2) px."""
-        assert self._camera is not None
-        rig, camera = estimate.of_rig(self._rig), estimate.of_camera(self._camera)
+        assert self._lens is not None
+        rig, camera = estimate.of_rig(self._rig), estimate.of_camera(self._lens)
         tracker = IdentityTracker(rig, camera, self._tracker.lamps, self._upright)
         again = tracker.track(*frame)
         if len(again.named) < len(again.markers):
@@ -446,9 +457,16 @@ class CalibratedTracker:
     def _report(self, estimate: Estimate) -> None:
         """Say what contradicts the calibration."""
         self._doubt = ''
-        if estimate.contradicts and self._camera is not None:
-            ours = math.sqrt(self._camera.matrix[0, 0] * self._camera.matrix[1, 1])
-            shown = math.exp(estimate.shift) * ours
+        if self._lens is None:
+            return
+        ours = math.sqrt(self._lens.matrix[0, 0] * self._lens.matrix[1, 1])
+        shown = math.exp(estimate.shift) * ours
+        if self._lens is not self._camera:
+            self._doubt = (
+                f'camera_info is not of these images, of which the lights show a focal length of '
+                f'{shown:.0f} px: is its K of another size?'
+            )
+        elif estimate.contradicts:
             self._doubt = (
                 f'camera_info says a focal length of {ours:.0f} px, the lights show {shown:.0f} px '
                 '(if the rig is measured right)'

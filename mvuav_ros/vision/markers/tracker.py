@@ -220,9 +220,11 @@ class MarkerTracker:
             return result.remarked(f'cut off by the border of the image: {", ".join(cut)}')
         if any(marker.state is not MarkerState.LOST for marker in result.markers):
             return result
-        brightest = int(image.pixels.max(initial=0)) / full_scale(image.pixels)
+        channel = self.parameters.channel
+        gray = image.seen_in(self._channel if channel == AUTO else channel).gray()
+        brightest = int(gray.max(initial=0)) / full_scale(gray)
         if brightest > self.parameters.threshold:
-            mask = threshold(image.gray(), self.parameters.threshold)
+            mask = threshold(gray, self.parameters.threshold)
             return result.remarked(brightness_problem(mask))
         # In two parts, as replay repeats those alone that are the same in every frame.
         return result.remarked(f'no pixel is above the threshold; the brightest is {brightest:.2g}')
@@ -277,6 +279,7 @@ class PosedTracker:
     def pose(self, image: Image, result: MarkerResult, stamp_ns: int) -> Pose | None:
         """The pose in the frame that the tracker has just processed, if there is one."""
         self.problem = ''
+        self.seen = [], np.empty((0, 2))
         if self.camera is None or not self.tracker.parameters.has_pose:
             return None
         size = image.width, image.height

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.frame_clock import FrameClock
@@ -86,12 +88,13 @@ class RunwayDetector:
             TypeError: the stamp is no whole number.
             ValueError: the stamp is before the last one.
         """
-        image = as_pixels(image)
+        image = as_pixels(image, all_bits=True)
+        stamp_ns = operator.index(stamp_ns)
         height, width = image.shape[:2]
         if image.size and self._frame_size != (height, width):
             self.reset()
             self._frame_size = (height, width)
-        stamp_ns = self._clock.take(stamp_ns)
+        self._clock.take(stamp_ns)
         first, last, status = self._rows(height, width)
         workings = RunwayWorkings(image)
         if first < last:

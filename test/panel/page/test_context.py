@@ -142,11 +142,17 @@ def test_a_recording_has_all_that_the_node_listens_to():
     }
     topics = live_nodes._input([(topic, [kind]) for topic, kind in kinds.items()])
     assert topics == ('/left/image', False, '/left/info', '/imu/data')
-    found = live_nodes.FoundNode('/eye', 'runway_detector', *topics)
+    results = [
+        ('/eye/marker/beacon', 'geometry_msgs/msg/PointStamped'),
+        ('/eye/debug_image', 'sensor_msgs/msg/Image'),
+    ]
+    found = live_nodes.FoundNode('/eye', 'marker_tracker', *topics, frozenset(), tuple(results))
     node = live_nodes.LiveNode.__new__(live_nodes.LiveNode)
-    node.found, node.status, node.name, node.kind = found, {}, '/eye', 'runway_detector'
+    node.found, node.status, node.name, node.kind = found, {}, '/eye', 'marker_tracker'
     recorded = node_recorder._topics(node)
     assert {topic: type_name(recorded[topic]) for topic in kinds} == kinds
+    assert type_name(recorded['/eye/marker/beacon']) == 'geometry_msgs/msg/PointStamped'
+    assert '/eye/debug_image' not in recorded
     assert live_nodes._input([]) == ('', False, '', '')
 
 

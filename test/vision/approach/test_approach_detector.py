@@ -16,6 +16,7 @@ from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.results import LineRole
 
 APPROACH = RunwayDetectorParameters(mode='approach')
@@ -279,6 +280,29 @@ def test_a_horizon_that_is_none(images, target, horizon):
     for index, image in enumerate(images[:3]):
         detector.process(image, index, HorizonLine(*horizon))
         assert detector.attitude_problem == "the horizon given is none: the horizon is the image's"
+
+
+@pytest.mark.parametrize('width', [1283, 1366, 1919])
+def test_a_given_horizon_is_where_it_is_on_a_frame_of_any_width(width):
+    """The working image leaves out the last columns that make no whole pixel of it."""
+    land = np.random.default_rng(0).integers(0, 255, (720, width), np.uint8)
+    slope = math.radians(20.0)
+    left, right = ApproachDetector(APPROACH).process(land, 0, HorizonLine(300.0, slope)).horizon
+    half = 0.5 * (width - 1) * math.tan(slope)
+    assert left == pytest.approx((0.0, 300.0 - half), abs=0.01)
+    assert right == pytest.approx((width - 1.0, 300.0 + half), abs=0.01)
+
+
+@pytest.mark.parametrize('kind', [ApproachDetector, RunwayDetector])
+def test_a_call_that_is_refused_forgets_nothing(images, kind):
+    detector, again = kind(), kind()
+    for index, image in enumerate(images[:4]):
+        detector.process(image, index)
+        again.process(image, index)
+    with pytest.raises(TypeError):
+        detector.process(np.zeros((100, 100), np.uint8), 1.5)
+    lines, others = (each.process(images[4], 4).lines for each in (detector, again))
+    np.testing.assert_equal(lines, others)
 
 
 def test_an_upright_horizon_crosses_neither_side_of_the_frame(images):

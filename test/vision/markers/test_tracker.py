@@ -115,6 +115,17 @@ def test_where_all_is_too_dark_the_status_says_so(mode):
     assert 'threshold' not in tracker.process(16 * lights, 33_000_000).status
 
 
+def test_what_is_not_looked_at_makes_no_dark_frame_bright():
+    """Opacity, and colours beside the channel in use."""
+    black = np.zeros((240, 320, 4), np.uint8)
+    black[..., 3] = 255
+    green = np.zeros((240, 320, 3), np.uint8)
+    green[..., 1] = 255
+    for image, channel in ((Image(black, 'bgra8'), 'intensity'), (Image(green, 'bgr8'), 'red')):
+        tracker = MarkerTracker(MarkerTrackerParameters(channel=channel))
+        assert tracker.process(image, 0).status.endswith('the brightest is 0')
+
+
 @pytest.mark.parametrize('mode', MODES)
 @pytest.mark.parametrize('handed_over', [copy.deepcopy, lambda t: pickle.loads(pickle.dumps(t))])
 def test_a_tracker_that_is_handed_to_another_process_goes_on_as_it_would_have(mode, handed_over):
