@@ -201,6 +201,8 @@ class CameraModel:
         if self.matrix[0, 0] <= 0 or self.matrix[1, 1] <= 0:
             lacks = 'has no focal lengths above 0' if any(self.k) else 'is all zeros'
             return f'camera_info {lacks}: the camera is not calibrated'
+        if self.width <= 0 or self.height <= 0:
+            return 'camera_info is of no pixels: is its region of interest within its images?'
         if np.abs(self.matrix[(0, 1, 2, 2), (1, 0, 0, 1)]).max() > _MAX_SKEW:
             return (
                 'the camera matrix must be fx, 0, cx, 0, fy, cy, 0, 0, 1, without skew; '

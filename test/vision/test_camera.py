@@ -70,6 +70,7 @@ def test_a_calibration_without_numbers_is_the_same_when_it_comes_again():
         ({'k': (0.0,) * 9}, 'not calibrated'),
         ({'k': K * ((1,), (0,), (1,))}, 'not calibrated'),
         ({'width': 320}, '320 x 480'),
+        ({'width': -5}, 'region of interest'),
         ({'k': (math.nan,) * 9}, 'not finite'),
         ({'distortion_model': 'thin_prism'}, 'plumb_bob, rational_polynomial, equidistant'),
         ({'distortion_model': 'equidistant', 'd': (0.1,) * 5}, '0 or 4 distortion .*not 5'),
