@@ -312,10 +312,10 @@ def _panels(part: NodePart) -> Iterator[tuple[float, Callable[[Axes], None]]]:
 
 def _draw(axis: Axes, diagram: Diagram, curves: Mapping[str, Array]) -> None:
     seconds = curves['seconds'][0]
+    # A line would run back over those of before.
+    goes_back = np.diff(seconds, prepend=seconds[:1]) < 0.0
     for (name, column, bound), color in zip(diagram.lines, COLORS, strict=False):
-        middle, low, high = curves[column]
-        # A line would run back over those of before.
-        middle = np.where(np.diff(seconds, prepend=seconds[:1]) < 0.0, math.nan, middle)
+        middle, low, high = np.where(goes_back, math.nan, curves[column])
         if not np.isfinite(middle).any():
             continue
         if bound:
