@@ -202,13 +202,17 @@ def test_a_middleware_that_begins_to_count_at_the_least_number_has_no_losses_by_
 
 def test_what_was_sent_before_the_first_image_is_not_missing():
     publishers = MagicMock(return_value=1)
-    there = SimpleNamespace(_last_sequence=0, _is_first=True, _events=InputEvents())
+    there = SimpleNamespace(_last_sequence=0, _is_first=True, _is_one=True, _events=InputEvents())
     there._subscription = SimpleNamespace(get_publisher_count=publishers)
     assert [ImageInput._follow(there, number) for number in (57, 58, 61)] == [True, False, True]
     assert there._events.missing == 2
     # The counts of two are mixed.
     publishers.return_value = 2
-    assert not ImageInput._follow(there, 90) and there._events.missing == 2
+    assert not ImageInput._follow(there, 20) and there._events.missing == 2
+    # So are they where one of them has just gone.
+    publishers.return_value = 1
+    assert not ImageInput._follow(there, 63) and there._events.missing == 2
+    assert ImageInput._follow(there, 65) and there._events.missing == 3
 
 
 def test_two_nodes_of_one_name_say_so(graph):

@@ -49,8 +49,10 @@ def info(
 def _summarise_images(text: str, frames: FrameSource) -> dict[str, Any]:
     """Say what a video file or a folder of images holds.
 
-    ``duration_s`` is from the first to the last stamp, ``rate_hz`` the mean rate in between.
+    ``duration_s`` is from the first to the last stamp, ``rate_hz`` the median interval's inverse.
     """
+    import numpy as np
+
     from mvuav_ros.messages.images import BadFrame
     from mvuav_ros.sources.files import ImageFolder
 
@@ -65,7 +67,7 @@ def _summarise_images(text: str, frames: FrameSource) -> dict[str, Any]:
         formats[f'{image.width}x{image.height} {image.encoding}'] += 1
     if len(stamps) > 1:
         duration = (stamps[-1] - stamps[0]) / 1e9
-        rate = (len(stamps) - 1) / duration if duration > 0.0 else rate
+        rate = 1e9 / float(np.median(np.diff(stamps)))
     if unusable:
         frames.account.lose('', 'frames', f'{unusable} frames do not decode', unusable)
     names = [name for name, _ in formats.most_common()]
