@@ -225,3 +225,16 @@ def test_rectified_images_are_seen_through_p_alone(model):
     assert camera.project([(0.5, -0.2, 1.0)])[0] == pytest.approx((460.0, 169.0))
     assert camera.undistort([(460.0, 169.0)])[0] == pytest.approx((0.5, -0.2))
     assert camera.binned(2, 2).matrix[0, 0] == 150.0
+
+
+def test_a_calibration_cannot_be_changed_from_outside():
+    """It is the key of what was worked out of it."""
+    camera = CameraModel(640, 480, K)
+    for array in (camera.matrix, camera.distortion):
+        with pytest.raises(ValueError, match='read-only'):
+            array[:] = 1.0
+
+
+def test_what_no_float_can_hold_is_no_number_of_a_calibration():
+    with pytest.raises(CalibrationError, match='no number'):
+        CameraModel(640, 480, [10**400] * 9)

@@ -215,5 +215,6 @@ def test_edges_that_tell_no_place_give_no_level() -> None:
 
 def test_a_roll_that_no_horizon_tells_gives_no_level() -> None:
     unknown = COVARIANCE.copy()
-    unknown[3, 3] = math.radians(10.0) ** 2
-    assert 'give attitude' in runway_levels(unknown, 1.0, 0.05).reason
+    for variance in (math.radians(10.0) ** 2, math.nan):
+        unknown[3, 3] = variance
+        assert 'give attitude' in runway_levels(unknown, 1.0, 0.05).reason

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.results import LineFlag, RunwayLine
 
@@ -258,3 +259,14 @@ def test_a_change_of_parameters_takes_effect_at_the_next_frame():
     tested.configure(RunwayDetectorParameters(rho_resolution=1.0, theta_resolution_deg=3.0))
     grid = tested.process(frame, 0).workings.grid
     assert grid.rho[1] - grid.rho[0] == 1.0 and grid.theta.size == 60
+
+
+def test_an_image_of_16_bit_colours_shows_what_the_same_array_does():
+    """Its lower 8 bits, which a camera of 12 bits uses most, were cut off."""
+    levels = np.repeat(np.array([900, 1000, 1100], np.uint16), 60)
+    noise = np.random.default_rng(0).integers(0, 20, (120, 180), np.uint16)
+    colour = cv2.merge([levels[None] + noise] * 3)
+    array = RunwayDetector().process(colour, 0)
+    image = RunwayDetector().process(Image(colour, 'bgr16'), 0)
+    np.testing.assert_equal(image.lines, array.lines)
+    assert array.lines[0].found
