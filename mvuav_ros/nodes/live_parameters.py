@@ -74,7 +74,7 @@ class _SetInAnyOrder(ParameterService):
         request: SetParametersAtomically.Request,
         response: SetParametersAtomically.Response,
     ) -> SetParametersAtomically.Response:
-        wanted, refused = self._changes(list(request.parameters))
+        wanted, refused = self._changes(request.parameters)
         if refused:
             response.result = next(iter(refused.values()))
             return response
@@ -82,7 +82,7 @@ class _SetInAnyOrder(ParameterService):
         return super()._set_parameters_atomically_callback(again, response)
 
     def _changes(
-        self, parameters: list[Any]
+        self, parameters: Sequence[Any]
     ) -> tuple[dict[int, Any], dict[int, SetParametersResult]]:
         """Those that change anything, converted, and those that cannot be set, by their places."""
         node, wanted, refused = self._get_node(), {}, {}
@@ -105,7 +105,7 @@ class _SetInAnyOrder(ParameterService):
         self, request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
         results = [SetParametersResult(successful=True) for _ in request.parameters]
-        wanted, refused = self._changes(list(request.parameters))
+        wanted, refused = self._changes(request.parameters)
         for index, result in refused.items():
             results[index] = result
         waiting = [*wanted]

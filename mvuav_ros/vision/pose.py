@@ -375,6 +375,7 @@ class _ResidualNoise:
         self._risen_for = self._risen_for + 1 if self.has_risen else 0
         if self._risen_for == MAX_RISE:
             self._squares, self._freedom = FIRST_WEIGHT * self._recent, FIRST_WEIGHT
+            self._risen_for = 0
         elif self._risen_for:
             # A sudden rise counts while it lasts, and is soon forgotten.
             squares = min(squares, self._variance * freedom)

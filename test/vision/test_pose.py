@@ -13,7 +13,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 from mvuav_ros.vision.integrity import protection_levels
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.pose import PoseEstimator
+from mvuav_ros.vision.pose import PoseEstimator, _ResidualNoise
 from mvuav_ros.vision.reprojection import Reprojection
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, parse_rig
 from mvuav_thesis.light_flights import LightFlight, LightScene
@@ -429,6 +429,15 @@ def test_where_the_noise_goes_on_it_is_the_usual_one():
     assert sum(told[200:270]) < 30
     assert all(told[270:])
     assert estimator.noise == pytest.approx(0.3, rel=0.2)
+
+
+def test_a_noise_that_rises_again_just_when_it_is_the_usual_one_is_so_in_turn():
+    noise = _ResidualNoise()
+    for deviation, frames in ((0.05, 100), (0.3, 60), (3.0, 200)):
+        for _ in range(frames):
+            noise.learn(2 * deviation**2, 2)
+    assert not noise.has_risen
+    assert noise.usual == pytest.approx(3.0, rel=0.05)
 
 
 def test_three_lights_whose_solutions_meet_have_no_wrong_pose():

@@ -303,7 +303,7 @@ def run_job(
                     reported = time.monotonic()
             else:
                 outcome.note_statuses(source.account)
-                if resets := max(processor.resets for processor in processors):
+                if resets := max((each.resets for each in processors), default=0):
                     said = f'the stamps jump back {resets} times, after which all begins afresh'
                     source.account.note('stamps', said)
         finally:

@@ -131,7 +131,7 @@ class ApproachDetector:
             ValueError: the stamp is before the last one.
         """
         image = as_pixels(image, all_bits=True)
-        stamp_ns = operator.index(stamp_ns)
+        stamp_ns = operator.index(stamp_ns)  # Before another size makes it forget anything
         if not isinstance(attitude, (Attitude, HorizonLine, NoneType)):
             kind = type(attitude).__name__
             raise TypeError(f'attitude must be an Attitude or a HorizonLine, not {kind}')

@@ -457,8 +457,7 @@ class CalibratedTracker:
     def _report(self, estimate: Estimate) -> None:
         """Say what contradicts the calibration."""
         self._doubt = ''
-        if self._lens is None:
-            return
+        assert self._lens is not None
         ours = math.sqrt(self._lens.matrix[0, 0] * self._lens.matrix[1, 1])
         shown = math.exp(estimate.shift) * ours
         if self._lens is not self._camera:

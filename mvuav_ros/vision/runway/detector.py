@@ -89,7 +89,7 @@ class RunwayDetector:
             ValueError: the stamp is before the last one.
         """
         image = as_pixels(image, all_bits=True)
-        stamp_ns = operator.index(stamp_ns)
+        stamp_ns = operator.index(stamp_ns)  # Before another size makes it forget anything
         height, width = image.shape[:2]
         if image.size and self._frame_size != (height, width):
             self.reset()
