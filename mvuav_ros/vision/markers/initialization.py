@@ -113,6 +113,8 @@ def _whole(
     is_sure = best.evidence > SURE_AT_START and lights <= MAX_NAMED
     frames = 1 if alone or is_sure else CONFIRMED
     if not (free or _is_strict(best)):
+        if not alone and _may_be_otherwise(shape, best.lights(spots)):
+            return None
         frames = CONFIRMED_ODD
     remark = '' if alone else f'{lights} lights in view, the {count} that fit were used'
     return Named(best.lights(spots), best.view, frames, residual <= exact, remark)
@@ -130,6 +132,24 @@ def _is_probable(shape: WeakPerspective, body: Hypothesis, lights: int) -> bool:
     count, any_lens = len(shape.points), shape.lens.focal is None
     redundancy = 2 * count - (COUNT if any_lens else FOCAL)
     return lights == count or redundancy > 2 or is_sure or (any_lens and is_strict)
+
+
+def _may_be_otherwise(shape: WeakPerspective, named: Mapping[int, Light]) -> bool:
+    """Whether the lights of a body may as well have all other names, one being another light.
+
+    Where four lie nearly in one plane, a glare may be where an upside-down body has its fifth.
+    """
+    fewest = fewest_at_start(shape)
+    if fewest == len(named):
+        return False
+    markers, lights = [*named], [*named.values()]
+    ways = body_hypotheses(shape, lights, Prior.at_start(shape), fewest)
+    whole = [way.evidence for way in ways if len(way.assignment) == len(lights)]
+    own = max(whole, default=-math.inf)
+    return any(
+        way.evidence > own - MARGIN and all(markers[i] != marker for marker, i in way.assignment)
+        for way in ways
+    )
 
 
 def _with_hidden(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
