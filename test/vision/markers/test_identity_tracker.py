@@ -533,6 +533,25 @@ def test_a_body_with_a_dark_light_begins_with_the_others(darks):
             assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=0.3)
 
 
+@pytest.mark.parametrize('off', [-4.0, 6.0])
+def test_four_lights_and_a_glare_are_no_body_upside_down(off):
+    """It is some px from where an upside-down body has its rudder, for as long as one must be seen.
+
+    Upright the same four fit exactly. The body is named once its rudder is lit.
+    """
+    tracker = MarkerTracker()
+    tracker.set_camera(CAMERA)
+    for step in range(32):
+        body = tanker_before(CAMERA, (-30.0 + step, 15.0, 150.0 - step), 5.0)
+        glare = body[[1, 3]].sum(axis=0) - body[2] + (0.0, off)
+        lit = np.vstack((np.delete(body, 2, axis=0), glare)) if step < 25 else body
+        image = Image(draw(np.vstack((lit, [(60.0, 60.0), (580.0, 420.0)]))), 'mono8')
+        result = tracker.process(image, step * 33_000_000)
+        for marker in result.named:
+            assert (marker.x, marker.y) == pytest.approx(body[int(marker.label)], abs=0.3)
+    assert len(result.named) == 5
+
+
 @pytest.mark.parametrize('every', [4, 7, 10])
 def test_a_garbled_frame_now_and_then_does_not_keep_such_a_body_from_beginning(every):
     """As of a link that fails: it shows other lights, and undoes no more than one that agrees."""
