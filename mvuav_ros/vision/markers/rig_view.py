@@ -27,6 +27,7 @@ _TURNS: Complex = np.zeros((COUNT, 3), np.complex128)
 _TURNS[[SCALE, ROLL], 0], _TURNS[YAW, 1], _TURNS[PITCH, 2] = (1.0, 1j), -1j, 1j
 _NEAREST = 0.05  # Least distance of a marker over the rig's: else it would be behind the camera
 _MIN_AREA = 1e-3  # Twice that of three markers that are not on one line, in squared units
+_EDGE_ON = 1e-6  # Of an area that is seen edge-on: what it counts beside others
 
 
 class _Seen(NamedTuple):
@@ -77,7 +78,8 @@ class WeakPerspective:
     def triangles(self, hidden: int) -> list[tuple[int, int, int]]:
         """Threes of markers, not on one line, of which some are left whichever so many are hidden.
 
-        The largest as seen from behind of those that are left most often.
+        The largest as seen from behind of those that are left most often; of a body whose lights
+        all lie in a plane that is seen edge-on from there, the largest.
         """
         if hidden in self._triangles:
             return self._triangles[hidden]
@@ -85,7 +87,10 @@ class WeakPerspective:
         threes = np.array([*combinations(range(len(flat)), 3)], np.intp).reshape(-1, 3)
         a, b, c = flat[threes].T
         areas = np.abs(((b - a).conjugate() * (c - a)).imag)
-        threes, areas = threes[areas >= _MIN_AREA], areas[areas >= _MIN_AREA]
+        first, second, third = self.points[threes.T]
+        true = np.linalg.norm(np.cross(second - first, third - first), axis=1)
+        areas = np.maximum(areas, _EDGE_ON * true)[true >= _MIN_AREA]
+        threes = threes[true >= _MIN_AREA]
         outs = [{*out} for out in combinations(range(len(flat)), hidden)]
         shows = np.array([[out.isdisjoint(three) for out in outs] for three in threes.tolist()])
         # How often each way of hiding so many is still to be shown.

@@ -78,3 +78,26 @@ def test_lights_in_a_row_are_no_body_whose_markers_form_a_triangle():
     result = tracker.process(Image(frame, 'mono8'), 0)
     assert all(marker.state is MarkerState.LOST for marker in result.markers)
     assert result.status
+
+
+def test_a_flat_body_that_is_seen_from_above_gets_its_names():
+    """From straight behind all its lights are on one line: no three of them were tried."""
+    corners = (
+        ('nose', (0.6, 0.0, 0.0)),
+        ('left', (0.2, 0.5, 0.0)),
+        ('right', (0.1, -0.55, 0.0)),
+        ('tail', (-0.5, 0.1, 0.0)),
+        ('side', (-0.2, -0.3, 0.0)),
+    )
+    rig = MarkerRig('flat', corners, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    tracker = MarkerTracker(rig=rig)
+    tracker.set_camera(CAMERA)
+    c, s = math.cos(math.radians(20.0)), math.sin(math.radians(20.0))
+    # Nose down by 20 degrees.
+    turn = np.array([(0.0, -1.0, 0.0), (s, 0.0, -c), (c, 0.0, s)])
+    seen = CAMERA.project(rig.positions @ turn.T + (0.1, 0.0, 3.0))
+    frame = np.zeros((480, 640), np.uint8)
+    for x, y in seen.tolist():
+        cv2.circle(frame, (round(x), round(y)), 3, 255, -1)
+    markers = tracker.process(Image(frame, 'mono8'), 0).markers
+    np.testing.assert_allclose([(marker.x, marker.y) for marker in markers], seen, atol=1.0)
