@@ -9,7 +9,7 @@ import yaml
 
 
 class Loader(yaml.SafeLoader):
-    """Takes ``1e-7`` for a number, as rcl does; for PyYAML that needs a point and is a text.
+    """Takes ``1e-7`` and ``-.5`` for numbers, as rcl does; for PyYAML they are texts.
 
     As there, a whole number of more than 64 bits is a float. What holds itself is refused.
     """
@@ -32,7 +32,7 @@ class Loader(yaml.SafeLoader):
 Loader.add_constructor('tag:yaml.org,2002:int', Loader._construct_number)
 Loader.add_implicit_resolver(
     'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
+    re.compile(r'[-+]?((\d+\.?\d*|\.\d+)[eE][-+]?\d+|\.\d+)$'),
     list('-+.0123456789'),
 )
 

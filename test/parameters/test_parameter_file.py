@@ -75,7 +75,14 @@ def test_numbers_are_those_of_ros(tmp_path, text, value):
     }
 
 
-@pytest.mark.parametrize('text', ['e7', '1e', "'1e-7'", '1e-7m', 'true'])
+def test_a_sign_before_a_point_begins_a_number(tmp_path):
+    """PyYAML takes ``-.1`` for a text, and ``.1`` for a number."""
+    given = ['marker_tracker:camera_mount_xyz:=[-.1, +.2, .3]', 'marker_tracker:threshold:=+.5']
+    found = resolve_parameters(['marker_tracker'], None, given)['marker_tracker']
+    assert found == {'camera_mount_xyz': (-0.1, 0.2, 0.3), 'threshold': 0.5}
+
+
+@pytest.mark.parametrize('text', ['e7', '1e', '-.', "'-.5'", "'1e-7'", '1e-7m', 'true'])
 def test_what_is_no_number_is_none(tmp_path, text):
     with pytest.raises(ParameterError, match='takes a number'):
         resolve_parameters(['marker_tracker'], None, [f'marker_tracker:integrity_risk:={text}'])

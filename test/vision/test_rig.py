@@ -204,12 +204,12 @@ def test_what_a_rig_file_leaves_out():
     assert rig.reach == 5.0
 
 
-def test_coordinates_may_have_an_exponent(tmp_path):
+def test_coordinates_may_have_an_exponent_or_begin_with_a_point(tmp_path):
     path = tmp_path / 'rig.yaml'
     path.write_text(
-        'markers: {a: [0, 1e-1, 0], b: [0, -2e-1, 1e-2], c: [0, 0.3, 1], d: [1, 0, 5e-1]}'
+        'markers: {a: [0, 1e-1, 0], b: [0, -2e-1, -.01], c: [0, 0.3, 1], d: [1, 0, 5e-1]}'
     )
-    assert load_rig(path).positions[:2].tolist() == [[0.0, 0.1, 0.0], [0.0, -0.2, 0.01]]
+    assert load_rig(path).positions[:2].tolist() == [[0.0, 0.1, 0.0], [0.0, -0.2, -0.01]]
 
 
 @pytest.mark.parametrize('given', [{'prediction': 'velocity'}, {'mode': 'detect'}])
