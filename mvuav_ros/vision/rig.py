@@ -207,7 +207,8 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
         raise RigError('"markers" must map at least one name to [x, y, z] in metres')
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
     dock = content.get('dock', np.mean([position for _, position in lights], axis=0))
-    rig = MarkerRig(str(content.get('name', name)), lights, dock, content.get('boom', dock))
+    given = '' if content.get('name') is None else str(content['name'])
+    rig = MarkerRig(given or name, lights, dock, content.get('boom', dock))
     for (one, first), (other, second) in combinations(rig.markers, 2):
         if math.dist(first, second) <= SAME_PLACE * rig.size:
             raise RigError(f'{one} and {other} are at the same position')

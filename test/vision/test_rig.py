@@ -204,6 +204,12 @@ def test_what_a_rig_file_leaves_out():
     assert rig.reach == 5.0
 
 
+@pytest.mark.parametrize('name', [None, ''])
+def test_a_name_that_is_left_empty_is_none(name):
+    """The body's frame was called None, or nothing."""
+    assert parse_rig({'name': name, 'markers': {'a': [0, 3, 0]}}, 'drone').name == 'drone'
+
+
 def test_coordinates_may_have_an_exponent_or_begin_with_a_point(tmp_path):
     path = tmp_path / 'rig.yaml'
     path.write_text(
