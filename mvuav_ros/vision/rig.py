@@ -209,14 +209,21 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     dock = content.get('dock', np.mean([position for _, position in lights], axis=0))
     given = '' if content.get('name') is None else str(content['name'])
     rig = MarkerRig(given or name, lights, dock, content.get('boom', dock))
-    for (one, first), (other, second) in combinations(rig.markers, 2):
-        if math.dist(first, second) <= SAME_PLACE * rig.size:
-            raise RigError(f'{one} and {other} are at the same position')
+    if twins := same_place(rig):
+        raise RigError(twins)
     if rig.size > LARGEST:
         raise RigError(f'{rig.size:.4g} m across cannot be: positions are in metres')
     if rig.reach == 0.0:
         raise RigError('all markers lie on the x axis, so roll cannot be measured')
     return rig
+
+
+def same_place(rig: MarkerRig) -> str:
+    """Which two lights of a rig are in one place, in words; empty where each has its own."""
+    for (one, first), (other, second) in combinations(rig.markers, 2):
+        if math.dist(first, second) <= SAME_PLACE * rig.size:
+            return f'{one} and {other} are at the same position'
+    return ''
 
 
 def rig_text(rig: MarkerRig, deviations: NDArray[np.float64]) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.reprojection import Reprojection, rotation_of
-from mvuav_ros.vision.rig import MAX_NAMED, MarkerRig
+from mvuav_ros.vision.rig import MAX_NAMED, MarkerRig, same_place
 
 Array = NDArray[np.float64]
 Cycles = tuple[tuple[str, ...], ...]
@@ -53,6 +53,8 @@ def examine(rig: MarkerRig) -> tuple[str, ...]:
         return (f'{len(rig.names)} markers are too few for a pose, which needs four',)
     if len(rig.names) > MAX_NAMED:
         return (f'{len(rig.names)} markers are too many: names can be given to {MAX_NAMED}',)
+    if twins := same_place(rig):
+        return (twins,)
     if dimensions(rig) < 2:
         return ('all markers lie on one line: there is no pose',)
     return tuple(f'the shape is symmetric: {symmetry}' for symmetry in symmetries(rig))

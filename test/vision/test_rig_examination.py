@@ -102,6 +102,10 @@ def test_nearly_symmetric_is_symmetric(change, symmetric):
 def test_two_markers_in_one_place_are_refused():
     with pytest.raises(RigError, match='a and c are at the same position'):
         rig(a=(0, 1, 0), b=(0, 2, 0), c=(0, 1, 0.0001), d=(0, 0, 3))
+    # Of a program's own rig one of the two was lost for ever, and nothing said why.
+    places = (('a', (0, 1, 0)), ('b', (0, 2, 0)), ('c', (0, 1, 0)), ('d', (0, 0, 3)))
+    own = MarkerRig('own', places, dock=(0, 0, 0), boom=(0, 0, 0))
+    assert examine(own) == ('a and c are at the same position',)
 
 
 def test_a_name_that_stands_twice_is_refused(tmp_path):
