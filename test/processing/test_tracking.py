@@ -106,7 +106,7 @@ def test_the_runway_detectors_say_which_mode_they_run(tmp_path: Path) -> None:
         RunwayDetector(parameters)
     with pytest.raises(ParameterError, match='ApproachDetector'):
         RunwayDetector().configure(parameters)
-    assert 'no horizon' in ApproachDetector(parameters).process(GRAY, 0).status
+    assert 'all alike' in ApproachDetector(parameters).process(GRAY, 0).status
 
 
 @pytest.mark.parametrize('make', [MarkerTracker, RunwayDetector, ApproachDetector])

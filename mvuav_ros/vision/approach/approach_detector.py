@@ -56,7 +56,7 @@ class ApproachDetector:
         >>> sky = np.full((240, 320, 3), (230, 180, 140), np.uint8)
         >>> result = ApproachDetector().process(sky, stamp_ns=0)
         >>> result.status, [line.found for line in result.lines]
-        ('no runway: no horizon in view: give attitude', [False, False, False, False, False])
+        ('no runway: the picture is all alike', [False, False, False, False, False])
 
     Attributes:
         attitude_problem: why the newest frame's attitude was not used; empty if it was or there is
@@ -382,10 +382,10 @@ class Finder:
         registration = self.tracker.registration
         if registration.unchanged > (0 if track is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {registration.unchanged} frames'
-        if track is None:
-            return ''
         if registration.is_plain:
             return 'the picture is all alike'
+        if track is None:
+            return ''
         if registration.alike < MOTION.min_alike:
             return 'the picture shows nothing of what the last one did'
         if track.length(focal) < track.min_length and all(track.ends_in_view(level)):

@@ -79,7 +79,7 @@ class StripTracker(Generic[TrackT]):
         self._unlike = self._unlike + 1 if self.registration.alike < MOTION.min_alike else 0
         # Where it goes on it is another scene, or one that moves too fast.
         is_left_out = 0 < self._unlike <= MOTION.max_unlike
-        if is_left_out or (self.registration.is_plain and self.tracks):
+        if is_left_out or self.registration.is_plain:
             self.registration.leave_out()
             return False
         for track, shift in zip(self.tracks, shifts, strict=True):

@@ -66,7 +66,7 @@ def test_a_road_seen_from_a_car_is_no_runway(height, width, aside):
 def test_a_black_or_white_picture(level):
     count, status, _ = confident([np.full((240, 320, 3), level, np.uint8)] * 3)
     assert count == 0
-    assert 'has not changed' in status
+    assert 'is all alike' in status
 
 
 @pytest.mark.parametrize(('level', 'share'), [(150, 0.15), (190, 0.2), (0, 0.2)])
@@ -147,6 +147,18 @@ def test_frames_that_show_nothing_cost_no_others(flight, spoil):
         ]
         found = [result.confidence >= CONFIDENT for result, _ in results(images)]
         assert found == [not spoils for spoils in is_spoilt]
+
+
+@pytest.mark.parametrize('attitude', [None, HorizonLine(HORIZON_ROW, 0.0)], ids=['none', 'given'])
+def test_black_frames_before_a_runway_was_found_cost_no_others(flight, attitude):
+    """As of a camera that starts: the first picture that shows anything is searched as a whole."""
+    undisturbed = [result.confidence for result, _ in results(flight[:8], attitude)]
+    black = np.zeros_like(flight[0])
+    late = [result.confidence for result, _ in results([black] * 3 + flight[:8], attitude)]
+    assert late == [0.0] * 3 + undisturbed
+    between = [each for image in flight[:8] for each in (black, image)]
+    found = [result.confidence >= CONFIDENT for result, _ in results(between, attitude)]
+    assert found == [False, True] * 8
 
 
 def test_a_torn_picture_is_reported_where_the_runway_is(flight):
