@@ -144,7 +144,8 @@ def fan_jobs(first: float, last: float, level: int) -> Iterator[Job]:
         step = 0.4 * depth
         # Much of the compared part of a strip must be in the image.
         top = max(first, 0.5 - SEARCH.last_first_row * depth)
-        rows = np.arange(top, last + 0.5 * step, step)
+        # NumPy refuses the rows down to where nothing is, of a horizon far above the picture.
+        rows = np.arange(top, max(top, last + 0.5 * step), step)
         yield depth, rows.tolist()
 
 

@@ -231,6 +231,12 @@ def test_nothing_above_the_horizon_is_reported(flight):
     assert confident(sky, HorizonLine(239.0 - HORIZON_ROW, 0.0))[0] == 0
 
 
+@pytest.mark.parametrize('row', [-1e300, -1e21, 1e300])
+def test_a_horizon_may_be_anywhere(flight, row):
+    """As of a camera that is rolled by a quarter turn, to within rounding."""
+    assert confident(flight[:2], HorizonLine(row, 0.0)) == (0, 'no runway', '')
+
+
 def test_a_track_above_the_horizon_is_vetoed(flight):
     """Even one that was reported before the horizon was known."""
     detector = ApproachDetector(RunwayDetectorParameters(mode='approach', min_confidence=0.0))
