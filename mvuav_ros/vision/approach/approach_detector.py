@@ -294,7 +294,8 @@ def _slope_sigma(meeting: float, found: Found) -> float:
     away = abs(meeting - found.horizon_row) / (0.5 * found.level.width)
     share = GUIDANCE.slope_share if found.stated_sigma is None else GUIDANCE.stated_slope_share
     sigmas = GUIDANCE.slope_sigma, share * max(0.0, away - GUIDANCE.max_usual_away)
-    return min(math.hypot(*sigmas, found.stated_sigma or 0.0), GUIDANCE.bank_sigma)
+    # In this order one of NaN is that of no horizon.
+    return min(GUIDANCE.bank_sigma, math.hypot(*sigmas, found.stated_sigma or 0.0))
 
 
 def _across(found: Found) -> tuple[Point, Point] | None:

@@ -13,6 +13,7 @@ from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.ground_motion import Overlaid
+from mvuav_ros.vision.approach.tuning import GUIDANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image
@@ -229,6 +230,15 @@ def test_nothing_above_the_horizon_is_reported(flight):
     """A runway in the sky: the view upside down, with the horizon as attitude would give it."""
     sky = [np.ascontiguousarray(image[::-1]) for image in flight]
     assert confident(sky, HorizonLine(239.0 - HORIZON_ROW, 0.0))[0] == 0
+
+
+def test_a_deviation_that_is_no_number_is_that_of_no_horizon(flight):
+    parameters = RunwayDetectorParameters(mode='approach', runway_width=30.0)
+    detector = ApproachDetector(parameters)
+    detector.set_camera(CameraModel(320, 240, (300, 0, 160, 0, 300, 120, 0, 0, 1)))
+    guidance = detector.process(flight[0], 0, HorizonLine(HORIZON_ROW, 0.0, math.nan)).guidance
+    assert guidance is not None and guidance.known
+    assert guidance.covariance[3, 3] == pytest.approx(GUIDANCE.bank_sigma**2)
 
 
 @pytest.mark.parametrize('row', [-1e300, -1e21, 1e300])
