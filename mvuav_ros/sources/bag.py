@@ -307,7 +307,8 @@ def _frames(
     try:
         packet = _video_packet(recorded)
     except ImageError as error:
-        yield BadFrame(recorded.stamp_ns, str(error))
+        if wanted:
+            yield BadFrame(stamp_ns, str(error))
         return
     if packet is not None:
         packet.stamp_ns = stamp_ns

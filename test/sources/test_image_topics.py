@@ -30,6 +30,7 @@ from mvuav_ros.messages.images import (
     COMPRESSED_IMAGE,
     COMPRESSED_VIDEO,
     FFMPEG_PACKET,
+    BadFrame,
     Frame,
     is_image_type,
     serialize_image,
@@ -41,6 +42,7 @@ from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.bag import BagImages, choose_image_topic
 from mvuav_ros.sources.opening import open_source
+from mvuav_ros.sources.source import Selection
 from mvuav_ros.vision.image import Image
 
 
@@ -210,6 +212,18 @@ def test_images_without_a_stamp_count_from_their_recording(tmp_path: Path) -> No
     assert [frame.stamp_ns for frame in source.frames()] == [1, 2, 3, START_NS, 5, START_NS + 9]
     (said,) = source.account.warnings
     assert said.startswith('4 images have no stamp') and said.endswith('time of recording counts')
+
+
+def test_of_images_that_are_cut_off_only_those_of_the_part_are_given(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag.mcap'
+    with RecordingWriter(bag) as writer:
+        for number in range(8):
+            data = compressed_image(bytes(100), 'jpeg', START_NS + number)
+            whole = number % 4 > 1
+            writer.write('/compressed', COMPRESSED_IMAGE, 1, data if whole else data[:60])
+    third = list(BagImages(bag).items(Selection(every=3)))
+    assert [item.stamp_ns - START_NS for item in third] == [0, 3, 6]
+    assert [isinstance(item, BadFrame) for item in third] == [True, False, False]
 
 
 def test_the_calibration_of_images_that_are_missing_is_not_that_of_the_others(
