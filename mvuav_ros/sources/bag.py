@@ -340,10 +340,12 @@ class SynchronizedTopics:
         self._attitudes = AttitudePairing[AnyFrame]()
 
     def look_ahead(self, recording: Recording, start_ns: int) -> None:
-        """What holds for a part may have been published once, before the part begins."""
-        if self._static_topic is not None:
-            for message in recording.messages({self._static_topic}, None, start_ns):
-                self.take(message)
+        """What holds for a part, or for its first images, may come before the part begins."""
+        # An image is recorded later than the attitude of its time.
+        for topic, first_ns in ((self._static_topic, None), (self._imu_topic, start_ns - _NS)):
+            if topic is not None:
+                for message in recording.messages({topic}, first_ns, start_ns):
+                    self.take(message)
         if self._camera_topic is None:
             return
         counts = {topic.name: topic.message_count for topic in recording.topics}

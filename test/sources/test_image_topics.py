@@ -35,7 +35,7 @@ from mvuav_ros.messages.images import (
     is_image_type,
     serialize_image,
 )
-from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, topic_beside
+from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, encode_imu, topic_beside
 from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
@@ -43,6 +43,7 @@ from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.bag import BagImages, choose_image_topic
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import Selection
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import Image
 
 
@@ -212,6 +213,21 @@ def test_images_without_a_stamp_count_from_their_recording(tmp_path: Path) -> No
     assert [frame.stamp_ns for frame in source.frames()] == [1, 2, 3, START_NS, 5, START_NS + 9]
     (said,) = source.account.warnings
     assert said.startswith('4 images have no stamp') and said.endswith('time of recording counts')
+
+
+def test_the_first_image_of_a_part_has_its_attitude_from_before_it(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag.mcap'
+    with RecordingWriter(bag) as writer:
+        for number in range(10):
+            stamp_ns = START_NS + number * 10_000_000
+            seen = Attitude.from_roll_pitch(0.1 * number, 0.0)
+            writer.write('/imu', IMU, stamp_ns, encode_imu(seen, cdr_header(stamp_ns, 'imu')))
+            header, pixels = cdr_header(stamp_ns + 5_000_000, 'nose'), np.zeros((4, 4), np.uint8)
+            data = serialize_image(Image(pixels, 'mono8'), header)
+            writer.write('/image_raw', IMAGE, stamp_ns + 25_000_000, data)
+    whole = list(BagImages(bag).items(attitude=True))
+    part = list(BagImages(bag).items(Selection(start_s=0.05), attitude=True))
+    assert part == whole[3:]
 
 
 def test_of_images_that_are_cut_off_only_those_of_the_part_are_given(tmp_path: Path) -> None:
