@@ -13,6 +13,7 @@ import yaml
 
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import METADATA
+from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.recordings.writing import RecordingWriter
 
 _VERSION = 5
@@ -46,7 +47,7 @@ class Rosbag2Writer(RecordingWriter):
         super().__exit__(kind)
         if kind is None or not issubclass(kind, Exception):
             content = yaml.safe_dump(self._metadata(), sort_keys=False)
-            (self.path / METADATA).write_text(content, encoding='utf-8')
+            write_whole(self.path / METADATA, content)
         elif not any(self.path.iterdir()):
             self.path.rmdir()
 

@@ -13,6 +13,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.opcode import Opcode
@@ -38,6 +39,7 @@ from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.remote import write_whole
+from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.writing import RecordingWriter
 
 SAMPLES = [*image_samples(600), string_sample(600), string_sample(601, '/other')]
@@ -329,6 +331,28 @@ def test_a_file_that_cannot_be_written_whole_is_named_and_not_left(tmp_path: Pat
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert path.read_bytes() == b'before'
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_whose_metadata_find_no_room_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, limits = tmp_path / 'a', resource.getrlimit(resource.RLIMIT_FSIZE)
+    content = Rosbag2Writer._metadata
+
+    def with_little_room(writer: Rosbag2Writer) -> dict[str, Any]:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+        return content(writer)
+
+    monkeypatch.setattr(Rosbag2Writer, '_metadata', with_little_room)
+    try:
+        with (
+            pytest.raises(RecordingError, match=r'a/metadata\.yaml cannot be written'),
+            open_writer(folder, 0) as writer,
+        ):
+            writer.write(*SAMPLES[0])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [file.name for file in folder.iterdir()] == ['a_0.mcap']
 
 
 @pytest.mark.parametrize('path', [Path(), Path('/')])
