@@ -178,8 +178,9 @@ class Tum(Table):
         numbers = [float(number) for number in pose]
         if not all(map(math.isfinite, numbers)):
             return ''
-        seconds, rest = divmod(int(stamp_ns), _NS)
-        return f'{seconds}.{rest:09d} {" ".join(map(repr, numbers))}\n'
+        seconds, rest = divmod(abs(int(stamp_ns)), _NS)
+        sign = '-' if int(stamp_ns) < 0 else ''
+        return f'{sign}{seconds}.{rest:09d} {" ".join(map(repr, numbers))}\n'
 
 
 class Mot(Table):

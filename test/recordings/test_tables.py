@@ -20,7 +20,7 @@ from support.commands import mvuav
 from support.hostile_recordings import GOOD_CLOUD, cloud, write_clouds
 from support.recording_samples import STORE, Sample, cdr, mcap_ends, pose_sample, write_mcap
 
-from mvuav_ros.messages.cdr import PointLayout, cdr_header, view_points
+from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles, view_points
 from mvuav_ros.messages.marker_messages import encode_markers, encode_rpy
 from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings import result_rows, tables
@@ -172,6 +172,17 @@ def test_tum_holds_known_poses_with_exact_stamps(results: Path, tmp_path: Path) 
     assert list(files.values()) == [1]
     (file,) = files
     assert file.read_text() == '1700000000.123456789 0.1 2.0 3.0 0.0 0.0 0.0 1.0\n'
+
+
+def test_times_of_tum_rise_before_1970_too(tmp_path: Path) -> None:
+    stamps = [-1_966_666_667, -1, 1]
+    samples = [
+        Sample('/pose', POSE, 1, stamped_doubles(cdr_header(stamp_ns, 'camera'), *range(7)))
+        for stamp_ns in stamps
+    ]
+    (file,) = export(write_mcap(tmp_path / 'a.mcap', samples), tmp_path / 'out', 'tum')
+    times = [line.split()[0] for line in file.read_text().splitlines()]
+    assert times == ['-1.966666667', '-0.000000001', '0.000000001']
 
 
 def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
