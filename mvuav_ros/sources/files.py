@@ -128,6 +128,8 @@ class VideoFile(FrameSource):
             container = av.open(_place(self._path), options=limits)
         except (av.error.FFmpegError, ValueError):
             container = None
+        if container is not None and container.format.name == 'tty':  # FFmpeg draws any text
+            container = None
         # Of a codec that FFmpeg does not know there is no context.
         if container is None or not any(s.codec_context for s in container.streams.video[:1]):
             said = 'is not a video that FFmpeg can read; convert it, for example with '

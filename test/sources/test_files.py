@@ -175,6 +175,13 @@ def test_a_video_under_another_name(tmp_path: Path) -> None:
         assert len(list(open_source(str(made)).frames())) == 6
 
 
+def test_a_text_is_no_video(tmp_path: Path) -> None:
+    path = tmp_path / 'notes.txt'
+    path.write_text('a flight\n' * 100)
+    with pytest.raises(SourceError, match='not a video that FFmpeg can read'):
+        open_source(str(path))
+
+
 def test_a_codec_that_ffmpeg_does_not_know(tmp_path: Path) -> None:
     path = write_video(tmp_path / 'a.mp4', TIMES_MS)
     content = path.read_bytes()
