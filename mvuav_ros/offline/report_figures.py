@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -82,8 +83,11 @@ def drawing(width: float = 9.6, height: float = 3.8) -> Iterator[Canvas]:
         canvas = Canvas(Figure(figsize=(width, height), layout='constrained'))
         yield canvas
         buffer = io.BytesIO()
-        # Without the drawing library's advertisement, the same data give the same bytes.
-        canvas.figure.savefig(buffer, dpi=_DPI, format='png', metadata={'Software': None})
+        with warnings.catch_warnings():
+            # Letters that the font lacks are boxes.
+            warnings.filterwarnings('ignore', 'Glyph')
+            # Without the drawing library's advertisement, the same data give the same bytes.
+            canvas.figure.savefig(buffer, dpi=_DPI, format='png', metadata={'Software': None})
         canvas.png = buffer.getvalue()
 
 

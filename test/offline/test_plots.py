@@ -343,6 +343,16 @@ def test_names_are_no_formulas(season: Path, tmp_path: Path) -> None:
     assert (tmp_path / 'out' / 'plots' / 'x${y$_{.png').exists()
 
 
+@pytest.mark.filterwarnings('error:Glyph')
+def test_a_name_in_letters_that_the_font_lacks_is_drawn_without_a_word(
+    season: Path, tmp_path: Path
+) -> None:
+    results = tmp_path / '飛行.mcap'
+    results.write_bytes((season / 'flight_0.mcap').read_bytes())
+    run = mvuav('export', results, '-o', tmp_path / 'out', '--plot')
+    assert run.status == 0
+
+
 def test_the_rig_may_change_in_the_middle_of_a_recording(tmp_path: Path) -> None:
     def encode(number: int, header: bytes) -> bytes:
         labels = range(5 if number % 4 else 4)
