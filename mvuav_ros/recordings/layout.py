@@ -150,8 +150,8 @@ def _are_parts(names: Sequence[str]) -> bool:
 
 
 def natural_key(file: Path) -> list[str | int]:
-    """Sorts bag_10 behind bag_9."""
-    parts: list[str | int] = [*re.split(r'(\d+)', file.name)]
+    """Sorts bag_10 behind bag_9, and one folder's files behind those of another."""
+    parts: list[str | int] = [*re.split(r'(\d+)', str(file))]
     parts[1::2] = map(int, parts[1::2])
     return parts
 

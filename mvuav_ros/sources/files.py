@@ -25,7 +25,7 @@ _MAX_FILE = MAX_PIXELS * 8 + (1 << 20)
 
 
 class ImageFolder(FrameSource):
-    """Image files in the order of the numbers in their names; file k has the stamp k / rate."""
+    """Image files in the order of the numbers in their paths; file k has the stamp k / rate."""
 
     def __init__(self, name: str, files: Sequence[Path], rate: float | None = None) -> None:
         """Take the files (in any order) that are images; the name is for people, the rate in Hz.

@@ -72,6 +72,13 @@ def test_a_glob_and_a_single_image(tmp_path):
     assert open_source(str(tmp_path / 'image_3.png')).count == 1
 
 
+def test_a_glob_of_several_folders_takes_one_after_the_other(tmp_path):
+    for number, count in ((9, 2), (10, 3)):
+        write_images(tmp_path / f'part_{number}', count)
+    frames = open_source(str(tmp_path / 'part_*' / '*.png')).frames()
+    assert [int(frame.image.pixels[0, 0]) for frame in frames] == [0, 1, 0, 1, 2]
+
+
 def test_a_glob_below_a_folder_whose_name_has_brackets(tmp_path, monkeypatch):
     folder = write_images(tmp_path / 'flight[1] (2)', 2)
     monkeypatch.chdir(tmp_path)
