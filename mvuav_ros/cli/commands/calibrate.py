@@ -102,6 +102,8 @@ rig = typer.Typer(help='Examine and calibrate marker rigs.', no_args_is_help=Tru
 _REACHES = (2.0, 5.0, 10.0, 20.0)
 """Distances that are looked at if none is given, in units of the rig's size."""
 _LISTED = 6
+_ONE_POINT = 5.0
+"""Size in the image, px, below which there may be no pose with exchanged names."""
 
 
 @rig.command()
@@ -152,7 +154,7 @@ def check(
             seen = f'{camera.width} px, {camera_info or f"{fov:g} deg"}'
             say('', f'pose from straight behind, {seen}, {noise:g} px of noise')
             _say_errors(errors)
-        if in_view := [e.distance for e in errors if not math.isnan(e.span)]:
+        if in_view := [e for e in errors if not math.isnan(e.span)]:
             _say_exchanges(body, camera, in_view[0])
     if doubts:
         raise typer.Exit(1)
@@ -186,14 +188,16 @@ def _say_errors(errors: Iterable[PoseError]) -> None:
         say(f'{e.distance:10.4g} {near if math.isnan(e.span) else sizes + " " + numbers}')
 
 
-def _say_exchanges(body: MarkerRig, camera: CameraModel, distance: float) -> None:
-    """Which names look most alike at a distance, m."""
+def _say_exchanges(body: MarkerRig, camera: CameraModel, at: PoseError) -> None:
+    """Which names look most alike at a distance."""
     from mvuav_ros.vision.rig_examination import confusions
 
-    say('', f'exchanged names with the smallest residuals, at {distance:.4g} m')
-    exchanges = confusions(body, camera, distance)
-    if not exchanges:
+    say('', f'exchanged names with the smallest residuals, at {at.distance:.4g} m')
+    exchanges = confusions(body, camera, at.distance)
+    if not exchanges and at.span < _ONE_POINT:
         say('too far away: all markers are nearly one point')
+    elif not exchanges:
+        say('none: with other names the body would not be seen from behind')
     for found in exchanges[:_LISTED]:
         names = ', '.join(' -> '.join(cycle) for cycle in found.names)
         turned = f'pitch {found.pitch_deg:g}, yaw {found.yaw_deg:g} deg'

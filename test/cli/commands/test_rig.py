@@ -204,6 +204,18 @@ def test_a_rig_too_far_away_to_be_told():
     assert run.out.splitlines()[-1] == 'too far away: all markers are nearly one point'
 
 
+def test_three_lights_whose_names_cannot_be_exchanged_are_not_too_far_away(tmp_path):
+    """A flat triangle with other names would be seen from ahead."""
+    rig = tmp_path / 'three.yaml'
+    lights = 'a: [0.0, 0.6, 0.0]\n  b: [0.0, -0.6, 0.0]\n  c: [0.0, 0.0, 0.3]\n'
+    rig.write_text(f'name: three\nmarkers:\n  {lights}')
+    near, far = (mvuav('rig', 'check', rig, '--distance', metres).out for metres in (2.4, 1e6))
+    assert near.endswith(
+        'at 2.4 m\nnone: with other names the body would not be seen from behind\n'
+    )
+    assert far.endswith('too far away: all markers are nearly one point\n')
+
+
 @pytest.mark.parametrize('distance', [5, 10, 20])
 def test_a_rig_too_near_to_be_seen_has_no_errors(distance):
     """Beside the image, or behind the camera, as the stabilizers at 10 m are."""
