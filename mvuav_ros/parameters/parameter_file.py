@@ -31,7 +31,10 @@ def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
 def _values_of(
     node: str, sections: Iterable[_Section], file: str, image_topic: str | None = None
 ) -> dict[str, object]:
-    """The node's, in whichever namespace; of several that differ, that of the image topic's."""
+    """The node's, in whichever namespace; of several that differ, that of the image topic's.
+
+    Where none is in that namespace, one of the node in any (``/**/marker_tracker``) comes first.
+    """
     every = {name for kind in NODE_PARAMETERS.values() for name in kind.names()}
     others = every.difference(NODE_PARAMETERS[node].names())
     ours = [(f'/{key.strip("/")}', section) for key, section in sections if names_node(key, node)]
@@ -39,7 +42,9 @@ def _values_of(
     if image_topic:
         topic = f'/{image_topic.lstrip("/")}'
         inside = [name for name in names if topic.startswith(name.removesuffix(node))]
-        names = sorted(inside, key=len)[-1:] or names
+        own = f'{topic.rpartition("/")[0]}/{node}'
+        is_wild = any(fits(key, own) and '*' not in key.rsplit('/', 1)[-1] for key, _ in ours)
+        names = sorted(inside, key=len)[-1:] or ([own] if is_wild else names)
     found: list[dict[str, object]] = [{} for _ in names]
     for name, values in zip(names, found, strict=True):
         for key, section in ours:

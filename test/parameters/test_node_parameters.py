@@ -121,6 +121,22 @@ def test_of_a_node_in_several_namespaces_the_image_topics_own_counts(tmp_path: P
     assert '--image-topic' in run.error and not (tmp_path / 'out.mcap').exists()
 
 
+def test_a_camera_without_a_section_has_that_of_all_cameras(tmp_path: Path) -> None:
+    """As the live node of that camera has it, not what is set for another camera alone."""
+    path = tmp_path / 'cameras.yaml'
+    path.write_text(
+        '/**/marker_tracker: {ros__parameters: {threshold: 0.4}}\n'
+        '/left/marker_tracker: {ros__parameters: {threshold: 0.6}}\n'
+    )
+    thresholds = {'/left/image_raw': 0.6, '/right/image_raw': 0.4, '/image_raw': 0.4}
+    for topic, threshold in thresholds.items():
+        given = resolve_parameters(['marker_tracker'], path, (), topic)
+        assert given == {'marker_tracker': {'threshold': threshold}}, topic
+    path.write_text(path.read_text().replace('/**/marker_tracker', '/**'))
+    given = resolve_parameters(['marker_tracker'], path, (), '/camera/image_raw')
+    assert given == {'marker_tracker': {'threshold': 0.6}}, 'the only node of the file'
+
+
 def test_nodes_of_one_name_that_agree_are_one(tmp_path: Path) -> None:
     path = tmp_path / 'cameras.yaml'
     section = '/marker_tracker: {ros__parameters: {threshold: 0.4}}\n'
