@@ -171,15 +171,16 @@ class Recording(AbstractContextManager['Recording']):
                 self._folder, self._unpacked = TemporaryDirectory(prefix='mvuav_'), path
                 target = Path(self._folder.name) / path.name.removesuffix('.zstd')
                 decompress_file(path, target, self.account, limit)
-            self._opened[path] = _opened(target, self.account, limit)
+            self._opened[path] = _opened(target, path, self.account, limit)
         return self._opened[path]
 
 
-def _opened(path: Path, account: Account, limit: Limit) -> RecordingFile:
+def _opened(path: Path, named: Path, account: Account, limit: Limit) -> RecordingFile:
+    """The file at a path, which the user has named so: it may be an unpacked one."""
     start = start_of(path)
     if not path.is_file():
-        raise RecordingError(f'{path} is neither a file nor a folder')
-    if not start:
+        raise RecordingError(f'{named} is neither a file nor a folder')
+    if not start and named == path:
         raise RecordingError(f'{path} is empty')
     for magic, _, kind in _FORMATS:
         if start.startswith(magic):
@@ -190,9 +191,11 @@ def _opened(path: Path, account: Account, limit: Limit) -> RecordingFile:
             account.lose(path.name, 'start', said, 0)
             return kind(path, account, limit)
     if any(magic.startswith(start) for magic, _, _ in _FORMATS):
-        raise RecordingError(f'{path} was cut off within its first bytes; nothing can be recovered')
+        raise RecordingError(
+            f'{named} was cut off within its first bytes; nothing can be recovered'
+        )
     raise RecordingError(
-        f'{path} is not a recording; give a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
+        f'{named} is not a recording; give a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
     )
 
 

@@ -197,3 +197,15 @@ def test_a_compressed_part_is_read_where_the_next_cannot_be(tmp_path: Path, kept
         assert contents(recording) == SAMPLES
         assert recording.account.errors
         assert all('flight_1' in error for error in recording.account.errors)
+
+
+@pytest.mark.parametrize(
+    'content', [zstandard.compress(bytes(999))[:9], zstandard.compress(b'a')], ids=['cut', 'text']
+)
+def test_a_compressed_file_that_holds_nothing_is_named_as_it_lies(
+    tmp_path: Path, content: bytes
+) -> None:
+    path = tmp_path / 'a.mcap.zstd'
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=rf'^{re.escape(str(path))} (was cut off|is not a)'):
+        open_recording(path)
