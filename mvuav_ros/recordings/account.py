@@ -96,6 +96,11 @@ class Account:
         """Take what a list of files says of one, which counts where that has no index itself."""
         self._promised[file] = written
 
+    def promised(self, files: Iterable[Hashable]) -> int | None:
+        """How many messages a list of files says that these have; None if not of all."""
+        counts = [self._promised.get(file) for file in files]
+        return None if None in counts else sum(count or 0 for count in counts)
+
     def settle(self, file: Hashable, written: int | None, sound: int) -> None:
         """Balance a file that was read to its end: what is missing without a reason is a loss, too.
 

@@ -104,7 +104,8 @@ def _chosen(present: list[Path], listed: Sequence[str], account: Account) -> lis
         names = ', '.join(missing[:3]) + (', …' if len(missing) > 3 else '')
         of = f'{len(missing)} of the {counted(len(listed), "file")} that {METADATA} lists'
         are = 'is' if len(missing) == 1 else 'are'
-        account.lose(METADATA, 'missing', f'{of} {are} missing: {names}')
+        lost = account.promised(map(_plain, missing))
+        account.lose(METADATA, 'missing', f'{of} {are} missing: {names}', lost)
     series = {_part(name)[0] for name in listed}
     for entry in present:
         if _plain(entry.name) in plain:

@@ -28,6 +28,7 @@ from support.recording_samples import (
 
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.rosbag2_folder import open_writer
 
 SAMPLES = image_samples(30)
 CUTS = 60
@@ -318,6 +319,24 @@ def test_metadata_of_copies_of_copies_are_not_unfolded(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < 4_000_000
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize('is_counted', [True, False])
+def test_a_missing_part_is_counted_where_the_metadata_count_it(
+    tmp_path: Path, is_counted: bool
+) -> None:
+    folder = tmp_path / 'bag'
+    with open_writer(folder, 1) as writer:
+        for sample in image_samples(70):
+            writer.write(*sample)
+    metadata, parts = folder / 'metadata.yaml', sorted(folder.glob('*.mcap'))
+    parts[1].unlink()
+    if not is_counted:
+        metadata.write_text(metadata.read_text().replace('  files:', '  others:'))
+    with open_recording(folder) as recording:
+        kept, account = sum(1 for _ in recording.messages()), recording.account
+    assert len(parts) > 2 and 0 < kept < 70
+    assert (account.lost, account.is_exact) == ((70 - kept, True) if is_counted else (0, False))
 
 
 def test_an_empty_last_part_does_not_hide_the_others(tmp_path: Path) -> None:
