@@ -245,9 +245,10 @@ def _nodes(source: str, assignments: Iterable[str]) -> list[str]:
 
 def _require_truth(run: EvaluationRun, source: str) -> None:
     if not run.truth.stamps:
+        how = 'mvuav simulate writes bags that do, and mvuav replay --keep-inputs keeps it'
         raise RecordingError(
             f'{source} holds no truth (/truth/markers, /truth/rpy, /truth/pose, /truth/lines); '
-            + '; '.join(['mvuav simulate writes bags that do', *run.errors])
+            + '; '.join([how, *run.errors])
         )
     if run.mismatch:
         raise RecordingError(f'{source}: {run.mismatch}')

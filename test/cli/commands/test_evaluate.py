@@ -383,7 +383,7 @@ def test_evaluate_needs_truth(tmp_path):
 
     with RecordingWriter(tmp_path / 'empty.mcap'):
         pass
-    with pytest.raises(RecordingError, match='truth'):
+    with pytest.raises(RecordingError, match=r'holds no truth.* replay --keep-inputs keeps it'):
         run('evaluate', tmp_path / 'empty.mcap', '-o', tmp_path / 'out')
 
 
