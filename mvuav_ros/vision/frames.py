@@ -25,6 +25,7 @@ FLU_FROM_FRD: Matrix = np.diag([1.0, -1.0, -1.0])
 
 
 _GIMBAL_LOCK = 1e-9  # rad off straight up or down, below which rounding would decide roll and yaw
+_MAX_OFF_ROTATION = 0.01  # of the products of a rotation's axes
 
 
 def about_x(angle: float) -> Matrix:
@@ -60,6 +61,19 @@ def rpy(rotation: Matrix) -> tuple[float, float, float]:
         return math.atan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0
     roll = math.atan2(rotation[2, 1], rotation[2, 2])
     return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+
+
+def given_rotation(matrix: Any) -> Matrix:
+    """A copy of what a program gives as a rotation.
+
+    Raises:
+        ValueError: it is none.
+    """
+    given = np.array(matrix, np.float64)
+    is_one = given.shape == (3, 3) and np.abs(given @ given.T - np.eye(3)).max() < _MAX_OFF_ROTATION
+    if not (is_one and np.linalg.det(given) > 0.0):
+        raise ValueError(f'not a (3, 3) rotation matrix: {given.tolist()!r:.200}')
+    return given
 
 
 def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:

@@ -341,3 +341,17 @@ def test_what_is_no_calibration_attitude_or_result_is_refused_at_once(wrong: Any
         CameraModel(640.5 if isinstance(wrong, int) else wrong, 480, k=np.eye(3))
     with pytest.raises(SourceError, match='no image topic'):
         open_source(ROOT / 'bags' / 'tanker.mcap', topic=wrong)
+
+
+@pytest.mark.parametrize('made', [MarkerTracker, ApproachDetector])
+@pytest.mark.parametrize(
+    'wrong',
+    [None, (0.0, 20.0, 0.0), np.eye(4), 2 * np.eye(3), np.diag((1, 1, -1)), np.nan * np.eye(3)],
+)
+def test_a_mount_that_is_no_rotation_is_refused_at_once(made: Any, wrong: Any) -> None:
+    """Not frames later, nor taken for another mount."""
+    detector = made()
+    detector.set_mount(np.eye(3).tolist())
+    with pytest.raises(ValueError, match='rotation matrix'):
+        detector.set_mount(wrong)
+    assert detector.process(GRAY, 0).status

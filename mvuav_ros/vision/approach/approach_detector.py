@@ -33,7 +33,7 @@ from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tuning import DETECTOR, GUIDANCE, MOTION, SEARCH
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frame_clock import FrameClock
-from mvuav_ros.vision.frames import Attitude
+from mvuav_ros.vision.frames import Attitude, given_rotation
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.correction import jumps
@@ -92,9 +92,13 @@ class ApproachDetector:
 
         It is (3, 3), the camera's axes (x forward, y left, z up) in those of the body, which are
         named likewise. After one that turns the images upside down it is searched afresh.
+
+        Raises:
+            ValueError: it is no rotation.
         """
+        mount = given_rotation(mount)
         turned = is_mounted_upside_down(mount) != is_mounted_upside_down(self._mount)
-        self._mount = np.array(mount, np.float64)
+        self._mount = mount
         if turned:
             self.reset()
 

@@ -13,7 +13,7 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frame_clock import FrameClock
-from mvuav_ros.vision.frames import rpy
+from mvuav_ros.vision.frames import given_rotation, rpy
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
 from mvuav_ros.vision.markers.lights import brightness_problem
@@ -131,8 +131,11 @@ class MarkerTracker:
 
         It is (3, 3), the camera's axes (x forward, y left, z up) in those of the vehicle, which are
         named likewise. After one of another roll all earlier frames are forgotten.
+
+        Raises:
+            ValueError: it is no rotation.
         """
-        upright = -rpy(mount)[0]
+        upright = -rpy(given_rotation(mount))[0]
         if abs(upright - self._upright) > _SAME_ROLL:
             self._upright = upright
             self.reset()
