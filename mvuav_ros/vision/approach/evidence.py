@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -90,15 +91,22 @@ class GreyLevels:
 
     def __init__(self) -> None:
         self._bits = 8
+        self._newest_bits: deque[int] = deque(maxlen=LEVELS.bit_frames)
         self._ends: NDArray[np.float64] | None = None  # between which most of the pixels are
 
     def levels(self, image: Pixels) -> Pixels:
-        """A frame in 256 grey levels, by the brightest pixel of this camera by now."""
+        """A frame in 256 grey levels, by the brightest pixel of this camera by now.
+
+        But for the first, two of the last frames must show more bits: one may be damaged.
+        """
         if image.size == 0:
             return image
         if image.dtype != np.uint8:
-            self._bits = max(self._bits, int(image.max()).bit_length())
-            image = np.asarray(image >> (self._bits - 8), np.uint8)
+            newest = max(8, int(image.max()).bit_length())
+            self._newest_bits.append(newest)
+            both = sorted(self._newest_bits)[-2:]
+            self._bits = newest if self._bits == 8 else max(self._bits, both[0])
+            image = np.minimum(image >> (self._bits - 8), 255).astype(np.uint8)
         return self._stretched(image)
 
     def _stretched(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:

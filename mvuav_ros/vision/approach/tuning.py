@@ -59,6 +59,7 @@ class HorizonTuning:
 class LevelsTuning:
     """Of frames that use a part of the grey levels. Runs 3 and 5, in fog and underexposed."""
 
+    bit_frames: int = 8  # of which two must have a brightest pixel of more bits, to believe it
     columns: int = 40  # at least, of those that are looked at
     shares: tuple[float, float] = (2.0, 98.0)  # %, of the values that are below both ends
     min_spread: float = 10.0  # grey levels between both ends: noise alone has 4 to 8

@@ -83,6 +83,18 @@ def test_a_dark_frame_is_not_raised_once_the_camera_is_known():
     assert depth.levels(np.full((4, 4), 300, np.uint16)).max() == 18
 
 
+def test_a_damaged_pixel_does_not_darken_all_frames_after_it():
+    depth, whole = GreyLevels(), np.full((4, 4), 4000, np.uint16)
+    depth.levels(whole)
+    damaged = whole.copy()
+    damaged[0, 0] = 65_535
+    shown = depth.levels(damaged)
+    assert (shown[0, 0], shown.min()) == (255, 250)
+    assert depth.levels(whole).max() == 250
+    sun = [depth.levels(damaged) for _ in range(2)][1]
+    assert (sun.min(), depth.levels(whole).max()) == (15, 15)
+
+
 def lane(left=1.0, right=1.0, dashed=False, middle=False) -> np.ndarray:
     """A lane between painted lines of so much contrast, and a line in the middle of it."""
     rows, columns = np.mgrid[:240, :320].astype(float)
