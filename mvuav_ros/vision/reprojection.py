@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -135,10 +135,11 @@ class Reprojection:
             methods = [cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_AP3P, cv2.SOLVEPNP_SQPNP]
         found: list[tuple[Array, Array]] = []
         for method in methods:
+            # The one takes four points and more, but for this method.
+            is_any = method == cv2.SOLVEPNP_SQPNP
+            solve: Any = cv2.solvePnPGeneric if is_any else cv2.solveP3P
             try:
-                _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
-                    self._points, flat, matrix, distortion, flags=method
-                )
+                _, rvecs, tvecs, *_ = solve(self._points, flat, matrix, distortion, flags=method)
             except cv2.error:
                 continue
             found += [
