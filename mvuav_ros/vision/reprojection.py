@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -130,16 +131,14 @@ class Reprojection:
         if camera.is_fisheye:
             # These solvers know pinhole cameras alone.
             flat, matrix, distortion = camera.undistort(flat), np.eye(3), np.zeros(5)
-        methods = [cv2.SOLVEPNP_SQPNP]
+        solvers: list[Callable[..., Any]] = [partial(cv2.solvePnPGeneric, flags=cv2.SOLVEPNP_SQPNP)]
         if len(self._points) == MIN_MARKERS:
-            methods = [cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_AP3P, cv2.SOLVEPNP_SQPNP]
+            methods = cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_AP3P
+            solvers[:0] = [partial(cv2.solveP3P, flags=method) for method in methods]
         found: list[tuple[Array, Array]] = []
-        for method in methods:
-            # The one takes four points and more, but for this method.
-            is_any = method == cv2.SOLVEPNP_SQPNP
-            solve: Any = cv2.solvePnPGeneric if is_any else cv2.solveP3P
+        for solve in solvers:
             try:
-                _, rvecs, tvecs, *_ = solve(self._points, flat, matrix, distortion, flags=method)
+                _, rvecs, tvecs, *_ = solve(self._points, flat, matrix, distortion)
             except cv2.error:
                 continue
             found += [
