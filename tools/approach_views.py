@@ -41,6 +41,24 @@ def as_it_is(shot: Shot, index: int) -> Shot:
     return shot
 
 
+def hazy(half: float) -> View:
+    """Haze that leaves half of the contrast so many rows below the horizon."""
+
+    def view(shot: Shot, index: int) -> Shot:
+        assert shot.horizon is not None
+        height, width = shot.image.shape[:2]
+        y, x = np.mgrid[:height, :width].astype(np.float32)
+        depth = y - shot.horizon.row - (x - 0.5 * width) * math.tan(shot.horizon.slope)
+        above = (depth < -2) & (depth > -12)
+        sky = shot.image[above].mean(axis=0)
+        left = np.where(depth > 0, np.exp2(-half / np.maximum(depth, 0.1)), 1.0)
+        left = left if shot.image.ndim == 2 else left[..., None]
+        image = np.rint(sky + (shot.image - sky) * left).astype(np.uint8)
+        return shot._replace(image=image)
+
+    return view
+
+
 def cropped(top: int, zoom: int = 1) -> View:
     """Cut off the rows above one; ``zoom`` magnifies what is left of the width, too."""
 

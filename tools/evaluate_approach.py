@@ -42,6 +42,7 @@ from approach_mechanisms import WITHOUT, switch_off
 from approach_rows import HEADER, Frame, Row, Timed, judged
 from approach_variants import PLAIN, VARIANTS, Variant
 from approach_views import (
+    hazy,
     BAD_CAMERAS,
     FAINT,
     TEXTS,
@@ -153,6 +154,8 @@ def run_jobs(footage: Path, options: argparse.Namespace) -> Iterator[Job]:
                     rows = slice(360, None, options.step)
                     name = f'{run[-4:]} {kind}, {zoom} times'
                     yield job('over the runway', name, rows, view=magnified(zoom))
+                for half in (10, 20, 40):
+                    yield job('haze', f'{run[-4:]} {kind} haze {half}', view=hazy(half))
                 changed: dict[str, dict[str, Callable[[View], View]]] = {}
                 if horizon == (run == 'approach_run3' and gray):
                     for light, view in FAINT.items():

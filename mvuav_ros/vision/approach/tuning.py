@@ -71,6 +71,22 @@ class LevelsTuning:
 
 
 @dataclass(frozen=True)
+class HazeTuning:
+    """Of haze. Runs 3 and 5, in haze that leaves half of the contrast 10, 20 and 40 rows below."""
+
+    period: int = 6  # frames from one look to the next
+    column_step: int = 4  # px between the columns that are looked at
+    sky_rows: int = 6  # above the horizon
+    min_rows: int = 20  # of land
+    first_depth: int = 3  # rows below the horizon, from which on
+    darkest: float = 5.0  # %, of the places of a row
+    memory: float = 0.1  # share of a new look
+    usual_density: float = 3.0  # rows: real flights have 2 to 3.5, roads none
+    min_excess: float = 7.0  # rows, beyond that: with a horizon that is 4 px off, real flights seem to have 5
+    max_gain: float = 6.0
+
+
+@dataclass(frozen=True)
 class MotionTuning:
     """Of what moves between frames, and of what stands still. Run 5 and the tuned roads."""
 
@@ -418,6 +434,7 @@ DETECTOR = DetectorTuning()
 HORIZON = HorizonTuning()
 MOTION = MotionTuning()
 LEVELS = LevelsTuning()
+HAZE = HazeTuning()
 EDGES = EdgesTuning()
 LINES = LinesTuning()
 SHOULDERS = ShouldersTuning()
