@@ -97,12 +97,12 @@ class IdentityTracker:
 
     def _start(self, frame: Frame, lamps: Collection[Light] = ()) -> MarkerResult:
         """Name all markers in a whole frame, in which some lights are known to be lamps."""
-        lights = [light for light in frame.lights() if light not in lamps]
-        self.lights = seen = len(lights)
+        self.lights = seen = len(frame.blobs.may_be_lights()) - len(lamps)
         if not self._attempts.due(seen):
             return self._nothing(f'{seen} lights in view, {self._count} do not stand out')
         if seen < fewest_at_start(self._shape):
             return self._nothing(f'{seen} of {self._count} markers in view')
+        lights = [light for light in frame.lights() if light not in lamps]
         named = initialize(self._shape, lights, self._rig.names, self._attempts.failed)
         if named.view is None:
             self._attempts.fail()
