@@ -42,7 +42,6 @@ from approach_mechanisms import WITHOUT, switch_off
 from approach_rows import HEADER, Frame, Row, Timed, judged
 from approach_variants import PLAIN, VARIANTS, Variant
 from approach_views import (
-    hazy,
     BAD_CAMERAS,
     FAINT,
     TEXTS,
@@ -51,6 +50,7 @@ from approach_views import (
     as_it_is,
     cropped,
     following,
+    hazy,
     in_sky_or_text,
     magnified,
     painted_over,

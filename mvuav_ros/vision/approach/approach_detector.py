@@ -25,8 +25,8 @@ from mvuav_ros.vision.approach.attitude import (
 )
 from mvuav_ros.vision.approach.evidence import GreyLevels, as_grey, shrink_levels
 from mvuav_ros.vision.approach.guidance import locate
-from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.haze import Haze
+from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.sight import Sight
 from mvuav_ros.vision.approach.strip_edges import Edges, LevelledFrame
 from mvuav_ros.vision.approach.strip_tracker import RunwayTracker
@@ -373,12 +373,12 @@ class Finder:
                     # In the middle of all columns, of which the working image has left out a few.
                     row += math.tan(horizon.slope) * 0.5 * (factor * width - image.shape[1])
                     row = (row + 0.5) / factor - 0.5
-                sight = Sight.about(level.row_of(row), level.slope, sight, seen)
-        if sight.row is not None:
-            self._haze.take(pixels, level, sight.row)
-            cleared = self._haze.cleared(image, level, sight.row)
-            if cleared is not image:
-                image, pixels = cleared, shrink_levels(cleared)[0]
+                row = level.row_of(row)
+                sight = Sight.about(row, level.slope, sight, seen)
+                if known is not None:
+                    cleared = self._haze.cleared(image, pixels, level, row)
+                    if cleared is not image:
+                        image, pixels = cleared, shrink_levels(cleared)[0]
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         # Without a calibration a field of view of 53 degrees is assumed.
         focal = float(width) if camera is None else float(camera.matrix[0, 0]) / factor

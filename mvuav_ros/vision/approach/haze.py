@@ -1,13 +1,11 @@
-"""Haze takes contrast with distance: how much there is, and the frame without it."""
+"""Haze takes contrast with distance: how dense it is, and the frame without it."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import brightness_of
@@ -16,48 +14,56 @@ from mvuav_ros.vision.point_operations import Pixels
 
 
 class Haze:
-    """What the air adds to the land: the brighter are its darkest places, the farther away.
+    """What the air adds to the land: its darkest places are the brighter, the farther away.
 
-    What is d rows below the horizon is seen with exp(-density / d) of its contrast, the rest is
-    the sky's at the horizon: the distance over a plane is as 1 / d (Koschmieder's law).
+    Of what is d rows below the horizon exp(-density / d) of the contrast is left, as distance on a
+    plane is as 1 / d (Koschmieder's law); the rest is the sky's light at the horizon.
     """
 
     def __init__(self) -> None:
-        self.density = 0.0  # rows
-        self._sky: float | None = None  # grey level at the horizon
+        self._density = 0.0  # rows
+        self._sky = np.zeros(3, np.float32)  # (1,) or (3,) grey levels at the horizon
+        self._frames = self._looks = 0
 
-    def take(self, pixels: Pixels, level: Derotation, row: float) -> None:
-        """Measure it on a working image, whose horizon is in a row of the levelled one."""
-        levelled = level.turned(pixels)
-        first = round(row)
-        if first < HAZE.sky_rows or first > len(levelled) - HAZE.min_rows:
-            return
-        gray = brightness_of(levelled[:, ::HAZE.column_step])
-        sky = float(np.median(gray[first - HAZE.sky_rows : first - 1]))
-        land = gray[first + HAZE.first_depth :]
-        depth = np.arange(len(land)) + first + HAZE.first_depth - row
-        dark = np.percentile(land, HAZE.darkest, axis=1).astype(np.float32)
-        dark = cv2.blur(dark[:, None], (1, 5))[:, 0]
-        contrast = np.log(np.maximum(sky - dark, 2.0))
-        weight = 1.0 / depth
-        x = -weight - np.average(-weight, weights=weight)
-        density = float((weight * x * contrast).sum() / (weight * x * x).sum())
-        share = 1.0 if self._sky is None else HAZE.memory
-        self._sky = sky if self._sky is None else self._sky + share * (sky - self._sky)
-        self.density += share * (density - self.density)
+    def cleared(self, image: Pixels, pixels: Pixels, level: Derotation, row: float) -> Pixels:
+        """A frame, of which ``pixels`` are the working image, with the contrast of its land.
 
-    def cleared(self, image: Pixels, level: Derotation, row: float) -> Pixels:
-        """The frame with the contrast that its land would have without haze."""
-        excess = self.density - HAZE.usual_density
-        if self._sky is None or excess < HAZE.min_excess:
+        The horizon is in a row of the levelled working image. Without haze it is the frame itself.
+        """
+        if self._frames % HAZE.period == 0:
+            self._look(level.turned(pixels), row)
+        self._frames += 1
+        excess = self._density - HAZE.usual_density
+        if excess < HAZE.min_excess:
             return image
         height, width = image.shape[:2]
+        x, y = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)
         sin, cos = math.sin(level.slope) / level.factor, math.cos(level.slope) / level.factor
-        middle_x, middle_y = 0.5 * (level.factor * level.width - 1), 0.5 * (level.factor * level.height - 1)
-        down = level.centre[1] - row + cos * (np.arange(height, dtype=np.float32) - middle_y)
-        across = sin * (np.arange(width, dtype=np.float32) - middle_x)
-        depth = down[:, None] - across
+        middle_x, middle_y = level.to_frame(*level.centre)
+        down = level.centre[1] - row + cos * (y - middle_y)
+        depth = down[:, None] - sin * (x - middle_x)
         gain = np.exp(np.minimum(excess / np.maximum(depth, 1.0), math.log(HAZE.max_gain)))
         gain[depth <= 0.0] = 1.0
         gain = gain if image.ndim == 2 else gain[..., None]
-        return np.asarray(np.clip((image - np.float32(self._sky)) * gain + np.float32(self._sky + 0.5), 0, 255), np.uint8)
+        light = (image - self._sky) * gain
+        light += self._sky + np.float32(0.5)
+        return np.asarray(np.clip(light, 0.0, 255.0), np.uint8)
+
+    def _look(self, levelled: Pixels, row: float) -> None:
+        """Measure both where sky and land are in view."""
+        first = round(row)
+        if not HAZE.sky_rows < first < len(levelled) - HAZE.min_rows:
+            return
+        above = levelled[first - HAZE.sky_rows : first - 1, :: HAZE.column_step]
+        sky = np.median(above, axis=(0, 1), keepdims=True).astype(np.float32)
+        land = brightness_of(levelled[first + HAZE.first_depth :, :: HAZE.column_step])
+        dark = cv2.blur(np.percentile(land, HAZE.darkest, axis=1).reshape(-1, 1), (1, 5))[:, 0]
+        contrast = np.log(np.maximum(brightness_of(sky).item() - dark, HAZE.min_contrast))
+        # Its slope over 1 / depth, weighted by that: nearly all of it is far away.
+        nearness = 1.0 / (np.arange(len(land)) + first + HAZE.first_depth - row)
+        off = nearness - np.average(nearness, weights=nearness)
+        density = -float((nearness * off * contrast).sum() / (nearness * off * off).sum())
+        self._looks += 1
+        share = max(HAZE.memory, 1.0 / self._looks)
+        self._sky = self._sky + share * (sky.ravel() - self._sky)
+        self._density += share * (density - self._density)

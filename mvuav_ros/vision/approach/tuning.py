@@ -72,18 +72,20 @@ class LevelsTuning:
 
 @dataclass(frozen=True)
 class HazeTuning:
-    """Of haze. Runs 3 and 5, in haze that leaves half of the contrast 10, 20 and 40 rows below."""
+    """Of haze, chosen on runs 3 and 5 as they are, and with half of the contrast 40 rows below."""
 
     period: int = 6  # frames from one look to the next
     column_step: int = 4  # px between the columns that are looked at
     sky_rows: int = 6  # above the horizon
-    min_rows: int = 20  # of land
-    first_depth: int = 3  # rows below the horizon, from which on
-    darkest: float = 5.0  # %, of the places of a row
-    memory: float = 0.1  # share of a new look
-    usual_density: float = 3.0  # rows: real flights have 2 to 3.5, roads none
-    min_excess: float = 7.0  # rows, beyond that: with a horizon that is 4 px off, real flights seem to have 5
-    max_gain: float = 6.0
+    min_rows: int = 20  # of land, from the horizon on
+    first_depth: int = 3  # rows below the horizon, from which on the land is looked at
+    darkest: float = 5.0  # %, of a row's pixels that are darker than its dark places
+    min_contrast: float = 2.0  # grey levels between sky and land; less counts as that
+    memory: float = 0.1  # share of a new look, at least
+    usual_density: float = 3.0  # rows, of clear flights: 2 to 3.5
+    # rows beyond that from which on it is haze: clear flights whose horizon is some px off have 5
+    min_excess: float = 7.0
+    max_gain: float = 6.0  # of what is nearly invisible
 
 
 @dataclass(frozen=True)
