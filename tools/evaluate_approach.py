@@ -154,7 +154,7 @@ def run_jobs(footage: Path, options: argparse.Namespace) -> Iterator[Job]:
                     rows = slice(360, None, options.step)
                     name = f'{run[-4:]} {kind}, {zoom} times'
                     yield job('over the runway', name, rows, view=magnified(zoom))
-                for half in (10, 20, 40):
+                for half in (20, 40, 80):
                     yield job('haze', f'{run[-4:]} {kind} haze {half}', view=hazy(half))
                 changed: dict[str, dict[str, Callable[[View], View]]] = {}
                 if horizon == (run == 'approach_run3' and gray):

@@ -22,7 +22,7 @@ class Haze:
 
     def __init__(self) -> None:
         self._density = 0.0  # rows
-        self._sky = np.zeros(3, np.float32)  # (1,) or (3,) grey levels at the horizon
+        self._sky = np.zeros(1, np.float32)  # (1,) or (3,) grey levels at the horizon
         self._frames = self._looks = 0
 
     def cleared(self, image: Pixels, pixels: Pixels, level: Derotation, row: float) -> Pixels:
@@ -51,18 +51,22 @@ class Haze:
 
     def _look(self, levelled: Pixels, row: float) -> None:
         """Measure both where sky and land are in view."""
-        first = round(row)
+        first = HAZE.sky_rows if not math.isfinite(row) else round(row)
         if not HAZE.sky_rows < first < len(levelled) - HAZE.min_rows:
             return
         above = levelled[first - HAZE.sky_rows : first - 1, :: HAZE.column_step]
         sky = np.median(above, axis=(0, 1), keepdims=True).astype(np.float32)
         land = brightness_of(levelled[first + HAZE.first_depth :, :: HAZE.column_step])
         dark = cv2.blur(np.percentile(land, HAZE.darkest, axis=1).reshape(-1, 1), (1, 5))[:, 0]
-        contrast = np.log(np.maximum(brightness_of(sky).item() - dark, HAZE.min_contrast))
-        # Its slope over 1 / depth, weighted by that: nearly all of it is far away.
-        nearness = 1.0 / (np.arange(len(land)) + first + HAZE.first_depth - row)
+        contrast = brightness_of(sky).item() - dark
+        seen = contrast >= HAZE.min_contrast
+        if np.count_nonzero(seen) < HAZE.min_rows:
+            return
+        # Its logarithm's slope over 1 / depth, weighted by that: nearly all of it is far away.
+        nearness = 1.0 / (np.flatnonzero(seen) + first + HAZE.first_depth - row)
         off = nearness - np.average(nearness, weights=nearness)
-        density = -float((nearness * off * contrast).sum() / (nearness * off * off).sum())
+        fall = nearness * off
+        density = -float((fall * np.log(contrast[seen])).sum() / (fall * off).sum())
         self._looks += 1
         share = max(HAZE.memory, 1.0 / self._looks)
         self._sky = self._sky + share * (sky.ravel() - self._sky)

@@ -77,11 +77,11 @@ class HazeTuning:
     period: int = 6  # frames from one look to the next
     column_step: int = 4  # px between the columns that are looked at
     sky_rows: int = 6  # above the horizon
-    min_rows: int = 20  # of land, from the horizon on
+    min_rows: int = 20  # of land
     first_depth: int = 3  # rows below the horizon, from which on the land is looked at
     darkest: float = 5.0  # %, of a row's pixels that are darker than its dark places
-    min_contrast: float = 2.0  # grey levels between sky and land; less counts as that
-    memory: float = 0.1  # share of a new look, at least
+    min_contrast: float = 4.0  # grey levels between the sky and a row of land that is seen
+    memory: float = 0.5  # share of a new look, at least
     usual_density: float = 3.0  # rows, of clear flights: 2 to 3.5
     # rows beyond that from which on it is haze: clear flights whose horizon is some px off have 5
     min_excess: float = 7.0
