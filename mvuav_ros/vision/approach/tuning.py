@@ -83,8 +83,8 @@ class HazeTuning:
     min_contrast: float = 4.0  # grey levels between the sky and a row of land that is seen
     memory: float = 0.5  # share of a new look, at least
     usual_density: float = 3.0  # rows, of clear flights: 2 to 3.5
-    # rows beyond that from which on it is haze: clear flights whose horizon is some px off have 5
-    min_excess: float = 7.0
+    # rows beyond that from which on it is haze: clear flights have 5, magnified by four 7
+    min_excess: float = 8.0
     max_gain: float = 6.0  # of what is nearly invisible
 
 
