@@ -20,6 +20,7 @@ def _returns(value: Any) -> Callable[..., Any]:
 WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'overlays': [(Overlaid, 'take', _returns(None))],
     'grey levels': [(tuning.LEVELS, 'max_gain', 1.0)],
+    'haze': [(tuning.HAZE, 'min_excess', math.inf)],
     'edges that stand still': [(GroundMotion, 'still_odds', _returns(-math.inf))],
     'weights from near by': [(tuning.TRACK, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
