@@ -218,7 +218,7 @@ class PoseEstimator:
             reason, fitting = self.reason, []
             for index in range(len(markers)):
                 rest = markers[:index] + markers[index + 1 :]
-                fit = self._fit(camera, rest, np.delete(image, index, axis=0))
+                fit = self._fit(camera, rest, np.delete(image, index, axis=0), is_whole=False)
                 if fit is not None and fit.squares <= (count - 2) * usual:
                     fitting.append((rest, fit))
             if len(fitting) == 1:
@@ -230,8 +230,13 @@ class PoseEstimator:
             self._residuals.learn(solution.squares, count - 6)
         return markers, solution
 
-    def _fit(self, camera: CameraModel, markers: list[int], image: Array) -> Solution | None:
-        """From the last pose, if that is fresh and nothing looks odd; else the right one of all."""
+    def _fit(
+        self, camera: CameraModel, markers: list[int], image: Array, *, is_whole: bool = True
+    ) -> Solution | None:
+        """From the last pose, if that is fresh and nothing looks odd; else the right one of all.
+
+        Only a whole frame says anything of the noise, and only once.
+        """
         points = self._points if markers == self._all else self._points[markers]
         view, count = Reprojection(camera, points, image), 2 * len(image)
         last = self._last
@@ -257,7 +262,7 @@ class PoseEstimator:
         chosen = _choose(solutions, self.noise, count, last and last.rotation)
         if chosen is None:
             self.reason = 'more than one pose fits the markers'
-            if last is None:
+            if last is None and is_whole:
                 self._residuals.learn(least, count - 6)
         return chosen
 

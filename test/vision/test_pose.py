@@ -295,6 +295,23 @@ def test_a_marker_that_the_others_contradict_is_left_out():
         assert pose is not None or 40 <= index < 55
 
 
+def test_the_noise_is_learnt_once_in_a_frame_whatever_is_left_out_of_it(monkeypatch):
+    """What several poses fit, of four lights of a body that is nearly flat, is no other frame."""
+    learnt, learn = [], _ResidualNoise.learn
+    monkeypatch.setattr(
+        _ResidualNoise, 'learn', lambda *given: (learnt.append(given[1:]), learn(*given))
+    )
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        places = enumerate((rng.normal(size=(5, 3)) * (0.02, 10.0, 10.0)).tolist())
+        rig = parse_rig({'markers': {f'light {number}': place for number, place in places}})
+        pixels = seen(OPTICAL_FROM_BODY @ from_rpy(0.1, -0.1, 0.05), np.array((2, -1, 200.0)), rig)
+        pixels[seed % 5] += rng.normal(0.0, 3.0, 2)
+        PoseEstimator(rig).estimate(CAMERA, range(5), pixels, 0)
+        assert len(learnt) <= 1, (seed, learnt)
+        learnt.clear()
+
+
 def test_a_pose_comes_without_a_reason_why_there_is_none():
     told = withheld = 0
     true = seen(OPTICAL_FROM_BODY, np.array((2.0, -1.0, 120.0)))
