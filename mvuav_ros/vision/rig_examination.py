@@ -172,9 +172,11 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
     """
     points = rig.positions - rig.middle
     view = Reprojection(camera, points, image=np.empty((len(points), 2)))
-    seen, jacobian = view.look(OPTICAL_FROM_BODY, np.array((0.0, 0.0, distance)))
+    ahead = np.array((0.0, 0.0, distance))
+    seen, jacobian = view.look(OPTICAL_FROM_BODY, ahead)
     limits = camera.width - 0.5, camera.height - 0.5
-    if not (-points[:, 0].min() < distance and ((seen > -0.5) & (seen < limits)).all()):
+    is_shown = camera.shows(points @ OPTICAL_FROM_BODY.T + ahead)
+    if not (is_shown.all() and ((seen > -0.5) & (seen < limits)).all()):
         return PoseError(distance, *[math.nan] * 6)
     deviation = noise * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
     pitch, yaw, roll, x, y, z = deviation.tolist()

@@ -44,6 +44,15 @@ def test_size_and_gap_are_those_of_the_image():
     assert (seen.span, seen.gap) == pytest.approx((554.0 * 0.1, 554.0 * 0.02))
 
 
+def test_what_a_lens_does_not_show_has_no_error():
+    """From near by, where its model turns back, and has places in the image again."""
+    matrix = (300.0, 0.0, 320.0, 0.0, 300.0, 240.0, 0.0, 0.0, 1.0)
+    camera = CameraModel(640, 480, matrix, (-0.3, 0.0, 0.0, 0.0, 0.0))
+    nearby, farther = (pose_error(TANKER_747, camera, d, NOISE).span for d in (18.0, 60.0))
+    assert np.isnan(nearby)
+    assert farther > 0.0
+
+
 def test_errors_grow_with_the_distance():
     near, far = (pose_error(TANKER_747, CAMERA, d, NOISE) for d in (50.0, 200.0))
     assert far.span < near.span
