@@ -225,6 +225,7 @@ class Lamps:
     @staticmethod
     def _are_in_view(shape: WeakPerspective, at: Array, markers: Array) -> NDArray[np.bool_]:
         """Whether places (..., j, 2), px, are in the image and no marker (..., k, 2) hides them."""
-        inside = ((at > 0.0) & (at < shape.lens.size)).all(axis=-1)
+        seen = shape.lens.to_image(at.reshape(-1, 2)).reshape(at.shape)
+        inside = ((seen > 0.0) & (seen < shape.lens.size)).all(axis=-1)
         apart = np.square(at[..., :, None, :] - markers[..., None, :, :]).sum(axis=-1)
         return np.asarray(inside & (apart > HIDDEN**2).all(axis=-1))

@@ -103,6 +103,24 @@ def test_a_lamp_that_went_out_is_forgotten():
     assert len(lamps.find(SHAPE, ViewState(VIEW, KNOWN), lit(seen_from(VIEW)))) == 3
 
 
+def test_a_lamp_that_went_out_at_the_side_of_a_bent_image_is_forgotten():
+    """It would be left of an image without distortion."""
+    matrix = (400.0, 0.0, 319.5, 0.0, 400.0, 239.5, 0.0, 0.0, 1.0)
+    lens = Lens((640, 480), CameraModel(640, 480, matrix, (-0.25, 0.05, 0.0, 0.0)))
+    shape, points = WeakPerspective.of(TANKER_747, lens), WeakPerspective(LAMPS, lens)
+    moved = np.array((0.0, 0.0, -300.0, 0.0, 0.0, 0.0, -0.326, 0.0))
+    flight = [view + moved for view in views(60, 15.0)]
+    lamps = Lamps()
+    for left in (0, 1):
+        for view in flight:
+            places, state = points.project(view), ViewState(view, KNOWN)
+            lit_ones, markers = lit(np.delete(places, [1][:left], axis=0)), shape.project(view)
+            assert (lens.to_image(places) > 0.0).all()
+            lamps.learn(shape, state, lit_ones, markers, is_whole=True)
+    state, lights = ViewState(flight[0], KNOWN), lit(points.project(flight[0]))
+    assert len(lamps.find(shape, state, lights)) == 3
+
+
 def test_lamps_show_how_the_body_is_seen():
     lamps, prior = (
         learnt(views(40)),
