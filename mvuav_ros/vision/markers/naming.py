@@ -159,18 +159,16 @@ def reacquire(
     return Reacquired(best.view, named, {marker: odds[marker] for marker in named})
 
 
-MIN_CLUTTER_AGE = 3  # Frames without a name after which a light is clutter
 REMEMBERED = 150  # Frames for which lights may be clutter after one, or as many, have been seen
 SETTLED = 30  # Frames in which none has come, after which all of it may be known
 CLUTTER_STEP = 8.0  # px that clutter may move in a frame, as the camera shakes
 
 
 class Clutter:
-    """Lights that have stayed without a name for some frames: glares, not returning markers."""
+    """Lights that are where no marker can be, followed by their places: glares, for example."""
 
     def __init__(self) -> None:
         self._places: Array = np.empty((0, 2))  # px without distortion
-        self._ages = np.empty(0, np.intp)
         self._most = self._since_most = 0  # at once, and the frames since there were as many
         self._settled = 0  # frames since the last of it came
 
@@ -182,15 +180,13 @@ class Clutter:
     @property
     def may_be_new(self) -> bool:
         """Whether other lights may be clutter as well: some is out of sight, or came lately."""
-        return self.is_about and (self._known < self._most or self._settled < SETTLED)
-
-    @property
-    def _known(self) -> int:
-        return int(np.count_nonzero(self._ages >= MIN_CLUTTER_AGE))
+        return self.is_about and (len(self._places) < self._most or self._settled < SETTLED)
 
     def include(self, lights: Sequence[Light]) -> NDArray[np.bool_]:
-        """Which lights have stood there, or close by, for long."""
-        return np.asarray(self._ages_beside(lights)[1] >= MIN_CLUTTER_AGE)
+        """Which lights are where some was in the last frame, or close by."""
+        (x, y), (own_x, own_y) = coordinates(lights).T[..., None], self._places.T
+        is_beside = (np.abs(x - own_x) < CLUTTER_STEP) & (np.abs(y - own_y) < CLUTTER_STEP)
+        return np.asarray(is_beside.any(axis=1))
 
     def update(self, lights: Sequence[Light], expected: Mapping[int, Expectation] | None) -> None:
         """Take the lights of a frame that got no name, and where markers without one should be.
@@ -198,28 +194,17 @@ class Clutter:
         What lies far from all of those is clutter. Where the body is out of sight (None), only what
         was clutter before is followed.
         """
-        places, before = self._ages_beside(lights)
-        ages = before
+        places, before = coordinates(lights), self.include(lights)
+        is_clutter = before
         if expected is not None:
             x, y, deviation = np.array([*expected.values()]).reshape(-1, 3).T
             away = np.hypot(places[:, :1] - x, places[:, 1:] - y)
-            is_near = (away < CLUTTER_STEP + 4.0 * deviation).any(axis=1)
-            ages = np.maximum(before, 0) + np.where(is_near, 0, MIN_CLUTTER_AGE)
-        came = (before < MIN_CLUTTER_AGE) & (ages >= MIN_CLUTTER_AGE)
-        self._settled = 0 if came.any() else self._settled + 1
-        self._places, self._ages = places[ages >= 0], ages[ages >= 0]
+            is_clutter = before | (away >= CLUTTER_STEP + 4.0 * deviation).all(axis=1)
+        self._settled = 0 if (is_clutter & ~before).any() else self._settled + 1
+        self._places = places[is_clutter]
         self._since_most += 1
-        if self._known >= self._most or self._since_most >= REMEMBERED:
-            self._most, self._since_most = self._known, 0
-
-    def _ages_beside(self, lights: Sequence[Light]) -> tuple[Array, NDArray[np.intp]]:
-        """Places (n, 2) of lights, px, and ages of what was close by, -1 where nothing was."""
-        places = coordinates(lights)
-        if not (len(places) and len(self._ages)):
-            return places, np.full(len(places), -1)
-        (x, y), (own_x, own_y) = places.T[..., None], self._places.T
-        is_beside = (np.abs(x - own_x) < CLUTTER_STEP) & (np.abs(y - own_y) < CLUTTER_STEP)
-        return places, np.where(is_beside, self._ages, -1).max(axis=1, initial=-1)
+        if len(self._places) >= self._most or self._since_most >= REMEMBERED:
+            self._most, self._since_most = len(self._places), 0
 
 
 KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even clutter may be it

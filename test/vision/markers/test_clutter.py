@@ -2,7 +2,7 @@
 
 from mvuav_ros.vision.markers.lights import Detection, Light
 from mvuav_ros.vision.markers.marker_memory import Expectation
-from mvuav_ros.vision.markers.naming import MIN_CLUTTER_AGE, REMEMBERED, SETTLED, Clutter
+from mvuav_ros.vision.markers.naming import REMEMBERED, SETTLED, Clutter
 
 PLACE = {2: Expectation(100.0, 100.0, 1.0)}
 
@@ -21,7 +21,7 @@ def test_a_light_far_from_every_place_is_clutter_and_is_followed():
 
 def test_a_light_beside_the_place_of_a_marker_may_be_the_marker():
     clutter = Clutter()
-    for _ in range(2 * MIN_CLUTTER_AGE):
+    for _ in range(6):
         clutter.update([light(104.0)], PLACE)
     assert not clutter.include([light(104.0)]).all()
     assert not clutter.is_about
