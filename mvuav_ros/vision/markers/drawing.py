@@ -115,7 +115,6 @@ def _write(
 
 
 _AXIS_PART = 0.4  # Length of an axis, in reaches of the body
-_NEAREST = 0.1  # m ahead
 _SHIFT = 4  # Binary digits of a coordinate after the point
 
 
@@ -128,7 +127,7 @@ def draw_pose(image: NDArray[np.uint8], pose: Pose, camera: CameraModel, rig: Ma
     length = _AXIS_PART * rig.reach
     tips = origin + length * np.eye(3)
     points = np.vstack((origin, tips)) @ pose.rotation.T + pose.translation
-    if points[:, 2].min() > _NEAREST:
+    if camera.shows(points).all():
         pixels = camera.project(points)
         if np.abs(pixels).max() < 2.0**20:
             start, *ends = (np.round(pixels * 2**_SHIFT)).astype(int).tolist()

@@ -5,10 +5,13 @@ import math
 import numpy as np
 
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.drawing import YELLOW, draw_markers
+from mvuav_ros.vision.markers.drawing import YELLOW, draw_markers, draw_pose
 from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState, Window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.pose import Pose
 from mvuav_ros.vision.rig import TANKER_747
 from mvuav_ros.vision.runway.results import LineRole
 
@@ -54,6 +57,18 @@ def test_the_marks_of_another_rig_have_a_colour_and_a_name_of_their_own():
     for i, color in enumerate(colors):
         apart = [np.abs(np.subtract(color, other)).max() for other in (*colors[:i], yellow)]
         assert min(apart) > 40, (i, color)
+
+
+def test_axes_that_a_lens_does_not_show_are_not_drawn():
+    """Its model turns back, and has places in the image for what is far aside."""
+    matrix = (300.0, 0.0, 320.0, 0.0, 300.0, 240.0, 0.0, 0.0, 1.0)
+    camera = CameraModel(640, 480, matrix, (-0.3, 0.0, 0.0, 0.0))
+    for aside, is_drawn in ((0.5, True), (1.7, False)):
+        place = np.array((aside * 100.0, 0.0, 100.0)) - OPTICAL_FROM_BODY @ TANKER_747.dock
+        pose = Pose(OPTICAL_FROM_BODY, place, np.eye(6), np.full((5, 2), math.nan), 0.1)
+        canvas = np.zeros((480, 640, 3), np.uint8)
+        draw_pose(canvas, pose, camera, TANKER_747)
+        assert canvas.any() == is_drawn
 
 
 def test_an_empty_search_window_is_not_drawn():
