@@ -8,7 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from threading import Event, Lock, Thread
@@ -54,6 +54,7 @@ from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
+from mvuav_ros.vision.image import ImageError
 
 _DEPTH = 5
 """Frames that wait at most, as many as in the queue of a sensor subscription."""
@@ -261,9 +262,10 @@ class SynchronizedTopic:
         return self._pairing.held is not None
 
     def take(self) -> None:
-        """Take in what has come."""
+        """Take in what has come; what cannot be read is left, as in a recording."""
         while (taken := self.subscription.handle.take_message(self.kind, True)) is not None:
-            self._pairing.add_info(*self._decode(taken[0]))
+            with suppress(ImageError):
+                self._pairing.add_info(*self._decode(taken[0]))
 
     def completed(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
         """The images, in their order, that need not wait any more, with what belongs to them."""

@@ -19,7 +19,7 @@ from support.graph import Graph
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.messages.sensors import encode_imu
+from mvuav_ros.messages.sensors import UNKNOWN_ATTITUDE, encode_imu
 from mvuav_ros.nodes.image_input import (
     ImageInput,
     ReceivedImage,
@@ -97,6 +97,22 @@ def test_no_attitude_is_lost_while_an_image_is_answered(graph: Graph) -> None:
 
     with topic.subscription.handle:
         graph.until(all_are_known, lambda: f'60 attitudes, not {len(known)}', timeout=20.0)
+
+
+def test_what_cannot_be_read_holds_no_image_up(graph: Graph) -> None:
+    """Each such message cost a pause of 0.1 s: a camera's calibrations let no image through."""
+    _, topic, publisher = imu_topic(graph)
+    good = encode_imu(Attitude.from_roll_pitch(0.0, 0.0), cdr_header(1, 'imu'))
+    for message in (encode_imu(UNKNOWN_ATTITUDE, cdr_header(1, 'x' * 2000)), good):
+        publisher.publish(message)
+    known = topic._pairing._infos
+
+    def is_known() -> bool:
+        topic.take()
+        return len(known) == 1
+
+    with topic.subscription.handle:
+        graph.until(is_known, 'the attitude behind it', timeout=20.0)
 
 
 def test_an_image_finds_what_came_while_the_one_before_was_answered(graph: Graph) -> None:
