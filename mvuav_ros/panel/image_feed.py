@@ -106,14 +106,18 @@ class ImageFeed:
 
     def look(self, viewer: Look, streams: set[ImageStream]) -> None:
         """Have a viewer see these streams and no others."""
-        for stream in streams:
-            if stream not in self._taps:
-                self._taps[stream] = _Tap(self._ros, stream)
-            self._taps[stream].viewers.add(viewer)
         for stream in self._taps.keys() - streams:
             self._taps[stream].viewers.discard(viewer)
             if not self._taps[stream].viewers:
                 self._taps.pop(stream).close()
+        for stream in streams:
+            # In one process DDS allows a topic one type; a node that is set up wrongly asks for
+            # another one, and gets no image either.
+            types = {tap.compressed for tap in self._taps if tap.topic == stream.topic}
+            if types <= {stream.compressed}:
+                if stream not in self._taps:
+                    self._taps[stream] = _Tap(self._ros, stream)
+                self._taps[stream].viewers.add(viewer)
 
     def image(self, key: str, number: int = 0) -> Image | None:
         """The image of this number, or the newest, at its full size; None where there is none."""

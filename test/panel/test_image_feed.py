@@ -25,9 +25,10 @@ def message(value, stamp_ns=0):
 @pytest.fixture
 def topic(monkeypatch):
     """A topic without ROS: who takes its messages, whether that has ended, and the time, s."""
-    topic = SimpleNamespace(take=None, closed=False, now=1000.0)
+    topic = SimpleNamespace(take=None, closed=False, now=1000.0, kinds={})
 
-    def subscribe(_kind, _topic, take, _qos, *, raw):
+    def subscribe(kind, name, take, _qos, *, raw):
+        assert topic.kinds.setdefault(name, kind) is kind, 'DDS refuses another type'
         topic.take, topic.closed = take, False
         return lambda: setattr(topic, 'closed', True)
 
@@ -72,3 +73,16 @@ def test_an_image_that_is_held_stays_for_a_while_and_nobody_looks_for_nothing(to
     assert feed.image('/other input') is None and not topic.closed
     feed.look(viewer, set())
     assert topic.closed and feed.image(STREAM.key) is None
+
+
+def test_a_node_that_takes_a_topic_for_another_type_darkens_no_other(topic):
+    """All images and curves of a page were gone, as its connection broke again and again."""
+    feed, seen = ImageFeed(topic.ros), []
+    right = ImageStream('/right', 'input', '/image_raw/compressed', compressed=True)
+    wrong = ImageStream('/wrong', 'input', '/image_raw/compressed')
+    feed.look(seen.append, {right})
+    feed.look(seen.append, {right, wrong, STREAM})
+    assert feed._taps.keys() == {right, STREAM} and not topic.closed
+    topic.kinds.clear()
+    feed.look(seen.append, {wrong})
+    assert feed._taps.keys() == {wrong}
