@@ -283,7 +283,9 @@ class LiveSystem:
             if node.unread and (node.reading is None or node.reading.done()):
                 node.reading = asyncio.create_task(self._read(node))
         for name, node in self.nodes.items():
-            silent = node.last_seen and time.monotonic() - node.last_seen > _SILENCE
+            # One whose diagnostics go elsewhere, as where each robot has its own, is never silent.
+            speaks = node.last_seen and node.status
+            silent = speaks and time.monotonic() - node.last_seen > _SILENCE
             if node.alive and (name not in found or silent):
                 node.alive, node.unread = False, True
                 self.notify('nodes', node)

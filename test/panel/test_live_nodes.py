@@ -87,16 +87,20 @@ def followed(monkeypatch):
 
 
 @pytest.mark.parametrize('quiet', [0.0, 1.0, 60.0])
-def test_a_node_that_says_nothing_for_long_is_asked_again(monkeypatch, quiet):
+@pytest.mark.parametrize('speaks', [True, False])
+def test_a_node_that_says_nothing_for_long_is_asked_again(monkeypatch, quiet, speaks):
+    """But not one whose /diagnostics are remapped: it was gone for a second, again and again."""
     system, node, found = followed(monkeypatch)
     # Where it has said nothing yet that is no silence.
     node.last_seen = time.monotonic() - quiet if quiet else 0.0
+    node.status = {'state': 'running'} if speaks else {}
 
     async def scan():
         system._take(found)
 
     asyncio.run(scan())
-    assert (node.alive, node.unread) == ((False, True) if quiet > 4.0 else (True, False))
+    is_silent = speaks and quiet > 4.0
+    assert (node.alive, node.unread) == (not is_silent, is_silent)
 
 
 def test_what_was_not_followed_is_no_silence(monkeypatch):
