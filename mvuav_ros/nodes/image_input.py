@@ -329,8 +329,9 @@ class FrameInput(ABC):
 
     def start(self) -> None:
         """Begin to take images."""
-        self._stopping.clear()
-        self._thread = Thread(target=self._run, name='images', daemon=True)
+        # One for each thread: the last one may still be at an image, and is to end after it.
+        stopping = self._stopping = Event()
+        self._thread = Thread(target=self._run, args=(stopping,), name='images', daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -347,17 +348,17 @@ class FrameInput(ABC):
             self._thread.join(timeout=5.0)
             self._thread = None
 
-    def _run(self) -> None:
-        while not self._stopping.is_set() and self.node.context.ok():
+    def _run(self, stopping: Event) -> None:
+        while not stopping.is_set() and self.node.context.ok():
             try:
-                self._take_until_stopped()
+                self._take_until(stopping)
             except Exception as error:
                 # Out of memory, say. The thread must outlive whatever one image brings.
                 self._events.errors += 1
                 self._events.last_error = f'{type(error).__name__}: {error}'
-                self._stopping.wait(_PAUSE_AFTER_ERROR)
+                stopping.wait(_PAUSE_AFTER_ERROR)
 
-    def _take_until_stopped(self) -> None:
+    def _take_until(self, stopping: Event) -> None:
         context = self.node.context.handle
         assert context is not None
         with ExitStack() as handles:
@@ -366,7 +367,7 @@ class FrameInput(ABC):
             handles.enter_context(context)
             count = len(self._subscriptions)
             wait_set = rclpy_implementation.WaitSet(count, 1, 0, 0, 0, 0, context)
-            while not self._stopping.is_set() and self.node.context.ok():
+            while not stopping.is_set() and self.node.context.ok():
                 wait_set.clear_entities()
                 for subscription in self._subscriptions:
                     wait_set.add_subscription(subscription.handle)

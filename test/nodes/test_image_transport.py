@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from threading import Event
 from types import ModuleType
 from typing import Any
 
@@ -138,6 +139,30 @@ def test_an_image_finds_what_came_while_the_one_before_was_answered(graph: Graph
     assert [each.stamp_ns for each in (first, second)] == [1, 2]
     rolls = [2 * math.asin(each.attitude.x) for each in (first, second)]
     assert rolls == pytest.approx([0.1, 0.2])
+
+
+def test_a_thread_that_is_long_at_an_image_ends_after_it(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Subscribed anew meanwhile, two threads took the images from then on."""
+    node, entered, go_on = graph.add_node('other'), Event(), Event()
+
+    def answer(_image: ReceivedImage) -> None:
+        entered.set()
+        go_on.wait()
+
+    images = ImageInput(node, 'image_raw', answer, kind=Image)
+    images.start()
+    first: Any = images._thread
+    publisher = graph.probe.create_publisher(Image, 'image_raw', 10)
+    graph.until(lambda: publisher.get_subscription_count() == 1, 'the subscription')
+    publisher.publish(Image())
+    graph.until(entered.is_set, 'the image')
+    monkeypatch.setattr(first, 'join', lambda timeout: None)
+    images._subscribe_anew(ReliabilityPolicy.RELIABLE)
+    go_on.set()
+    graph.until(lambda: not first.is_alive(), 'the end of the first thread', timeout=20.0)
+    images.close()
 
 
 def wait_until_ready(subscription: Any, node: Any) -> None:
