@@ -69,7 +69,10 @@ class Storage(StrEnum):
         return split_mb * 1_000_000 if self is Storage.ROSBAG2 else None
 
 
-ParamsFile = Annotated[Optional[Path], typer.Option(help='A ROS 2 parameter file.')]
+ParamsFile = Annotated[
+    Optional[list[Path]],
+    typer.Option(help='A ROS 2 parameter file; may be repeated, later ones win as in ROS.'),
+]
 Param = Annotated[
     Optional[list[str]], typer.Option(help='A parameter, node:name:=value; may be repeated.')
 ]
@@ -178,7 +181,7 @@ class RunOptions:
         rectified = nodes if self.image_is_rectified else ()
         given = [*assignments, *(f'{node}:image_is_rectified:=true' for node in rectified)]
         return ReplaySettings(
-            parameters=resolve_parameters(nodes, self.params_file, given, self.image_topic),
+            parameters=resolve_parameters(nodes, self.params_file or (), given, self.image_topic),
             image_topic=self.image_topic,
             imu_topic=self.imu_topic,
             camera_info_topic=self.camera_info_topic,

@@ -164,25 +164,31 @@ def node_names(text: str | None, otherwise: Iterable[str] = DETECTORS) -> list[s
 
 def resolve_parameters(
     nodes: Iterable[str],
-    path: Path | None = None,
+    files: Iterable[Path] = (),
     assignments: Iterable[str] = (),
     image_topic: str | None = None,
 ) -> NodeParameters:
-    """The values that a ROS 2 parameter file, then ``node:name:=value``, give to nodes.
+    """The values that ROS 2 parameter files, then ``node:name:=value``, give to nodes.
 
-    Where the file has a node in several namespaces, the one that the ``image_topic`` is in counts;
-    it is an error if that does not say which, and they differ.
+    Of several files later ones win as in rcl: a key's values take the place of those that it had,
+    and the keys hold in the order in which they first occur. Where there is a node in several
+    namespaces, the one that the ``image_topic`` is in counts; it is an error if that does not say
+    which, and they differ.
 
     Raises:
         ParameterError: a parameter is unknown, its value not valid, its node not among ``nodes``,
-            or the file none of parameters. So it is if the file names none of this package's
-            nodes, or one that is spelt nearly like them; those of other nodes are not looked at.
+            or a file none of parameters. So it is if a file names none of this package's nodes,
+            or one that is spelt nearly like them; those of other nodes are not looked at.
     """
-    sections: list[_Section] = []
-    if path is not None:
+    files = list(files)
+    merged: dict[str, dict[str, Any]] = {}
+    for path in files:
         sections = [*_sections(_text(path), str(path))]
         _check_node_keys(path, [key for key, _ in sections])
-    given = {node: _values_of(node, sections, str(path), image_topic) for node in nodes}
+        for key, section in sections:
+            merged.setdefault(f'/{key.strip("/")}', {}).update(_leaves(section, '.'))
+    named = ', '.join(map(str, files))
+    given = {node: _values_of(node, merged.items(), named, image_topic) for node in nodes}
     for node, name, value in map(parse_assignment, assignments):
         if node not in given:
             raise ParameterError(f'{node}:{name}', f'{node} is not among {", ".join(nodes)}')
@@ -243,4 +249,4 @@ def load_parameters(path: str | Path, node: str) -> ParameterSet:
     """
     if node not in NODE_PARAMETERS:
         raise ParameterError(node, f'no such node; there are {", ".join(NODE_PARAMETERS)}')
-    return NODE_PARAMETERS[node].from_mapping(resolve_parameters([node], Path(path))[node])
+    return NODE_PARAMETERS[node].from_mapping(resolve_parameters([node], [Path(path)])[node])

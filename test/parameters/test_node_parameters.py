@@ -25,32 +25,52 @@ def file_with(folder: Path, name: str) -> Path:
 def test_assignments_win_over_the_file_and_ros_own_parameters_are_left_out(tmp_path: Path) -> None:
     path = file_with(tmp_path, 'use_sim_time: true\n    search_radius')
     nodes = ['marker_tracker', 'runway_detector']
-    assert resolve_parameters(nodes, path) == {
+    assert resolve_parameters(nodes, [path]) == {
         'marker_tracker': {'search_radius': 7},
         'runway_detector': {},
     }
-    changed = resolve_parameters(nodes, path, ['marker_tracker:search_radius:=9'])
+    changed = resolve_parameters(nodes, [path], ['marker_tracker:search_radius:=9'])
     assert changed['marker_tracker'] == {'search_radius': 9}
     assert complete(changed)['marker_tracker']['search_radius'] == 9
     assert len(complete(changed)['runway_detector']) > 5
 
 
+@pytest.mark.parametrize(
+    ('order', 'threshold'), [('ab', 0.2), ('ba', 0.2), ('ac', 0.4), ('ca', 0.1), ('cb', 0.3)]
+)
+def test_of_several_files_the_values_are_those_that_ros_takes(
+    tmp_path: Path, order: str, threshold: float
+) -> None:
+    """As rclpy has them: a wildcard of a later file does not win over a node named before."""
+    texts = {
+        'a': '/**: {ros__parameters: {threshold: 0.1}}\n'
+        'marker_tracker: {ros__parameters: {threshold: 0.2, search_radius: 7}}\n',
+        'b': '/**: {ros__parameters: {threshold: 0.3}}\n',
+        'c': '/marker_tracker: {ros__parameters: {threshold: 0.4}}\n',
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    given = resolve_parameters(['marker_tracker'], [tmp_path / name for name in order])
+    radius = {'search_radius': 7} if 'a' in order else {}
+    assert given == {'marker_tracker': {'threshold': threshold, **radius}}
+
+
 def test_a_misspelt_name_is_refused_wherever_it_stands(tmp_path: Path) -> None:
     path = file_with(tmp_path, 'search_radios')
-    for given in ((path, []), (None, ['marker_tracker:search_radios:=7'])):
+    for given in (([path], []), ((), ['marker_tracker:search_radios:=7'])):
         with pytest.raises(ParameterError, match='search_radios'):
             resolve_parameters(['marker_tracker'], *given)
     with pytest.raises(ParameterError, match='marker_trackr'):
-        resolve_parameters(['marker_tracker'], None, ['marker_trackr:threshold:=0.5'])
+        resolve_parameters(['marker_tracker'], (), ['marker_trackr:threshold:=0.5'])
     with pytest.raises(ParameterError, match='marker_trackr'):
         node_names('marker_trackr')
 
 
 @pytest.mark.parametrize('command', ['replay', 'evaluate', 'sweep'])
 def test_every_command_refuses_it(tmp_path: Path, command: str) -> None:
-    run = mvuav(
-        command, BAG, '-o', tmp_path / 'out', '--params-file', file_with(tmp_path, 'search_radios')
-    )
+    files = file_with(tmp_path, 'search_radios'), ROOT / 'config' / 'default.yaml'
+    given = [word for file in files for word in ('--params-file', file)]
+    run = mvuav(command, BAG, '-o', tmp_path / 'out', *given)
     assert run.status == 1
     assert 'search_radios' in run.error
     assert not list(tmp_path.glob('out/*'))
@@ -66,7 +86,7 @@ def test_a_misspelt_node_in_a_file_is_refused(tmp_path: Path, key: str) -> None:
         f"'{key}': {{ros__parameters: {{threshold: 0.5}}}}\n"
     )
     with pytest.raises(ParameterError, match=r'no such node: .*; there are video_source'):
-        resolve_parameters(['marker_tracker'], path)
+        resolve_parameters(['marker_tracker'], [path])
     with pytest.raises(ParameterError, match='no such node'):
         load_parameters(path, 'marker_tracker')
     run = mvuav('replay', BAG, '-o', tmp_path / 'out.mcap', '--params-file', path)
@@ -80,12 +100,12 @@ def test_a_file_of_a_whole_robot_is_taken(tmp_path: Path) -> None:
         'ekf_filter_node: {ros__parameters: {frequency: 30.0}}\n'
     )
     path.write_text(other + '/uav/marker_tracker: {ros__parameters: {threshold: 0.5}}\n')
-    assert resolve_parameters(['marker_tracker'], path) == {'marker_tracker': {'threshold': 0.5}}
+    assert resolve_parameters(['marker_tracker'], [path]) == {'marker_tracker': {'threshold': 0.5}}
     path.write_text(other)
     with pytest.raises(
         ParameterError, match='no such node: /camera_driver; there are video_source'
     ):
-        resolve_parameters(['marker_tracker'], path)
+        resolve_parameters(['marker_tracker'], [path])
 
 
 def test_of_a_node_in_several_namespaces_the_image_topics_own_counts(tmp_path: Path) -> None:
@@ -99,7 +119,7 @@ def test_of_a_node_in_several_namespaces_the_image_topics_own_counts(tmp_path: P
     )
 
     def of(topic: str | None) -> dict[str, object]:
-        return resolve_parameters(['marker_tracker'], path, (), topic)['marker_tracker']
+        return resolve_parameters(['marker_tracker'], [path], (), topic)['marker_tracker']
 
     assert of('/left/image_raw') == {
         'threshold': 0.3,
@@ -130,10 +150,10 @@ def test_a_camera_without_a_section_has_that_of_all_cameras(tmp_path: Path) -> N
     )
     thresholds = {'/left/image_raw': 0.6, '/right/image_raw': 0.4, '/image_raw': 0.4}
     for topic, threshold in thresholds.items():
-        given = resolve_parameters(['marker_tracker'], path, (), topic)
+        given = resolve_parameters(['marker_tracker'], [path], (), topic)
         assert given == {'marker_tracker': {'threshold': threshold}}, topic
     path.write_text(path.read_text().replace('/**/marker_tracker', '/**'))
-    given = resolve_parameters(['marker_tracker'], path, (), '/camera/image_raw')
+    given = resolve_parameters(['marker_tracker'], [path], (), '/camera/image_raw')
     assert given == {'marker_tracker': {'threshold': 0.6}}, 'the only node of the file'
 
 

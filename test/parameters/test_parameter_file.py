@@ -36,13 +36,13 @@ def test_a_section_for_all_nodes_may_hold_parameters_of_each(tmp_path):
     """As the nodes themselves take it."""
     file = tmp_path / 'both.yaml'
     file.write_text('/**:\n  ros__parameters:\n    threshold: 0.5\n    num_peaks: 2\n')
-    assert resolve_parameters(['marker_tracker', 'runway_detector'], file) == {
+    assert resolve_parameters(['marker_tracker', 'runway_detector'], [file]) == {
         'marker_tracker': {'threshold': 0.5},
         'runway_detector': {'num_peaks': 2},
     }
     file.write_text('runway_detector:\n  ros__parameters:\n    threshold: 0.5\n')
     with pytest.raises(ParameterError, match='threshold: no such parameter'):
-        resolve_parameters(['runway_detector'], file)
+        resolve_parameters(['runway_detector'], [file])
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_numbers_are_those_of_ros(tmp_path, text, value):
     file.write_text(f'/**:\n  ros__parameters:\n    integrity_risk: {text}\n')
     assert load_parameters(file, 'marker_tracker').integrity_risk == value
     given = [f'marker_tracker:integrity_risk:={text}']
-    assert resolve_parameters(['marker_tracker'], None, given) == {
+    assert resolve_parameters(['marker_tracker'], (), given) == {
         'marker_tracker': {'integrity_risk': value}
     }
 
@@ -78,14 +78,14 @@ def test_numbers_are_those_of_ros(tmp_path, text, value):
 def test_a_sign_before_a_point_begins_a_number(tmp_path):
     """PyYAML takes ``-.1`` for a text, and ``.1`` for a number."""
     given = ['marker_tracker:camera_mount_xyz:=[-.1, +.2, .3]', 'marker_tracker:threshold:=+.5']
-    found = resolve_parameters(['marker_tracker'], None, given)['marker_tracker']
+    found = resolve_parameters(['marker_tracker'], (), given)['marker_tracker']
     assert found == {'camera_mount_xyz': (-0.1, 0.2, 0.3), 'threshold': 0.5}
 
 
 @pytest.mark.parametrize('text', ['e7', '1e', '-.', "'-.5'", "'1e-7'", '1e-7m', 'true'])
 def test_what_is_no_number_is_none(tmp_path, text):
     with pytest.raises(ParameterError, match='takes a number'):
-        resolve_parameters(['marker_tracker'], None, [f'marker_tracker:integrity_risk:={text}'])
+        resolve_parameters(['marker_tracker'], (), [f'marker_tracker:integrity_risk:={text}'])
 
 
 @pytest.mark.parametrize(

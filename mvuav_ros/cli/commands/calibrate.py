@@ -243,9 +243,10 @@ def calibrate_rig(
     except RigError as error:
         raise ParameterError('--rig', str(error)) from error
     measured = work.parse_distance(distance) if distance else None
-    given = resolve_parameters(['marker_tracker'], params_file, param or [], topic)
+    given = resolve_parameters(['marker_tracker'], params_file or (), param or (), topic)
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
-    report = _report_folder(report, output, force, source, camera_info, rig, params_file)
+    inputs = source, camera_info, rig, *(params_file or ())
+    report = _report_folder(report, output, force, *inputs)
     camera = load_calibration(camera_info) if camera_info else None
     opened = open_source(source, topic=topic, camera_info_topic=camera_info_topic)
     with closing(opened) as flight, frame_progress() as progress:

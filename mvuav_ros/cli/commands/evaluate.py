@@ -62,8 +62,9 @@ def corners(
 
     if as_json is not None:
         options.refuse_to_overwrite(as_json, True, inputs=(labels, horizon))
-    given = resolve_parameters(['runway_detector'], params_file, param or [])['runway_detector']
-    parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
+    given = resolve_parameters(['runway_detector'], params_file or (), param or ())
+    values = {'mode': 'approach', **given['runway_detector']}
+    parameters = RunwayDetectorParameters.from_mapping(values)
     frames, allowed = work.read_corners(labels), work.Tolerance(tolerance, tolerance_share)
     lines = None if horizon is None else work.read_horizon(horizon, frames)
     run = work.LabelledRun(labels.parent, frames, parameters, lines, gray, allowed)
