@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from mvuav_ros.messages.cdr import stamp_ns_in
 from mvuav_ros.messages.untrusted import MalformedMessageError, visible
-from mvuav_ros.offline.report_figures import COLORS, Canvas, drawing
+from mvuav_ros.offline.report_figures import COLORS, Canvas, drawing, line_of
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.recordings.result_rows import ResultRows
 from mvuav_ros.vision.image import ImageError
+from mvuav_ros.vision.runway.results import LineRole
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,7 @@ _SEVERITY = {1: 0, 2: 1, 0: _LOST}
 """Of a marker's state: an index into `_STATES`, the worst last."""
 _BESIDE: Any = {'loc': 'upper left', 'bbox_to_anchor': (1.0, 1.0)}
 """Where a diagram's legend stands."""
+_LEGEND_ROWS = 10
 _STATE_COLORS = ('#4477aa', '#ddaa33', '#d0d0d0')
 _FROM_ZERO = {'lines found': 5.5, 'confidence': 1.05, 'lights': 1.0}
 """Diagrams that begin at zero, and how far they reach at least."""
@@ -57,14 +59,25 @@ class Diagram(NamedTuple):
     lines: tuple[tuple[str, str, str], ...]
 
 
+_ROLES = {role.name.lower(): role.name.lower().replace('_', ' ') for role in LineRole if role}
+
+
+def _line(number: int, role: str = '') -> str:
+    return _ROLES.get(role, f'line {number}')
+
+
 def _levels(*names: str) -> Diagram:
     limits = ((f'limit {name}', f'alert_limit_{name}', '') for name in names)
     lines = (*((name, name, '') for name in names), *limits)
     return Diagram(1.5, 'protection level [m]', 'integrity', lines)
 
 
+_MOST_LINES = 100  # Of `num_peaks`
 _THETA = Diagram(
-    1.9, 'theta [°]', 'line_params', tuple((f'line {n}', f'line {n}', '') for n in (1, 2, 3, 4))
+    1.9,
+    'theta [°]',
+    'line_params',
+    tuple((name, name, '') for name in (*_ROLES.values(), *map(_line, range(1, _MOST_LINES + 1)))),
 )
 _RUNWAY = (
     Diagram(1.7, 'lateral offset [m]', 'pose', (('left of the centreline', 'y', 'bound_y'),)),
@@ -244,7 +257,7 @@ def _take(part: NodePart, topic: str, seconds: float, points: list[dict[str, Any
         said = {
             'confidence': max(filter(math.isfinite, best), default=math.nan),
             'lines': sum(math.isfinite(of['x']) for of in points),
-            **{f'line {number}': of['theta_deg'] for number, of in enumerate(points, 1)},
+            **{_line(n, of['role_name']): of['theta_deg'] for n, of in enumerate(points, 1)},
         }
     elif topic == 'pose':
         part.poses += math.isfinite(said['z'])
@@ -314,21 +327,22 @@ def _draw(axis: Axes, diagram: Diagram, curves: Mapping[str, Array]) -> None:
     seconds = curves['seconds'][0]
     # A line would run back over those of before.
     goes_back = np.diff(seconds, prepend=seconds[:1]) < 0.0
-    for (name, column, bound), color in zip(diagram.lines, COLORS, strict=False):
+    for name, column, bound in diagram.lines:
         middle, low, high = np.where(goes_back, math.nan, curves[column])
         if not np.isfinite(middle).any():
             continue
         if bound:
             spread = np.nan_to_num(curves[bound][0])
             low, high = low - spread, high + spread
-        axis.fill_between(seconds, low, high, color=color, alpha=0.25, linewidth=0)
+        look = line_of(len(axis.lines))
+        axis.fill_between(seconds, low, high, color=look['color'], alpha=0.25, linewidth=0)
         # A single frame between two gaps is a point.
-        axis.plot(seconds, middle, color=color, label=name, linewidth=1.0, marker='.', markersize=2)
+        axis.plot(seconds, middle, **look, label=name, linewidth=1.0, marker='.', markersize=2)
     axis.set_ylabel(diagram.title)
     if diagram.title in _FROM_ZERO:
         highest = float(np.nanmax(curves[diagram.lines[0][1]][0]))
         axis.set_ylim(0, max(_FROM_ZERO[diagram.title], 1.05 * highest))
-    axis.legend(**_BESIDE)
+    axis.legend(**_BESIDE, ncols=-(-len(axis.lines) // _LEGEND_ROWS))
 
 
 def _draw_states(axis: Axes, part: NodePart) -> None:

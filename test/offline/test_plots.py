@@ -16,7 +16,7 @@ import pytest
 from matplotlib.figure import Figure
 from support.commands import mvuav
 
-from mvuav_ros.messages import marker_messages
+from mvuav_ros.messages import marker_messages, runway_messages
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
 from mvuav_ros.offline.plots import Curves, Diagram, FlightPlot, _draw, collect, page
@@ -60,6 +60,7 @@ def tables(season: Path) -> Path:
 
 DARK = MarkerTracker().process(Image(np.zeros((48, 64), np.uint8), 'mono8'), 0)
 LIGHTS = PointLayout(marker_messages.POINT).encode
+LINES = PointLayout(runway_messages.LINE).encode
 
 
 def drawn_of(
@@ -322,6 +323,30 @@ def test_frames_without_a_light_are_drawn_as_zero_lights(tmp_path: Path) -> None
     (part,) = flight.parts
     assert (part.frames, flight.seconds) == (5, 4.0)
     assert part.curves['markers'].by_name()['lights'][0].tolist() == [0, 2, 0, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ('roles', 'names'),
+    [
+        ((0,) * 6, [f'line {number}' for number in range(1, 7)]),
+        ((1, 2, 3, 4, 5), ['left edge', 'right edge', 'centreline', 'far end', 'near end']),
+    ],
+)
+def test_every_line_is_drawn_by_its_role_or_number(
+    tmp_path: Path, roles: tuple[int, ...], names: list[str]
+) -> None:
+    path = tmp_path / 'flight.mcap'
+    with RecordingWriter(path) as writer:
+        for stamp_ns in (0, 10**9):
+            rows = [(*[1.0] * 6, 0.1 * n, *[1.0] * 3, 0, role, 0.9) for n, role in enumerate(roles)]
+            data = LINES(rows, cdr_header(stamp_ns, 'camera'))
+            writer.write('/runway_detector/line_params', CLOUD, stamp_ns, data)
+    with open_recording(path) as recording:
+        axes = {axis.get_ylabel(): axis for axis in page(collect(recording, 'x')).figure.axes}
+    drawn = {line.get_label(): line.get_ydata() for line in axes['theta [°]'].lines}
+    assert [*drawn] == names
+    for number, degrees in enumerate(drawn.values()):
+        assert degrees == pytest.approx([math.degrees(0.1 * number)] * 2)
 
 
 def test_a_flight_whose_clock_jumps_back_has_a_length(tmp_path: Path) -> None:
