@@ -158,6 +158,11 @@ class NodePart:
     # Least, median and greatest of what the overview draws, once the page is drawn.
     extent: tuple[float, float, float] = (math.nan,) * 3
 
+    @property
+    def kind(self) -> str:
+        """One of `_EXTENTS`."""
+        return 'runway' if self.is_runway else 'markers' if any(self.counts) else 'lights'
+
 
 @dataclass
 class FlightPlot:
@@ -365,10 +370,18 @@ def _states_key() -> list[Patch]:
     return [Patch(color=c, label=s) for c, s in zip(_STATE_COLORS, _STATES, strict=True)]
 
 
+_EXTENTS = {
+    'markers': ('rpy', 'roll_deg', 'roll [°]'),
+    'lights': ('markers', 'lights', 'lights without names'),
+    'runway': ('pose', 'z', 'height [m]'),
+}
+"""Topic, column and words of what the overview draws of each kind of part."""
+
+
 def _summarise(flight: FlightPlot) -> None:
     """Keep what the overview draws; it needs the numbers of the page no more."""
     for part in flight.parts:
-        topic, column = ('pose', 'z') if part.is_runway else ('rpy', 'roll_deg')
+        topic, column, _ = _EXTENTS[part.kind]
         if topic in part.curves:
             middle, least, greatest = part.curves[topic].by_name()[column]
             if np.isfinite(middle).any():
@@ -378,20 +391,25 @@ def _summarise(flight: FlightPlot) -> None:
 
 def overview(flights: Sequence[FlightPlot]) -> Canvas:
     """All flights on one page: a line for each."""
-    kinds = sorted({part.is_runway for flight in flights for part in flight.parts})
-    columns = [(kind, draw) for kind in kinds for draw in (_draw_shares, _draw_extent)]
+    columns: list[tuple[str, Callable[[Axes, int, NodePart], None]]] = []
+    for kind in _EXTENTS:
+        own = [part for flight in flights for part in flight.parts if part.kind == kind]
+        if own and kind != 'lights':
+            columns.append((kind, _draw_shares))
+        if any(math.isfinite(part.extent[1]) for part in own):
+            columns.append((kind, _draw_extent))
     with drawing(3.0 + 4.0 * len(columns), 1.8 + 0.3 * len(flights)) as canvas:
         axes = canvas.figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
-        for axis, (is_runway, draw) in zip(axes, columns, strict=True):
+        for axis, (kind, draw) in zip(axes, columns, strict=True):
             for row, flight in enumerate(flights):
                 for part in flight.parts:
-                    if part.is_runway is is_runway:
+                    if part.kind == kind:
                         draw(axis, row, part)
             if draw is _draw_extent:
-                words = 'height [m]' if is_runway else 'roll [°]'
-                axis.set_xlabel(f'{words}: least, median, greatest')
+                axis.set_xlabel(f'{_EXTENTS[kind][2]}: least, median, greatest')
                 continue
             axis.set_xlim(0, 100)
+            is_runway = kind == 'runway'
             axis.set_xlabel('frames with a pose [%]' if is_runway else 'markers and poses [%]')
             if is_runway:
                 axis.set_title('runway')

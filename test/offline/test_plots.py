@@ -19,7 +19,16 @@ from support.commands import mvuav
 from mvuav_ros.messages import marker_messages, runway_messages
 from mvuav_ros.messages.cdr import PointLayout, cdr_header, stamped_doubles
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
-from mvuav_ros.offline.plots import Curves, Diagram, FlightPlot, _draw, collect, page
+from mvuav_ros.offline.plots import (
+    Curves,
+    Diagram,
+    FlightPlot,
+    _draw,
+    _summarise,
+    collect,
+    overview,
+    page,
+)
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
@@ -323,6 +332,10 @@ def test_frames_without_a_light_are_drawn_as_zero_lights(tmp_path: Path) -> None
     (part,) = flight.parts
     assert (part.frames, flight.seconds) == (5, 4.0)
     assert part.curves['markers'].by_name()['lights'][0].tolist() == [0, 2, 0, 1, 0]
+    _summarise(flight)
+    (axis,) = overview([flight]).figure.axes
+    assert axis.get_xlabel() == 'lights without names: least, median, greatest'
+    assert [line.get_xdata().tolist() for line in axis.lines] == [[0, 2], [0]]
 
 
 @pytest.mark.parametrize(
