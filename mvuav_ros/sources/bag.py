@@ -82,7 +82,7 @@ def choose_image_topic(
     """The image topic of that name, with or without its leading slash; if None, the only one.
 
     Topics known to be empty do not count where another one is not. ``or_first`` takes the first
-    where none fits or several do.
+    where none fits or several do. Of a topic with messages of several types it is the first type.
 
     Raises:
         RecordingError: none fits, or several do and none is named; says which there are.
@@ -106,7 +106,7 @@ def choose_image_topic(
     for topic in filled if or_first else images:
         if wanted is not None and topic.name.lstrip('/') == str(wanted).lstrip('/'):
             return topic
-    if or_first or (wanted is None and len(filled) == 1):
+    if or_first or (wanted is None and len({topic.name for topic in filled}) == 1):
         return filled[0]
     several = 'several image topics, choose one of them'
     said = several if wanted is None else f'no image topic {wanted}; choose one of'
@@ -162,9 +162,16 @@ class BagImages(FrameSource):
         self._filled = [each for each in self._recording.topics if each.message_count != 0]
         self.image_topics = tuple({t.name: 0 for t in self._filled if is_image_type(t.type)})
         self.camera_topics, self.imu_topics = self._of(CAMERA_INFO), self._of(IMU)
-        self._message_count = chosen.message_count
+        # Which may have messages of several types.
+        counts = [
+            each.message_count
+            for each in self._recording.topics
+            if each.name == self.topic and is_image_type(each.type)
+        ]
+        known = [count for count in counts if count is not None]
+        self._message_count = sum(known) if len(known) == len(counts) else None
         # Of the images read by the newest pass; an estimate until it ends.
-        self.count: int | None = chosen.message_count
+        self.count: int | None = self._message_count
         self.name = f'bag {words(path.name)} {words(self.topic)}'
         camera, imu = (topic_beside(self.topic, name) for name in ('camera_info', 'imu'))
         # None where there is none.

@@ -143,6 +143,12 @@ def test_choice_of_topic(tmp_path: Path) -> None:
         assert choose_image_topic(recording, '/camera/compressed').type == COMPRESSED_IMAGE
         for wanted, chosen in ((None, TOPIC), ('/elsewhere', TOPIC), (packed.topic, packed.topic)):
             assert choose_image_topic(recording, wanted, or_first=True).name == chosen
+    both = tmp_path / 'both.mcap'
+    with RecordingWriter(both) as writer:
+        for sample in (*image_samples(2), packed._replace(topic=TOPIC)):
+            writer.write(*sample)
+    images = BagImages(both)
+    assert (images.topic, images.count, len([*images.frames()])) == (TOPIC, 3, 3)
     samples = [string_sample(1), *image_samples(1)]
     none = write_mcap(tmp_path / 'none.mcap', samples, encodings={TOPIC: 'protobuf'})
     with open_recording(none) as recording, pytest.raises(RecordingError) as refusal:
