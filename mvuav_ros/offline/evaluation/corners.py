@@ -206,12 +206,13 @@ def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLin
     The file's columns are file, row_at_centre (px) and slope_deg (right end down positive).
 
     Raises:
-        SourceError: a column, a frame or a number is missing.
+        SourceError: a column, a frame or a number is missing, or a slope is beyond 180 degrees.
     """
-    lines = {
-        file: HorizonLine(row, math.radians(slope))
-        for file, (row, slope) in _read_rows(path, ('file', 'row_at_centre', 'slope_deg'))
-    }
+    lines = {}
+    for file, (row, slope) in _read_rows(path, ('file', 'row_at_centre', 'slope_deg')):
+        if abs(slope) > 180.0:
+            raise SourceError(f'{path}: slope_deg of {file} must be -180 to 180, not {slope:g}')
+        lines[file] = HorizonLine(row, math.radians(slope))
     absent = [frame.file for frame in frames if frame.file not in lines]
     if absent:
         raise SourceError(f'{path}: no row of {absent[0]}')

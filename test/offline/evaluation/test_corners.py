@@ -123,6 +123,9 @@ def test_the_horizon_of_each_frame_is_read(tmp_path):
     path.write_text('file,row_at_centre,slope_deg\na.jpg,80,x\n')
     with pytest.raises(SourceError, match='line 2'):
         read_horizon(path, [NARROW])
+    path.write_text('file,row_at_centre,slope_deg\na.jpg,80,4000\n')
+    with pytest.raises(SourceError, match=r'slope_deg of a\.jpg must be -180 to 180, not 4000'):
+        read_horizon(path, [NARROW])
 
 
 @pytest.mark.parametrize(
