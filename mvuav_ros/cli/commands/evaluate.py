@@ -14,6 +14,7 @@ from typer.core import TyperGroup
 
 from mvuav_ros.cli import options
 from mvuav_ros.cli.terminal import frame_progress, say
+from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import RecordingError, SourceError
 from mvuav_ros.recordings.layout import SIMULATED
 from mvuav_ros.recordings.remote import is_url, local_copy, write_whole
@@ -53,8 +54,8 @@ def corners(
     _y, px. An edge is right when a line with its role is within max(3 px, 5 % of the near
     width) of its corners. That is measured along the rows of both corners. Wrong are
     frames in which both edges were reported (so with at least min_confidence) and one is not
-    right. Frames count from the 25th on; the first report is counted from the first frame. Mode
-    approach is used unless another one is given.
+    right. Frames count from the 25th on; the first report is counted from the first frame. The mode
+    is approach, as the thesis's scheme gives lines no roles.
     """
     from mvuav_ros.offline.evaluation import corners as work
     from mvuav_ros.parameters.parameter_file import resolve_parameters
@@ -65,6 +66,12 @@ def corners(
     given = resolve_parameters(['runway_detector'], params_file or (), param or ())
     values = {'mode': 'approach', **given['runway_detector']}
     parameters = RunwayDetectorParameters.from_mapping(values)
+    if parameters.mode != 'approach':
+        raise ParameterError(
+            'mode', f'must be approach, as the lines of {parameters.mode} have no roles'
+        )
+    if horizon is not None and parameters.horizon_source == 'image':
+        raise ParameterError('--horizon', 'has no effect with horizon_source image')
     frames, allowed = work.read_corners(labels), work.Tolerance(tolerance, tolerance_share)
     lines = None if horizon is None else work.read_horizon(horizon, frames)
     run = work.LabelledRun(labels.parent, frames, parameters, lines, gray, allowed)

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -20,8 +19,7 @@ from mvuav_ros.recordings.account import SourceError
 from mvuav_ros.vision.approach.approach_detector import ApproachDetector
 from mvuav_ros.vision.approach.approach_results import ApproachResult
 from mvuav_ros.vision.approach.attitude import HorizonLine
-from mvuav_ros.vision.runway.detector import RunwayDetector
-from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
+from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 
 @dataclass(frozen=True)
@@ -307,20 +305,19 @@ def write_images(run: LabelledRun, score: CornersScore, folder: Path) -> None:
                 raise SourceError(f'{path}: cannot be written')
 
 
-def _results(run: LabelledRun) -> Iterator[tuple[LabelledFrame, RunwayResult | ApproachResult]]:
-    approach = run.parameters.mode == 'approach'
-    detector: Any = (ApproachDetector if approach else RunwayDetector)(run.parameters)
+def _results(run: LabelledRun) -> Iterator[tuple[LabelledFrame, ApproachResult]]:
+    detector = ApproachDetector(run.parameters)
     flag = cv2.IMREAD_GRAYSCALE if run.gray else cv2.IMREAD_COLOR
     for index, frame in enumerate(run.frames):
         path = run.folder / frame.file
         image = cv2.imread(str(path), flag)
         if image is None:
             raise SourceError(f'{path}: no image that can be read')
-        attitude = [run.horizon[index]] if approach and run.horizon is not None else []
-        yield frame, detector.process(image, round(index * 1e9 / FRAME_RATE), *attitude)
+        horizon = None if run.horizon is None else run.horizon[index]
+        yield frame, detector.process(image, round(index * 1e9 / FRAME_RATE), horizon)
 
 
-def _image(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArray[np.uint8]:
+def _image(frame: LabelledFrame, result: ApproachResult) -> NDArray[np.uint8]:
     image = draw(result)
     factor = max(1, round(_IMAGE_WIDTH / image.shape[1]))
     image = image.repeat(factor, axis=0).repeat(factor, axis=1)

@@ -203,6 +203,21 @@ def test_a_missing_image_is_a_users_mistake(labelled):
         application()(['evaluate', 'corners', str(labelled)], standalone_mode=False)
 
 
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        (('--param', 'runway_detector:mode:=thesis'), 'the lines of thesis have no roles'),
+        (
+            ('--param', 'runway_detector:horizon_source:=image', '--horizon', 'horizon.csv'),
+            'has no effect with horizon_source image',
+        ),
+    ],
+)
+def test_what_could_only_make_wrong_numbers_is_refused(labelled, given, words):
+    run = mvuav('evaluate', 'corners', labelled, *given)
+    assert run.status == 1 and words in run.error
+
+
 def test_labels_are_never_replaced_by_the_numbers(labelled):
     before = labelled.read_text()
     refused = mvuav('evaluate', 'corners', labelled, '--json', labelled)
