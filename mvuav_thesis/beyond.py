@@ -58,7 +58,9 @@ def pose_tasks(plan: Plan) -> list[PoseTask]:
     """Docking approaches, without and with a lens's distortion."""
     return [
         PoseTask(plan.seed, plan.pose_frames),
-        PoseTask(plan.seed + 1, plan.pose_frames, distortion='-0.15, 0.04, 0.001, -0.001'),
+        PoseTask(
+            (plan.seed + 1) % 2**31, plan.pose_frames, distortion='-0.15, 0.04, 0.001, -0.001'
+        ),
     ]
 
 

@@ -10,7 +10,7 @@ from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.vision.markers.marker_results import Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis import identity_runs
-from mvuav_thesis.beyond import identity_table, pose_table
+from mvuav_thesis.beyond import identity_table, pose_table, pose_tasks
 from mvuav_thesis.identity_runs import (
     SCENES,
     IdentityTask,
@@ -18,6 +18,7 @@ from mvuav_thesis.identity_runs import (
     identity_task,
 )
 from mvuav_thesis.integrity_runs import PoseTask, fly_poses
+from mvuav_thesis.plan import Plan
 
 
 class Exchanging(MarkerTracker):
@@ -64,6 +65,11 @@ def test_the_time_of_recovery(monkeypatch):
 def test_every_scene_is_a_flight():
     for scene in SCENES:
         assert identity_task(scene, 4).flight.seed == 4
+
+
+def test_the_largest_seed_is_one_of_every_docking_approach():
+    for task in pose_tasks(Plan(seed=2**31 - 1, pose_frames=2)):
+        assert len(fly_poses(task).distance) == 2
 
 
 def test_table_of_names():
