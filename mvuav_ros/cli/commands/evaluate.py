@@ -163,7 +163,12 @@ def integrity(
     frames: int = typer.Option(
         1_000_000, help='With faults at the stated priors; a tenth as many more often.', min=1
     ),
-    factor: float = typer.Option(1000.0, help='How much more often, in the second run.', min=1.0),
+    factor: float = typer.Option(
+        1000.0,
+        help='How much more often, in the second run; at 5000 half of the lights are wrong.',
+        min=1.0,
+        max=5000.0,
+    ),
     seed: int = typer.Option(0, help='Of the first flight.', min=0),
     jobs: int = typer.Option(2, help='Number of flights in parallel.', min=1),
     force: options.Force = False,

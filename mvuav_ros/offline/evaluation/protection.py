@@ -141,7 +141,7 @@ def fly(
     is_far = seed % 2 == 0
     distance = DISTANCE if is_far else rng.uniform(_NEAR, _FAR)
     phases, rates = rng.uniform(0.0, 2.0 * math.pi, 6), rng.uniform(0.1, 0.6, 6)
-    faults = _Faults(rng, min(factor * budget.light_prior, 0.5))
+    faults = _Faults(rng, factor * budget.light_prior)
     counts = ProtectionCounts(frames=frames)
     ratios: list[tuple[Array, Array]] = []
     for index in range(frames):

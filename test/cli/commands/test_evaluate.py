@@ -482,6 +482,10 @@ def test_integrity_of_no_frames_is_refused(tmp_path):
     assert run('evaluate', 'integrity', '--frames', 0, '-o', tmp_path).exit_code == 2
 
 
+def test_faults_more_often_than_they_are_flown_are_refused(tmp_path):
+    assert run('evaluate', 'integrity', '--factor', 5001, '-o', tmp_path).exit_code == 2
+
+
 def test_the_numbers_are_said_even_if_the_report_cannot_be_written(tmp_path):
     # As on a full disk, which a test cannot have.
     (tmp_path / 'metrics.csv').mkdir()
