@@ -45,7 +45,10 @@ def corners(
         None, help='Folder for overlays: best, median, worst, each failure.'
     ),
     minimum: float = typer.Option(
-        0.0, help='Exit with status 1 if both edges are found in fewer frames (share).', min=0
+        0.0,
+        help='Exit with status 1 if both edges are found in fewer frames (share, 0 to 1).',
+        min=0,
+        max=1,
     ),
 ) -> None:
     """Say in how many frames both runway edges were found, and in how many they are wrong.

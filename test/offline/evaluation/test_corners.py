@@ -188,6 +188,7 @@ def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
     assert names == ['best', 'failure_missing', 'median', 'worst']
     with pytest.raises(SourceError, match=r'found in 0\.0 % of the frames, less than --minimum'):
         application()([*arguments, '--minimum', '0.9'], standalone_mode=False)
+    assert mvuav('evaluate', 'corners', labelled, '--minimum', 95).status == 2
     few = labelled.parent / 'few.csv'
     few.write_text('\n'.join(labelled.read_text().splitlines()[:10]))
     with pytest.raises(SourceError, match='no frame counts, as the first 24 do not'):
