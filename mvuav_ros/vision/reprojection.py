@@ -125,18 +125,24 @@ class Reprojection:
         return float(np.angle(((z * 1j - y) * (u + 1j * v)).sum()))
 
     def closed_forms(self) -> list[tuple[Array, Array]]:
-        """Rotations and translations by OpenCV's solvers, all that there are of three."""
+        """Rotations and translations by OpenCV's solvers, of three by all, else by the first."""
         camera = self._camera
         flat, matrix, distortion = self.image, camera.matrix, camera.distortion
         if camera.is_fisheye:
             # These solvers know pinhole cameras alone.
             flat, matrix, distortion = camera.undistort(flat), np.eye(3), np.zeros(5)
         solvers: list[Callable[..., Any]] = [partial(cv2.solvePnPGeneric, flags=cv2.SOLVEPNP_SQPNP)]
-        if len(self._points) == MIN_MARKERS:
+        is_three = len(self._points) == MIN_MARKERS
+        if is_three:
             methods = cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_AP3P
             solvers[:0] = [partial(cv2.solveP3P, flags=method) for method in methods]
+        else:
+            # SQPNP has no solution in one of 300 views of four lights; EPNP is less exact.
+            solvers.append(partial(cv2.solvePnPGeneric, flags=cv2.SOLVEPNP_EPNP))
         found: list[tuple[Array, Array]] = []
         for solve in solvers:
+            if found and not is_three:
+                break
             try:
                 _, rvecs, tvecs, *_ = solve(self._points, flat, matrix, distortion)
             except cv2.error:

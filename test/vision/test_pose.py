@@ -226,6 +226,18 @@ FLAT = parse_rig(
 )
 
 
+@pytest.mark.parametrize('seed', [40, 322, 417, 584, 755, 1128])
+def test_four_lights_have_a_pose_where_sqpnp_has_none(seed):
+    """That of OpenCV 5.0 finds no solution in these."""
+    rng = np.random.default_rng(seed)
+    rotation = OPTICAL_FROM_BODY @ from_rpy(*rng.normal(0.0, 0.3, 3).tolist())
+    pixels = seen(rotation, np.array((2.0, -1.0, 120.0))) + rng.normal(0.0, 0.05, (5, 2))
+    lights = np.delete(np.arange(5), 4 * (seed % 2))
+    view = Reprojection(CAMERA, TANKER_747.positions[lights], pixels[lights])
+    best = min(view.solve(), key=lambda solution: solution.squares)
+    assert angle_between(best.rotation, rotation) < math.radians(1.0)
+
+
 def test_three_of_five_lights_only_continue_a_pose():
     """Any three lights fit some pose: a marker that comes back as one of three is not confirmed."""
     rotation, translation = OPTICAL_FROM_BODY @ from_rpy(0.1, 0.2, 0.1), np.array((2.0, 1.0, 90.0))
