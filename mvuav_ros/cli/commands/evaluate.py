@@ -225,6 +225,7 @@ def bag(
     """
     from mvuav_ros.offline.evaluation import evaluation_run as running
     from mvuav_ros.offline.evaluation.bag_report import bag_report
+    from mvuav_ros.offline.evaluation.metrics import is_compared
     from mvuav_ros.offline.report import write_report
 
     is_simulated = source.startswith(SIMULATED)
@@ -243,6 +244,9 @@ def bag(
             run = running.replay(str(path), settings)
             _require_truth(run, source)
     run.name = source
+    if not is_compared(run):
+        said = 'no result is of what its truth says; --replay runs the nodes of the truth'
+        raise RecordingError('; '.join([f'{source}: {said}', *run.errors]))
     report = bag_report(run, how)
     numbers = next(table for table in report.tables() if table.key == 'metrics')
     for row in range(len(numbers.rows)):

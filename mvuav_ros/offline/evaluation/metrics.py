@@ -223,6 +223,12 @@ def line_errors(run: EvaluationRun) -> LineErrors | None:
     return errors
 
 
+def is_compared(run: EvaluationRun) -> bool:
+    """Whether any of its results are of what its truth is of."""
+    errors_of = (marker_errors, roll_errors, pose_errors, line_errors)
+    return any(errors(run) is not None for errors in errors_of)
+
+
 _NOWHERE = NormalForm(math.nan, math.nan)
 
 

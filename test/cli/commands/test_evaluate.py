@@ -466,6 +466,17 @@ def test_truth_of_other_stamps_is_not_passed_over(tmp_path, results):
     assert any('the stamp of any truth' in loss for loss in result.losses)
 
 
+def test_results_of_another_kind_than_the_truth_are_not_passed_over(tmp_path):
+    other = tmp_path / 'other.mcap'
+    assert (
+        mvuav('replay', FLIGHT, '-o', other, '--nodes', 'runway_detector', '--keep-inputs')[0] == 0
+    )
+    refused = mvuav('evaluate', other, '-o', tmp_path / 'out')
+    assert refused.status == 1 and 'no result is of what its truth says; --replay' in refused.error
+    run = mvuav('evaluate', other, '-o', tmp_path / 'out', '--replay')
+    assert run.status == 0 and 'roll, RMS error' in run.out
+
+
 def test_a_sweep_of_a_folder_is_one_of_each_of_its_recordings(tmp_path):
     bag = write_bag(tmp_path / 'flight.mcap', results=False)
     (tmp_path / 'season').mkdir()
