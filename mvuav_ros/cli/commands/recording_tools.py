@@ -14,6 +14,7 @@ import typer
 from mvuav_ros.cli.options import Force, Format, SplitMb, Storage, refuse_to_overwrite
 from mvuav_ros.cli.terminal import frame_progress, print_table, say
 from mvuav_ros.messages.untrusted import visible
+from mvuav_ros.recordings.account import counted
 from mvuav_ros.recordings.remote import inside, is_url, local_copy, local_output
 
 if TYPE_CHECKING:
@@ -69,13 +70,13 @@ def _summarise_images(text: str, frames: FrameSource) -> dict[str, Any]:
         duration = (stamps[-1] - stamps[0]) / 1e9
         rate = 1e9 / float(np.median(np.diff(stamps)))
     if unusable:
-        frames.account.lose('', 'frames', f'{unusable} frames do not decode', unusable)
+        frames.account.lose('', 'frames', f'{counted(unusable, "frame")} not decoded', unusable)
     names = [name for name, _ in formats.most_common()]
     known, words = f'{rate:.2f} Hz' if rate else 'no rate', ', '.join(names)
     if isinstance(frames, ImageFolder):
         known += ' (assumed, as there are no stamps)'
-    said = f'{len(stamps)} frames, {known}, {duration:.2f} s, {words or "nothing that decodes"}'
-    say(f'{text}: {said}')
+    said = f'{known}, {duration:.2f} s, {words or "nothing that decodes"}'
+    say(f'{text}: {counted(len(stamps), "frame")}, {said}')
     return {
         'path': text,
         'frames': len(stamps),
@@ -88,7 +89,7 @@ def _summarise_images(text: str, frames: FrameSource) -> dict[str, Any]:
 
 
 def _print_recording(summary: RecordingSummary) -> None:
-    say(f'{summary.path}: {summary.messages} messages in {summary.duration_s:.2f} s')
+    say(f'{summary.path}: {counted(summary.messages, "message")} in {summary.duration_s:.2f} s')
     rows = []
     for topic in summary.topics[:_MAX_ROWS]:
         images = ', '.join(topic.images.formats) if topic.images else ''
@@ -104,13 +105,14 @@ def _print_recording(summary: RecordingSummary) -> None:
 def _notes(topic: TopicSummary) -> str:
     warnings = []
     if topic.gaps:
-        warnings.append(f'{topic.gaps} gaps, longest {topic.longest_gap_s:.2f} s')
+        warnings.append(f'{counted(topic.gaps, "gap")}, longest {topic.longest_gap_s:.2f} s')
     if topic.jumps_back:
-        warnings.append(f'time jumps back {topic.jumps_back} times')
+        warnings.append(f'time jumps back {counted(topic.jumps_back, "time")}')
     if topic.images and topic.images.header_jumps_back:
-        warnings.append(f'stamps jump back {topic.images.header_jumps_back} times')
+        warnings.append(f'stamps jump back {counted(topic.images.header_jumps_back, "time")}')
     if topic.images and topic.images.header_repeats:
-        warnings.append(f'{topic.images.header_repeats} images have the stamp of the one before')
+        repeats = counted(topic.images.header_repeats, 'image')
+        warnings.append(f'{repeats} with the stamp of the one before')
     if topic.images and topic.images.malformed:
         warnings.append(f'{topic.images.malformed} malformed: {topic.images.first_problem}')
     return '; '.join(warnings)
@@ -136,7 +138,7 @@ def repair(
             split_bytes=storage.split_bytes(split_mb),
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
-    say(f'{output}: {messages.total()} messages')
+    say(f'{output}: {counted(messages.total(), "message")}')
     for topic, count in list(messages.items())[:_MAX_ROWS]:
         say(f'  {topic}: {count}')
     if len(messages) > _MAX_ROWS:
@@ -182,7 +184,7 @@ def export(
             pictures = draw(flights, folder / 'plots', overwrite=force)
     rows = {str(file.relative_to(folder)): count for file, count in files.items()}
     for name, count in rows.items():
-        say(f'{inside(output, name)}: {count} rows')
+        say(f'{inside(output, name)}: {counted(count, "row")}')
     for picture in pictures:
         say(inside(output, f'plots/{picture.name}'))
     return {'files': rows, 'pictures': [f'plots/{picture.name}' for picture in pictures]}

@@ -12,6 +12,7 @@ from mvuav_ros.cli.options import Force, parse_pair, refuse_to_overwrite, take_o
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterSet
+from mvuav_ros.recordings.account import counted
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 
 simulate = typer.Typer(
@@ -67,4 +68,5 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
                 break
     if stop:
         raise Interrupted(stop.number)
-    say(f'{output}: {flight.count} frames, {output.stat().st_size / 1e6:.1f} MB')
+    written = counted(flight.count or 0, 'frame')
+    say(f'{output}: {written}, {output.stat().st_size / 1e6:.1f} MB')

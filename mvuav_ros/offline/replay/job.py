@@ -24,7 +24,7 @@ from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS
 from mvuav_ros.processing.processor import Processor
-from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.account import Account, RecordingError, counted
 from mvuav_ros.recordings.layout import SIMULATED, absolute_place, fingerprint
 from mvuav_ros.recordings.remote import is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import open_writer
@@ -304,7 +304,8 @@ def run_job(
             else:
                 outcome.note_statuses(source.account)
                 if resets := max((each.resets for each in processors), default=0):
-                    said = f'the stamps jump back {resets} times, after which all begins afresh'
+                    back = counted(resets, 'time')
+                    said = f'the stamps jump back {back}, after which all begins afresh'
                     source.account.note('stamps', said)
         finally:
             outcome.account = source.account

@@ -56,9 +56,9 @@ def test_gaps_jumps_and_damage(tmp_path: Path) -> None:
     assert run.status == 0
     warnings = row(run.out, TOPIC)
     for words in (
-        '1 gaps, longest 0.13 s',
-        'time jumps back 1 times',
-        'stamps jump back 1 times',
+        '1 gap, longest 0.13 s',
+        'time jumps back 1 time',
+        'stamps jump back 1 time',
         '1 malformed: 64 x 48 mono8 with step 64 needs 3072 bytes, the message has 30',
     ):
         assert words in warnings
@@ -111,7 +111,7 @@ def test_images(tmp_path: Path) -> None:
     assert run.status == 0
     rate = '30.00 Hz (assumed, as there are no stamps)'
     assert f'{tmp_path}: 4 frames, {rate}, 0.10 s, 16x8 mono8' in run.out
-    assert 'damage: 1 frames do not decode' in run.err
+    assert 'damage: 1 frame not decoded' in run.err
     assert json.loads(mvuav('info', tmp_path, '--json').out)['unusable'] == 1
 
 
