@@ -90,6 +90,9 @@ def calibrate(
         f'{search.frames} frames, board found in {len(search.views)} of {search.searched} looked '
         f'at, {found.used.sum()} views used'
     )
+    if len(search.views) < search.searched / 2:
+        said = 'the board is found in fewer than half of the images looked at; if it is in view in '
+        images.account.note('board', said + 'more of them, --board does not say its size')
     poor = f': {TOO_MUCH}' if found.rms > TUNING.most_rms else ''
     say(f'model {found.camera.distortion_model}, residual {found.rms:.3f} px rms{poor}')
     for what, value, deviation, unit in work.describe(found):

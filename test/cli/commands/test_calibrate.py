@@ -93,6 +93,15 @@ def test_residuals_that_no_lens_leaves_are_worth_a_word(rendered, tmp_path, monk
     assert 'px rms: too much; the images are blurred, the board is bent' in run.out
 
 
+def test_a_board_that_is_rarely_found_is_worth_a_word(rendered, tmp_path):
+    _, stills, _ = rendered
+    source = write(tmp_path / 'images', [*stills, *[np.full_like(stills[0], 90)] * 13])
+    run = mvuav(
+        'calibrate', source, '--board', '9x6', '--square', 0.03, '-o', tmp_path / 'camera.yaml'
+    )
+    assert run.status == 0 and run.err.startswith('note: the board is found in fewer than half')
+
+
 def test_nothing_to_calibrate_from(rendered, tmp_path):
     empty = np.full((120, 160), 90, np.uint8)
     source = write(tmp_path / 'none', [empty] * 4)
