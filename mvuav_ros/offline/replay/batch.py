@@ -142,9 +142,9 @@ _WRITING_INTERVAL = 1.0
 class Manifest:
     """A folder's manifest: version, settings, times, and for each recording its outcome.
 
-    It is written when the batch begins, while it runs and when it ends. Recordings of earlier
-    batches into the same folder stay in it. Every method raises RecordingError or OSError where
-    the folder cannot be reached or written.
+    It is written when the batch begins, while it runs and when it ends. Recordings of other batches
+    into the same folder stay in it, also of one at the same time. Every method raises
+    RecordingError or OSError where the folder cannot be reached or written.
     """
 
     def __init__(self, folder: str, jobs: Sequence[ReplayJob]) -> None:
@@ -155,6 +155,7 @@ class Manifest:
         self._written = 0.0
         self._known = _entries(read_text(self._place))
         self._made_from = {job.output: _made_from(job) for job in jobs}
+        self._own = {_name(job.output) for job in jobs}
 
     def begin(self, jobs: Sequence[ReplayJob]) -> tuple[list[ReplayOutcome], list[ReplayJob]]:
         """The outcomes that are known without any work, and the jobs that are to be done.
@@ -183,8 +184,8 @@ class Manifest:
 
     def end(self) -> None:
         """Write the last version; what was not done by now is said to be interrupted."""
-        for entry in self._known.values():
-            if entry['outcome'] == 'begun':
+        for name, entry in self._known.items():
+            if name in self._own and entry['outcome'] == 'begun':
                 entry['outcome'] = 'interrupted'
         self._write()
 
@@ -222,6 +223,9 @@ class Manifest:
         }
 
     def _write(self) -> None:
+        # What another batch has noted since.
+        others = _entries(read_text(self._place))
+        self._known |= {name: others[name] for name in others if name not in self._own}
         content = {
             'version': mvuav_ros.__version__,
             'started': self._started,

@@ -9,6 +9,11 @@ from pathlib import Path
 from support.commands import mvuav, write_flight
 from support.places import ROOT
 
+from mvuav_ros.offline.replay.batch import Manifest
+from mvuav_ros.offline.replay.job import ReplayJob, ReplayOutcome, ReplaySettings
+
+NODE = ReplaySettings({'marker_tracker': {}})
+
 
 def test_a_batch_tells_what_became_of_each(tmp_path: Path) -> None:
     good = write_flight(tmp_path / 'good.mcap', 6)
@@ -31,6 +36,27 @@ def test_a_batch_tells_what_became_of_each(tmp_path: Path) -> None:
     again = json.loads((out / 'manifest.json').read_text())['recordings']
     assert [entry['outcome'] for entry in again] == ['finished before', 'failed']
     assert sorted(path.name for path in out.iterdir()) == ['good.mcap', 'manifest.json']
+
+
+def test_batches_into_one_folder_at_the_same_time_keep_each_others_entries(tmp_path: Path) -> None:
+    names = ('a', 'b')
+    jobs = [
+        ReplayJob(
+            str(write_flight(tmp_path / f'{name}.mcap', 3)), str(tmp_path / f'out_{name}'), NODE
+        )
+        for name in names
+    ]
+    manifests = [Manifest(str(tmp_path), [job]) for job in jobs]
+    for manifest, job in zip(manifests, jobs, strict=True):
+        manifest.begin([job])
+    for manifest, job in zip(manifests, jobs, strict=True):
+        manifest.take(ReplayOutcome(job.source, job.output, frames=3, processed=3))
+        manifest.end()
+    entries = json.loads((tmp_path / 'manifest.json').read_text())['recordings']
+    assert sorted((each['output'], each['outcome']) for each in entries) == [
+        ('out_a', 'finished'),
+        ('out_b', 'finished'),
+    ]
 
 
 def test_results_of_another_rig_are_not_taken_for_finished_ones(tmp_path: Path) -> None:
