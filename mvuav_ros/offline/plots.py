@@ -72,12 +72,12 @@ def _levels(*names: str) -> Diagram:
     return Diagram(1.5, 'protection level [m]', 'integrity', lines)
 
 
-_MOST_LINES = 100  # Of `num_peaks`
+_MAX_LINES = 100  # Of `num_peaks`
 _THETA = Diagram(
     1.9,
     'theta [°]',
     'line_params',
-    tuple((name, name, '') for name in (*_ROLES.values(), *map(_line, range(1, _MOST_LINES + 1)))),
+    tuple((name, name, '') for name in (*_ROLES.values(), *map(_line, range(1, _MAX_LINES + 1)))),
 )
 _RUNWAY = (
     Diagram(1.7, 'lateral offset [m]', 'pose', (('left of the centreline', 'y', 'bound_y'),)),
