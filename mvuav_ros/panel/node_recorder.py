@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Imu
 from sensor_msgs.msg import Image as RosImage
@@ -31,8 +32,8 @@ class NodeRecorder:
     """Records one node until it is stopped, whatever pages look on; its file can be replayed.
 
     ``messages`` are written so far; ``over`` says how it ended. Making it makes
-    the folder; it raises RecordingError or OSError where the file cannot be written. ``on_end`` is
-    called in the loop, in which it is made.
+    the folder; it raises RecordingError or OSError where the file cannot be written, or a topic not
+    be subscribed. ``on_end`` is called in the loop, in which it is made.
     """
 
     def __init__(
@@ -48,6 +49,21 @@ class NodeRecorder:
             LONGEST, self.stop, f'ended after {LONGEST:.0f} s'
         )
         self._subscriptions.callback(forgotten.cancel)
+        try:
+            self._subscribe(node)
+        except RecordingError:
+            self._subscriptions.close()
+            self._writer.close()
+            path.unlink()
+            raise
+
+    @property
+    def words(self) -> str:
+        """How far it is, or how it ended."""
+        minutes, seconds = divmod(int(time.monotonic() - self._began), 60)
+        return self.over or f'{minutes}:{seconds:02} · {self._writer.size / 1e6:.1f} MB'
+
+    def _subscribe(self, node: LiveNode) -> None:
         for topic, kind in _topics(node).items():
             # What the node hears may be published at best effort; a busy panel takes it later.
             is_input = kind in (RosImage, CompressedImage, CameraInfo, Imu)
@@ -57,13 +73,12 @@ class NodeRecorder:
             kept = DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE
             qos = QoSProfile(depth=_DEPTH, reliability=policy, durability=kept)
             keep = partial(self._keep, topic, type_name(kind))
-            self._subscriptions.callback(ros.subscribe(kind, topic, keep, qos, raw=True))
-
-    @property
-    def words(self) -> str:
-        """How far it is, or how it ended."""
-        minutes, seconds = divmod(int(time.monotonic() - self._began), 60)
-        return self.over or f'{minutes}:{seconds:02} · {self._writer.size / 1e6:.1f} MB'
+            try:
+                self._subscriptions.callback(self._ros.subscribe(kind, topic, keep, qos, raw=True))
+            except rclpy_implementation.RCLError as error:
+                # In one process DDS allows a topic one type.
+                said = f'{topic} is no {type_name(kind)}: this panel takes it for another type'
+                raise RecordingError(said) from error
 
     def stop(self, reason: str = '') -> None:
         """End the recording."""

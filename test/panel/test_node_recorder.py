@@ -5,7 +5,7 @@ import asyncio
 import pytest
 from geometry_msgs.msg import PointStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from sensor_msgs.msg import CameraInfo, Imu
+from sensor_msgs.msg import CameraInfo, CompressedImage, Imu
 from sensor_msgs.msg import Image as RosImage
 from support.graph import Graph
 
@@ -13,6 +13,7 @@ from mvuav_ros.messages import poses
 from mvuav_ros.panel.live_nodes import FoundNode, LiveNode
 from mvuav_ros.panel.node_recorder import NodeRecorder
 from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
 
 FRAMES = 30
@@ -82,3 +83,16 @@ def test_the_mount_that_was_published_before_is_kept(ros, tmp_path, monkeypatch)
     asyncio.run(record())
     with open_recording(tmp_path / 'flight.mcap') as recording:
         assert [each.topic for each in recording.messages()] == ['/tf_static']
+
+
+def test_a_topic_that_another_node_takes_for_another_type_is_refused_in_words(ros, tmp_path):
+    """DDS allows it one type in one process; nothing is left of the recording that began."""
+    ros.subscribe(CompressedImage, '/nose/image_raw', lambda _: None)
+    node = LiveNode(ros, FoundNode('/tracker', 'marker_tracker', image_topic='/nose/image_raw'))
+
+    async def record():
+        NodeRecorder(ros, node, tmp_path / 'flight.mcap', lambda: None)
+
+    with pytest.raises(RecordingError, match='image_raw is no sensor_msgs/msg/Image: this panel'):
+        asyncio.run(record())
+    assert not list(tmp_path.iterdir())

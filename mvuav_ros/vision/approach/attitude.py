@@ -317,9 +317,10 @@ def _refined(horizon: HorizonLine, blue: NDArray[Any]) -> tuple[HorizonLine, flo
     for limit in (3.0, 1.5, 1.0):
         error = places - row - tangent * away
         weight = weights / (1.0 + (error / limit) ** 2) ** 2
-        total = weight.sum()
-        if not total > 0:
+        # Of one column alone no line follows.
+        if np.count_nonzero(weight) < 2:
             return horizon, 0.0
+        total = weight.sum()
         mean_away, mean_place = (weight * away).sum() / total, (weight * places).sum() / total
         weighted = weight * (away - mean_away)
         tangent = (weighted * places).sum() / (weighted * away).sum()
