@@ -175,7 +175,8 @@ class RunwayDetectorProcessor(Processor):
             result = self._approach.process(image, frame.stamp_ns, self._attitude(frame))
             wants_pose = self._parameters.runway_width > 0
             no_pose = f'no pose: {unusable}' if unusable and wants_pose else ''
-            said = (result.status, self._approach.attitude_problem, no_pose)
+            problem = self._approach.attitude_problem
+            said = (result.status, '' if problem in result.status else problem, no_pose)
             self.status = '; '.join(filter(None, said))
         else:
             result = self._thesis.process(image, frame.stamp_ns)

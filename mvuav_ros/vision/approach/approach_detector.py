@@ -42,7 +42,7 @@ from mvuav_ros.vision.runway.normal_form import NO_ENDS, NormalForm, clip_segmen
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 Segment = tuple[Point, Point]
-_UPSIDE_DOWN = 'the attitude says that the camera is upside down'
+_UPSIDE_DOWN = 'the attitude says that the camera is upside down: see camera_mount_rpy_deg'
 
 
 class ApproachDetector:
@@ -158,7 +158,7 @@ class ApproachDetector:
             status = f'the frame is too small ({width} x {height})'
             return replace(empty, lines=self._rows({}, None), status=status)
         horizon, self.attitude_problem = self._horizon_of(attitude)
-        veto = _UPSIDE_DOWN if _UPSIDE_DOWN in self.attitude_problem else ''
+        veto = _UPSIDE_DOWN if self.attitude_problem == _UPSIDE_DOWN else ''
         found = self._finder.step(image, horizon, veto, self._checked_camera())
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
@@ -189,7 +189,7 @@ class ApproachDetector:
         if camera is None:
             return None, 'attitude is of no use without a calibrated camera_info'
         if is_upside_down(attitude, self._mount):
-            return None, _UPSIDE_DOWN + ': see camera_mount_rpy_deg'
+            return None, _UPSIDE_DOWN
         horizon = horizon_from(attitude, camera, self._mount)
         if horizon is None:
             return None, "the attitude shows no horizon: the horizon is the image's"

@@ -219,6 +219,11 @@ def test_an_attitude_that_is_wrong_by_180_degrees_is_no_attitude(flight, attitud
     assert count == 0
     assert 'upside down' in status
     assert 'camera_mount_rpy_deg' in problem
+    processor = RunwayDetectorProcessor(RunwayDetectorParameters(mode='approach'))
+    camera = CameraModel(320, 240, (300, 0, 160, 0, 300, 120, 0, 0, 1))
+    list(processor.process(Frame(0, 'camera', Image(flight[0], 'bgr8'), camera, attitude)))
+    assert processor.status.count('upside down') == 1
+    assert 'see camera_mount_rpy_deg' in processor.status
 
 
 def test_a_right_attitude_is_one(flight):
