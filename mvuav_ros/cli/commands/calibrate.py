@@ -106,7 +106,7 @@ _REACHES = (2.0, 5.0, 10.0, 20.0)
 """Distances that are looked at if none is given, in units of the rig's size."""
 _LISTED = 6
 _ONE_POINT = 5.0
-"""Size in the image, px, below which there may be no pose with exchanged names."""
+"""Size in the image, px, below which nearly all exchanges of names fit."""
 
 
 @rig.command()
@@ -196,10 +196,11 @@ def _say_exchanges(body: MarkerRig, camera: CameraModel, at: PoseError) -> None:
     from mvuav_ros.vision.rig_examination import confusions
 
     say('', f'exchanged names with the smallest residuals, at {at.distance:.4g} m')
-    exchanges = confusions(body, camera, at.distance)
-    if not exchanges and at.span < _ONE_POINT:
+    if at.span < _ONE_POINT:
         say('too far away: all markers are nearly one point')
-    elif not exchanges:
+        return
+    exchanges = confusions(body, camera, at.distance)
+    if not exchanges:
         say('none: with other names the body would not be seen from behind')
     for found in exchanges[:_LISTED]:
         names = ', '.join(' -> '.join(cycle) for cycle in found.names)
