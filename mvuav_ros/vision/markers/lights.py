@@ -265,6 +265,7 @@ class Blobs:
         self._numbers = 1 + np.flatnonzero(area_fits(area, parameters) & (area <= max_bright(mask)))
         # (n, 5), x, y, width, height and area (px), in the order of their first pixels, row by row.
         self.stats = stats[self._numbers].astype(np.intp)
+        self._compact: dict[float, Integers] = {}  # by the least area asked for
 
     @property
     def crowd(self) -> str:
@@ -277,13 +278,15 @@ class Blobs:
 
         Of too many the largest: noise makes small ones.
         """
-        _, _, width, height, area = self.stats.T
-        is_long = np.maximum(width, height) > LONGEST * np.minimum(width, height)
-        is_filled = area >= np.maximum(MIN_FILLED * width * height, least)
-        rows = np.flatnonzero(is_filled & ~(is_long & (area > 4)))
-        if len(rows) > MAX_BLOBS:
-            rows = np.sort(rows[np.argsort(-area[rows], kind='stable')[:MAX_BLOBS]])
-        return rows
+        if least not in self._compact:
+            _, _, width, height, area = self.stats.T
+            is_long = np.maximum(width, height) > LONGEST * np.minimum(width, height)
+            is_filled = area >= np.maximum(MIN_FILLED * width * height, least)
+            rows = np.flatnonzero(is_filled & ~(is_long & (area > 4)))
+            if len(rows) > MAX_BLOBS:
+                rows = np.sort(rows[np.argsort(-area[rows], kind='stable')[:MAX_BLOBS]])
+            self._compact[least] = rows
+        return self._compact[least]
 
     def measure(self, chosen: Integers | None = None) -> list[Detection]:
         """The lights of all pieces, or of some by their rows, without what is other pieces'."""
