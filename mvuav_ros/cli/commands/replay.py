@@ -15,7 +15,7 @@ from mvuav_ros.cli.terminal import frame_progress, report_account, report_each, 
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
-from mvuav_ros.recordings.account import SourceError, counted
+from mvuav_ros.recordings.account import SourceError
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -101,7 +101,7 @@ class _Bars:
 def _report(outcome: ReplayOutcome, several: bool = False) -> None:
     """Say what became of a recording; if it is one of several, each reason names it."""
     name = outcome.source if several else ''
-    results = f'results for {outcome.processed} of {counted(outcome.frames, "frame")}'
+    results = f'results for {outcome.processed} of {outcome.frames} frames'
     if outcome.done_before:
         say(f'{outcome.output}: finished before, {results}')
     elif not outcome.failure:
