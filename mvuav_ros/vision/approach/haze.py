@@ -6,6 +6,7 @@ import math
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import brightness_of
@@ -22,7 +23,7 @@ class Haze:
 
     def __init__(self) -> None:
         self._density = 0.0  # rows
-        self._sky = np.zeros(1, np.float32)  # (1,) or (3,) grey levels at the horizon
+        self._sky = np.zeros(3, np.float32)  # blue, green, red at the horizon, grey levels
         self._frames = self._looks = 0
 
     def cleared(self, image: Pixels, pixels: Pixels, level: Derotation, row: float) -> Pixels:
@@ -44,9 +45,13 @@ class Haze:
         depth = down[:, None] - sin * (x - middle_x)
         gain = np.exp(np.minimum(excess / np.maximum(depth, 1.0), math.log(HAZE.max_gain)))
         gain[depth <= 0.0] = 1.0
-        gain = gain if image.ndim == 2 else gain[..., None]
-        light = (image - self._sky) * gain
-        light += self._sky + np.float32(0.5)
+        sky: NDArray[np.float32] = self._sky
+        if image.ndim == 2:
+            sky = brightness_of(sky[None, None])[0, 0]
+        else:
+            gain = gain[..., None]
+        light = (image - sky) * gain
+        light += sky + np.float32(0.5)
         return np.asarray(np.clip(light, 0.0, 255.0), np.uint8)
 
     def _look(self, levelled: Pixels, row: float) -> None:

@@ -55,6 +55,18 @@ def test_a_clear_frame_is_left_alone(row):
     assert Haze().cleared(frame, frame, Derotation(320, 240, 1, 0.0), row) is frame
 
 
+def test_a_frame_of_grey_levels_among_colours():
+    """As a camera's black frame is taken."""
+    haze, level, hazy = Haze(), Derotation(320, 240, 1, 0.0), in_haze(drawn(0), 30)
+    haze.cleared(hazy, hazy, level, HORIZON)
+    grey = in_haze(drawn(0)[..., 1], 30)
+    alone = Haze().cleared(grey, grey, level, HORIZON)
+    among = haze.cleared(grey, grey, level, HORIZON)
+    assert among.shape == grey.shape
+    assert np.abs(among.astype(int) - alone)[HORIZON + 5 :].mean() < 12.0
+    assert haze.cleared(hazy, hazy, level, HORIZON).shape == hazy.shape
+
+
 def test_a_runway_in_haze_is_found(monkeypatch):
     """Without it in none of these frames."""
 
