@@ -7,6 +7,7 @@ import struct
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import cv2
@@ -17,7 +18,7 @@ from sensor_msgs.msg import Image as RosImage
 from mvuav_ros.messages.cdr import stamp_ns_in
 from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, ImageDecoder
 from mvuav_ros.panel.live_nodes import LiveNode
-from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.panel.ros_thread import OtherTypeError, RosThread
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.image import Image, ImageError
 from mvuav_ros.vision.runway.debug_images import eight_bits
@@ -111,10 +112,8 @@ class ImageFeed:
             if not self._taps[stream].viewers:
                 self._taps.pop(stream).close()
         for stream in streams:
-            # In one process DDS allows a topic one type; a node that is set up wrongly asks for
-            # another one, and gets no image either.
-            types = {tap.compressed for tap in self._taps if tap.topic == stream.topic}
-            if types <= {stream.compressed}:
+            # A node that is set up wrongly asks for another type, and gets no image either.
+            with suppress(OtherTypeError):
                 if stream not in self._taps:
                     self._taps[stream] = _Tap(self._ros, stream)
                 self._taps[stream].viewers.add(viewer)

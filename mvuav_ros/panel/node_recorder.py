@@ -9,7 +9,6 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Imu
 from sensor_msgs.msg import Image as RosImage
@@ -17,7 +16,7 @@ from sensor_msgs.msg import Image as RosImage
 from mvuav_ros.messages import detections, poses
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.panel.live_nodes import LiveNode
-from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.panel.ros_thread import OtherTypeError, RosThread
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -51,11 +50,11 @@ class NodeRecorder:
         self._subscriptions.callback(forgotten.cancel)
         try:
             self._subscribe(node)
-        except RecordingError:
+        except OtherTypeError as error:
             self._subscriptions.close()
             self._writer.close()
             path.unlink()
-            raise
+            raise RecordingError(str(error)) from error
 
     @property
     def words(self) -> str:
@@ -73,12 +72,7 @@ class NodeRecorder:
             kept = DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE
             qos = QoSProfile(depth=_DEPTH, reliability=policy, durability=kept)
             keep = partial(self._keep, topic, type_name(kind))
-            try:
-                self._subscriptions.callback(self._ros.subscribe(kind, topic, keep, qos, raw=True))
-            except rclpy_implementation.RCLError as error:
-                # In one process DDS allows a topic one type.
-                said = f'{topic} is no {type_name(kind)}: this panel takes it for another type'
-                raise RecordingError(said) from error
+            self._subscriptions.callback(self._ros.subscribe(kind, topic, keep, qos, raw=True))
 
     def stop(self, reason: str = '') -> None:
         """End the recording."""

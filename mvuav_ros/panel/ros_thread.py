@@ -11,9 +11,12 @@ from typing import Any
 import rclpy
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
+
+from mvuav_ros.messages.sensors import type_name
 
 _PATIENCE = 3.0
 """Seconds that a service may take to be found and to answer."""
@@ -21,6 +24,10 @@ _PATIENCE = 3.0
 
 class NoAnswerError(RuntimeError):
     """A node did not answer in time."""
+
+
+class OtherTypeError(RuntimeError):
+    """A topic cannot be subscribed: DDS allows it one type in one process, which is another one."""
 
 
 class RosThread:
@@ -69,8 +76,15 @@ class RosThread:
         *,
         raw: bool = False,
     ) -> Callable[[], object]:
-        """Subscribe until the returned is called; ``on_message`` is called in the ROS thread."""
-        made = self.node.create_subscription(kind, topic, on_message, qos, raw=raw)
+        """Subscribe until the returned is called; ``on_message`` is called in the ROS thread.
+
+        OtherTypeError where this process takes the topic for another type.
+        """
+        try:
+            made = self.node.create_subscription(kind, topic, on_message, qos, raw=raw)
+        except rclpy_implementation.RCLError as error:
+            said = f'{topic} is no {type_name(kind)}: this panel takes it for another type'
+            raise OtherTypeError(said) from error
         return partial(self.node.destroy_subscription, made)
 
     async def request(self, client: Any, request: Any) -> Any:

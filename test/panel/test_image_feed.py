@@ -12,6 +12,7 @@ from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import serialize_image
 from mvuav_ros.panel import image_feed
 from mvuav_ros.panel.image_feed import ImageFeed, ImageStream, encode_jpeg
+from mvuav_ros.panel.ros_thread import OtherTypeError
 from mvuav_ros.vision.image import Image
 
 STREAM = ImageStream('/tracker', 'input', '/image_raw')
@@ -28,7 +29,8 @@ def topic(monkeypatch):
     topic = SimpleNamespace(take=None, closed=False, now=1000.0, kinds={})
 
     def subscribe(kind, name, take, _qos, *, raw):
-        assert topic.kinds.setdefault(name, kind) is kind, 'DDS refuses another type'
+        if topic.kinds.setdefault(name, kind) is not kind:
+            raise OtherTypeError
         topic.take, topic.closed = take, False
         return lambda: setattr(topic, 'closed', True)
 

@@ -10,6 +10,7 @@ from sensor_msgs.msg import Image as RosImage
 from support.graph import Graph
 
 from mvuav_ros.messages import poses
+from mvuav_ros.panel.image_feed import ImageFeed, ImageStream
 from mvuav_ros.panel.live_nodes import FoundNode, LiveNode
 from mvuav_ros.panel.node_recorder import NodeRecorder
 from mvuav_ros.panel.ros_thread import RosThread
@@ -96,3 +97,6 @@ def test_a_topic_that_another_node_takes_for_another_type_is_refused_in_words(ro
     with pytest.raises(RecordingError, match='image_raw is no sensor_msgs/msg/Image: this panel'):
         asyncio.run(record())
     assert not list(tmp_path.iterdir())
+    feed = ImageFeed(ros)
+    feed.look(lambda *_: None, {ImageStream('/tracker', 'input', '/nose/image_raw')})
+    assert not feed._taps

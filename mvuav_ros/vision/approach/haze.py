@@ -56,9 +56,9 @@ class Haze:
 
     def _look(self, levelled: Pixels, row: float) -> None:
         """Measure both where sky and land are in view."""
-        first = HAZE.sky_rows if not math.isfinite(row) else round(row)
-        if not HAZE.sky_rows < first < len(levelled) - HAZE.min_rows:
+        if not HAZE.sky_rows < row < len(levelled) - HAZE.min_rows:
             return
+        first = round(row)
         above = levelled[first - HAZE.sky_rows : first - 1, :: HAZE.column_step]
         sky = np.median(above, axis=(0, 1), keepdims=True).astype(np.float32)
         land = brightness_of(levelled[first + HAZE.first_depth :, :: HAZE.column_step])
